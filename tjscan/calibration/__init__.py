@@ -1,0 +1,1 @@
+"""Where the laser sits on the hand."""

@@ -1,0 +1,88 @@
+"""TOML files as frozen pydantic models, with errors that name file, key and the nearest choice."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from tjscan.errors import ConfigurationError, nearest
+
+
+class FileModel(BaseModel):
+    """A table of a configuration file: frozen, strict about types, closed to unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+M = TypeVar("M", bound=FileModel)
+
+MAXIMUM_BYTES = 1_000_000
+"""No configuration is larger; a larger file is something else given by mistake."""
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing, too large, not UTF-8 or not TOML.
+    """
+    try:
+        if file.stat().st_size > MAXIMUM_BYTES:
+            raise ConfigurationError("is far too large for a configuration file", file=file)
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        near = nearest(file.name, [f.name for f in file.parent.glob("*.toml")])
+        hint = f" Did you mean: {near}?" if near else ""
+        raise ConfigurationError(f"there is no such file.{hint}", file=file) from None
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is not UTF-8 text ({error})", file=file) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"is not valid TOML: {error}", file=file) from None
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+
+
+def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) -> M:
+    """Check `data` against `model`.
+
+    Raises
+    ------
+    ConfigurationError
+        For the first key that is unknown, missing, or of a wrong type or value.
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigurationError(_say(model, first), file=file, key=key) from None
+
+
+def _say(model: type[FileModel], detail: ErrorDetails) -> str:
+    """One sentence that says what is wrong with a key and what would be right."""
+    if detail["type"] == "extra_forbidden":
+        known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
+        return f"unknown key; did you mean: {nearest(str(detail['loc'][-1]), known)}?"
+    if detail["type"] == "missing":
+        return "this key is required"
+    if detail["type"] == "literal_error":
+        return f"{detail['input']!r} is none of {detail['ctx']['expected']}"
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"{message[:1].lower()}{message[1:]} (found {detail['input']!r})"
+
+
+def _keys_at(model: type[FileModel], path: Sequence[str]) -> list[str]:
+    """Known keys of the table at a dotted path."""
+    for part in path:
+        field = model.model_fields.get(part)
+        kinds = () if field is None else (field.annotation, *get_args(field.annotation))
+        inner = [k for k in kinds if isinstance(k, type) and issubclass(k, FileModel)]
+        model = inner[0] if inner else model
+    return list(model.model_fields)

@@ -1,0 +1,106 @@
+"""The one tree of errors. Each carries its evidence and says what to do next.
+
+Library code raises them; only the command line turns them into exit codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+class TjscanError(Exception):
+    """Root of every error that tjscan raises on purpose."""
+
+
+class ConfigurationError(TjscanError):
+    """A file or an option asks for something that can't be.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what would be right.
+    file : Path, optional
+        The file it stands in.
+    key : str, optional
+        The dotted key inside that file, for instance ``scan.step_mm``.
+    """
+
+    def __init__(self, message: str, *, file: Path | None = None, key: str | None = None) -> None:
+        self.message, self.file, self.key = message, file, key
+        where = ": ".join(str(part) for part in (file, key) if part is not None)
+        super().__init__(f"{where}: {message}" if where else message)
+
+
+class ArmFault(TjscanError):
+    """The arm can't do, or did not do, what it was asked."""
+
+
+class PoseUnreachable(ArmFault):
+    """No joint configuration within limits puts the flange there.
+
+    Parameters
+    ----------
+    reason : str
+        What stands in the way, and what to do about it.
+    T_b_f : array_like, shape (4, 4)
+        The flange pose asked for, in the base frame.
+    """
+
+    def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
+        self.reason = reason
+        self.T_b_f: NDArray[np.float64] = np.array(T_b_f, dtype=float)
+        x, y, z = 1e3 * self.T_b_f[:3, 3]
+        super().__init__(
+            f"flange pose at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame is unreachable: {reason}"
+        )
+
+
+class LaserFault(TjscanError):
+    """The line laser gave no usable profile."""
+
+
+class GrooveNotFound(TjscanError):
+    """A profile holds no groove that can be read with confidence.
+
+    Parameters
+    ----------
+    reason : str
+        One of the short reasons: ``too few points``, ``no bevel``, ``ambiguous``,
+        ``out of range``.
+    detail : str
+        The evidence in words, with numbers.
+    points_s : array_like, shape (n, 2), optional
+        The points looked at, x and z in the sensor frame, in metres.
+    """
+
+    def __init__(self, reason: str, detail: str, points_s: ArrayLike | None = None) -> None:
+        self.reason, self.detail = reason, detail
+        self.points_s = None if points_s is None else np.array(points_s, dtype=float)
+        super().__init__(f"no groove found ({reason}): {detail}")
+
+
+class StartSeesNoGroove(LaserFault):
+    """The laser reads no groove from a taught pose, so the scan can't begin."""
+
+    def __init__(self, which: str, cause: GrooveNotFound) -> None:
+        self.which, self.cause = which, cause
+        super().__init__(
+            f"the {which} taught pose sees {cause}. Move the arm until the laser line crosses "
+            "brace, bevel, root and leg near the middle of its range, and teach that pose again."
+        )
+
+
+class RecordingError(TjscanError):
+    """A run directory or a recording can't be written or read."""
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """Return the known word that looks most like `word`, or all of them if none does."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, known, n=1, cutoff=0.5)
+    return close[0] if close else ", ".join(sorted(known))

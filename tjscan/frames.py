@@ -1,0 +1,114 @@
+"""Poses and points: ``T_b_s`` is the pose of s in b and maps s-coordinates into b.
+
+Inner letters cancel: ``T_b_s = T_b_f @ T_f_s``. Poses are 4 x 4 arrays; lengths are metres,
+angles radians. The table of frames stands in ``docs/frames.md``.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pytransform3d.rotations import active_matrix_from_angle
+from pytransform3d.transformations import invert_transform
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+ROUNDED_ROTATION: Final = 1e-3
+"""How far from orthonormal a rotation printed with four decimals may be."""
+
+
+def readonly(values: ArrayLike) -> Array:
+    """Return a float64 copy that can't be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def unit(v: Array) -> Array:
+    """Return `v`, shape (3,), scaled to length one."""
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def rot_x(angle: float) -> Array:
+    """Rotation by `angle` about the x axis, shape (3, 3)."""
+    return np.asarray(active_matrix_from_angle(0, angle))
+
+
+def rot_y(angle: float) -> Array:
+    """Rotation by `angle` about the y axis, shape (3, 3)."""
+    return np.asarray(active_matrix_from_angle(1, angle))
+
+
+def rot_z(angle: float) -> Array:
+    """Rotation by `angle` about the z axis, shape (3, 3)."""
+    return np.asarray(active_matrix_from_angle(2, angle))
+
+
+def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
+    """Pose from a rotation, shape (3, 3), and a position, shape (3,); identity where left out."""
+    T = np.eye(4)
+    if R is not None:
+        T[:3, :3] = R
+    if p is not None:
+        T[:3, 3] = p
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Pose of the outer frame in the inner one: ``inverse(T_b_s)`` is ``T_s_b``."""
+    return np.asarray(invert_transform(T, check=False))
+
+
+def transform(T: Array, points: ArrayLike) -> Array:
+    """Map points, shape (..., 3), from the inner frame of `T` to its outer frame."""
+    return np.asarray(points, dtype=float) @ T[:3, :3].T + T[:3, 3]
+
+
+def rotation_angle(T_1: Array, T_2: Array) -> float:
+    """Angle in radians by which the rotations of two poses (or two rotations) differ."""
+    return float(Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).magnitude())
+
+
+def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
+    """Pose with ``R = Rz(a) Ry(b) Rx(c)``.
+
+    This is what controllers show as A, B, C (KUKA) or, in reverse order, as roll, pitch,
+    yaw (Universal Robots).
+
+    Parameters
+    ----------
+    position : array_like, shape (3,)
+        Metres.
+    angles : array_like, shape (3,)
+        a, b, c in radians, about the moving z, y, x axes in turn.
+    """
+    return pose(Rotation.from_euler("ZYX", angles).as_matrix(), position)
+
+
+def to_euler_zyx(T: Array) -> tuple[Array, Array]:
+    """Position in metres and Z-Y-X Euler angles in radians of a pose, each of shape (3,)."""
+    return T[:3, 3].copy(), np.asarray(Rotation.from_matrix(T[:3, :3]).as_euler("ZYX"))
+
+
+def from_rounded(T: ArrayLike) -> Array:
+    """Pose whose rotation is the one nearest to that of a matrix printed with few decimals.
+
+    Raises
+    ------
+    ValueError
+        If `T` is not 4 x 4 with last row 0 0 0 1, or its rotation is further from
+        orthonormal (or from right-handed) than rounding to four decimals explains.
+    """
+    T = np.asarray(T, dtype=float)
+    if T.shape != (4, 4) or not np.allclose(T[3], (0, 0, 0, 1)):
+        raise ValueError("a pose is a 4 x 4 matrix whose last row is 0 0 0 1")
+    R = T[:3, :3]
+    if not np.isfinite(T).all() or not np.allclose(R @ R.T, np.eye(3), atol=ROUNDED_ROTATION):
+        raise ValueError("its first three rows and columns are not a rotation (not orthonormal)")
+    if np.linalg.det(R) < 0:
+        raise ValueError("its rotation is left-handed: an axis has the wrong sign")
+    U, _, Vt = np.linalg.svd(R)
+    return pose(U @ Vt, T[:3, 3])

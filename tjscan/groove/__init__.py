@@ -1,0 +1,1 @@
+"""From a profile to the five points of the groove, and to its section."""

@@ -1,0 +1,1 @@
+"""The tubular joint: its intersection curve, its bevel and its solid."""

@@ -1,0 +1,1 @@
+"""What a line laser is, and the one that is simulated."""

@@ -1,0 +1,35 @@
+"""The protocol that every line laser, real or simulated, fulfils."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Protocol, Self
+
+from tjscan.laser.profile import Profile
+
+
+class LineLaser(Protocol):
+    """A line laser on the arm's hand. It is a context manager: entering connects it."""
+
+    def __enter__(self) -> Self:
+        """Connect."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Disconnect."""
+        ...
+
+    def capture(self) -> Profile:
+        """Take one profile with the arm at rest.
+
+        Raises
+        ------
+        LaserFault
+            If no profile came.
+        """
+        ...

@@ -1,0 +1,52 @@
+"""One profile: what a line laser sees at one moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.frames import Array, readonly
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """Points of one laser line in the sensor frame s, in the order of the sensor's columns.
+
+    Parameters
+    ----------
+    x_s, z_s : ndarray, shape (n,)
+        Coordinates in the laser plane, in metres; z along the central ray. Both are NaN
+        where the sensor has no point.
+    intensity : ndarray, shape (n,), optional
+        Brightness of each point, 0 to 1, where the sensor tells it.
+    time : float
+        Seconds on the clock of the cell.
+    """
+
+    x_s: Array
+    z_s: Array
+    intensity: Array | None = None
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("x_s", "z_s", "intensity"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.x_s.ndim != 1 or self.x_s.shape != self.z_s.shape:
+            raise ValueError(f"x_s {self.x_s.shape} and z_s {self.z_s.shape} are not two columns")
+
+    def __len__(self) -> int:
+        return len(self.x_s)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which columns hold a point, shape (n,)."""
+        return np.asarray(np.isfinite(self.x_s) & np.isfinite(self.z_s))
+
+    @property
+    def points_s(self) -> Array:
+        """The points there are, shape (m, 3), y = 0, in metres."""
+        v = self.valid
+        return np.column_stack((self.x_s[v], np.zeros(v.sum()), self.z_s[v]))

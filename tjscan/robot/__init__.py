@@ -1,0 +1,1 @@
+"""What an arm is, its kinematics, and its drivers."""

@@ -1,0 +1,92 @@
+"""The protocol that every arm, real or simulated, fulfils."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from tjscan.frames import Array, readonly
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmState:
+    """What an arm says of itself.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n,)
+        Joint angles in radians.
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose in the base frame.
+    time : float
+        Seconds on the arm's own clock. A simulated arm's clock runs with its motion, not
+        with the wall.
+    """
+
+    q: Array
+    T_b_f: Array
+    time: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", readonly(self.q))
+        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+
+
+class Arm(Protocol):
+    """A robot arm that is told flange poses. It is a context manager: entering connects it."""
+
+    def __enter__(self) -> Self:
+        """Connect and make ready to move."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop and disconnect."""
+        ...
+
+    def state(self) -> ArmState:
+        """Joint angles, flange pose and time, as the arm reads them now."""
+        ...
+
+    def check(self, T_b_f: Array) -> None:
+        """Check a linear move from here, and move nothing.
+
+        Raises
+        ------
+        PoseUnreachable
+            If the path leaves the joint limits or the reach.
+        """
+        ...
+
+    def move_linear(self, T_b_f: Array) -> ArmState:
+        """Move the flange on a straight line to a pose, and return the state reached.
+
+        Raises
+        ------
+        PoseUnreachable
+            Before anything moves, if the path leaves the joint limits or the reach.
+        ArmFault
+            If the arm stopped on the way.
+        """
+        ...
+
+    def move_joint(self, T_b_f: Array) -> ArmState:
+        """Move to a flange pose along a line in joint space, and return the state reached.
+
+        Raises
+        ------
+        PoseUnreachable
+            Before anything moves, if no configuration within limits holds that pose.
+        ArmFault
+            If the arm stopped on the way.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Bring the arm to rest now."""
+        ...

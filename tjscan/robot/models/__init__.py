@@ -1,0 +1,1 @@
+"""URDF models of the arms."""

@@ -1,0 +1,1 @@
+"""The stepwise scan: predict, scan, correct, scan, all the way round."""
