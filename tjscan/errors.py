@@ -55,7 +55,7 @@ class PoseUnreachable(ArmFault):
         self.T_b_f: NDArray[np.float64] = np.array(T_b_f, dtype=float)
         x, y, z = 1e3 * self.T_b_f[:3, 3]
         super().__init__(
-            f"flange pose at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame is unreachable: {reason}"
+            f"the flange can't reach ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame: {reason}"
         )
 
 

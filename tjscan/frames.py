@@ -85,7 +85,7 @@ def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
     angles : array_like, shape (3,)
         a, b, c in radians, about the moving z, y, x axes in turn.
     """
-    return pose(Rotation.from_euler("ZYX", angles).as_matrix(), position)
+    return pose(Rotation.from_euler("ZYX", np.asarray(angles, dtype=float)).as_matrix(), position)
 
 
 def to_euler_zyx(T: Array) -> tuple[Array, Array]:
