@@ -1,1 +1,36 @@
-"""."""
+"""The command line: one file per command, nothing heavy before a command needs it."""
+
+from __future__ import annotations
+
+import sys
+
+from cyclopts import App, CycloptsError
+
+from tjscan import __version__
+from tjscan.errors import ArmFault, ConfigurationError, LaserFault, TjscanError
+
+app = App(
+    name="tjscan",
+    help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
+    version=__version__,
+)
+app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job file says.")
+app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
+app.register_install_completion_command()
+
+EXIT_CODES: dict[type[TjscanError], int] = {ConfigurationError: 2, ArmFault: 4, LaserFault: 4}
+"""What each branch of the error tree ends with; 1 for the rest."""
+
+
+def main() -> None:
+    """Run the command line and turn errors into one message and an exit code."""
+    try:
+        app(exit_on_error=False, print_error=True)
+    except CycloptsError:
+        sys.exit(2)
+    except TjscanError as error:
+        print(f"tjscan: {error}", file=sys.stderr)
+        sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
+    except KeyboardInterrupt:
+        print("tjscan: interrupted; what was recorded stays", file=sys.stderr)
+        sys.exit(130)

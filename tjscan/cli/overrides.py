@@ -1,0 +1,40 @@
+"""Dotted options such as ``--scan.step-mm 20`` as keys of the job file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from tjscan.errors import ConfigurationError
+
+
+def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
+    """Turn option tokens into dotted keys and TOML values; a bare word is a string.
+
+    Raises
+    ------
+    ConfigurationError
+        If a token is no dotted option, or has no value.
+    """
+    overrides: dict[str, Any] = {}
+    rest = iter(tokens)
+    for token in rest:
+        option, equals, value = token.partition("=")
+        if not option.startswith("--") or "." not in option:
+            raise ConfigurationError(
+                f"unknown option or argument {token!r}; "
+                "a key of the job file is written --table.key VALUE"
+            )
+        text = value if equals else next(rest, None)
+        if text is None:
+            raise ConfigurationError(f"option {option} needs a value")
+        overrides[option[2:].replace("-", "_")] = _toml_value(text)
+    return overrides
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,1 @@
+"""How far what was scanned lies from what was designed."""

@@ -1,0 +1,1 @@
+"""What a scan leaves behind for people and for the next program."""

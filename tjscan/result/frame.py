@@ -1,0 +1,36 @@
+"""The frame in which results are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tjscan.frames import Array, inverse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResultFrame:
+    """The joint's own frame where the job says where the joint is, else the base frame.
+
+    Parameters
+    ----------
+    T_b_j : ndarray, shape (4, 4), optional
+        Pose of the joint in the base frame.
+    """
+
+    T_b_j: Array | None = None
+
+    @property
+    def name(self) -> str:
+        """Its letter."""
+        return "b" if self.T_b_j is None else "j"
+
+    @property
+    def T_from_b(self) -> Array:
+        """What maps base coordinates into it, shape (4, 4)."""
+        return np.eye(4) if self.T_b_j is None else inverse(self.T_b_j)
+
+    def azimuth(self, p: Array) -> float:
+        """Angle about the brace's axis from the crown, radians; NaN where no joint is known."""
+        return float("nan") if self.T_b_j is None else float(np.arctan2(p[1], p[0]))

@@ -1,0 +1,129 @@
+"""``summary.json``: a scan in a few numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.comparison.distance import DistanceStatistics
+from tjscan.frames import rotation_angle
+from tjscan.result.files import whole
+from tjscan.result.frame import ResultFrame
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.progress import groove_length
+from tjscan.scanning.scan import Scan, Substep
+from tjscan.scanning.scanner import ScanResult
+
+
+@dataclass(frozen=True, slots=True)
+class StepStatistics:
+    """Lengths of the steps that the scan found by itself, in millimetres.
+
+    Parameters
+    ----------
+    nominal : float
+        As asked.
+    mean, std : float or None
+        As measured between groove origins; None without a step.
+    """
+
+    nominal: float
+    mean: float | None
+    std: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A scan in a few numbers; travel, rotation and time run from the second taught pose on.
+
+    Parameters
+    ----------
+    sections, scans : int
+        Finished sections, and profiles taken.
+    stopped_because, detail : str
+        Why the scan ended, short and in one sentence.
+    frame : str
+        Letter of the frame of ``sections.csv`` and ``groove.ply``: j or b.
+    groove_length_mm : float
+        Length of the chain of groove origins.
+    step_mm : StepStatistics
+        Nominal and measured step.
+    flange_travel_mm, flange_rotation_deg : float
+        Summed over all moves of the flange.
+    motion_time_s : float
+        On the arm's clock.
+    corner_error_mm : DistanceStatistics or None
+        Distance of p2, p3, p4 to the joint's feature edges; None where no joint is named.
+    """
+
+    sections: int
+    scans: int
+    stopped_because: str
+    detail: str
+    frame: str
+    groove_length_mm: float
+    step_mm: StepStatistics
+    flange_travel_mm: float
+    flange_rotation_deg: float
+    motion_time_s: float
+    corner_error_mm: DistanceStatistics | None
+
+
+def step_lengths(sections: Sequence[Scan]) -> list[float]:
+    """Distances in metres between the groove origins of the steps that no hand taught."""
+    origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
+    lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
+    return lengths
+
+
+def summarise(
+    result: ScanResult,
+    plan: ScanPlan,
+    frame: ResultFrame,
+    corner_error: DistanceStatistics | None,
+) -> Summary:
+    """Draw the numbers from what a scan found."""
+    steps = 1e3 * np.array(step_lengths(result.sections))
+    views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
+    hops = list(zip(views[:-1], views[1:], strict=True))
+    return Summary(
+        sections=len(result.sections),
+        scans=len(result.views),
+        stopped_because=str(result.stop),
+        detail=result.detail,
+        frame=frame.name,
+        groove_length_mm=1e3 * groove_length(result.sections),
+        step_mm=StepStatistics(
+            nominal=1e3 * plan.step,
+            mean=float(steps.mean()) if len(steps) else None,
+            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
+        ),
+        flange_travel_mm=1e3
+        * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
+        flange_rotation_deg=float(
+            np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops))
+        ),
+        motion_time_s=views[-1].time - views[0].time,
+        corner_error_mm=corner_error,
+    )
+
+
+def to_json(summary: Summary) -> str:
+    """The summary as JSON text."""
+    return json.dumps(asdict(summary), indent=2)
+
+
+def write_summary(file: Path, summary: Summary) -> None:
+    """Write ``summary.json``.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be written.
+    """
+    with whole(file) as draft:
+        draft.write_text(to_json(summary) + "\n", encoding="utf-8")

@@ -1,0 +1,44 @@
+"""What a scan is asked to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tjscan.frames import Array
+from tjscan.scanning.prediction import Prediction
+from tjscan.scanning.target import Direction, target_in_sensor
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPlan:
+    """Step, direction, view and end of a scan.
+
+    Parameters
+    ----------
+    step : float
+        Distance from section to section, d_st, metres.
+    prediction : Prediction
+        How the motion is carried on, one of the paper's cases.
+    direction : Direction
+        Which way round the brace.
+    pull_angle : float
+        α, radians.
+    standoff : float
+        Distance of the groove along the central ray, metres.
+    length : float, optional
+        Stop after this much groove, counted from the second taught section, metres.
+    sections : int, optional
+        Stop after this many sections, the two taught ones included.
+    """
+
+    step: float
+    prediction: Prediction
+    direction: Direction
+    pull_angle: float
+    standoff: float
+    length: float | None = None
+    sections: int | None = None
+
+    def target(self, work_angle: float) -> Array:
+        """T_s_t for a groove with this work angle, shape (4, 4)."""
+        return target_in_sensor(work_angle, self.pull_angle, self.standoff, self.direction)

@@ -1,0 +1,78 @@
+"""One look at the groove: where the hand was, what the laser saw, what was read in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tjscan.frames import Array, transform
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+
+
+class Substep(StrEnum):
+    """Why the hand is where it is."""
+
+    TAUGHT = "taught"
+    PREDICTION = "prediction"
+    CORRECTION = "correction"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One profile and where it was taken from.
+
+    Parameters
+    ----------
+    index : int
+        Number of the section it is taken for, 0 for the first taught one.
+    substep : Substep
+        Why the hand is there.
+    T_b_f, T_b_s : ndarray, shape (4, 4)
+        Flange and sensor pose as reached.
+    profile : Profile
+        What the laser saw.
+    time : float
+        Seconds on the arm's clock.
+    """
+
+    index: int
+    substep: Substep
+    T_b_f: Array
+    T_b_s: Array
+    profile: Profile
+    time: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """A view, the groove read in it, and the target frame it was taken with.
+
+    Parameters
+    ----------
+    view : View
+        The profile and where it was taken from.
+    groove : GrooveSection
+        The five points and measures, in the sensor frame.
+    T_s_t : ndarray, shape (4, 4)
+        The target frame in the sensor, eq. (14).
+    """
+
+    view: View
+    groove: GrooveSection
+    T_s_t: Array
+
+    @property
+    def T_b_g(self) -> Array:
+        """Frame g in the base frame, eq. (5), shape (4, 4)."""
+        return self.view.T_b_s @ self.groove.T_s_g
+
+    @property
+    def T_b_t(self) -> Array:
+        """Frame t in the base frame, shape (4, 4)."""
+        return self.view.T_b_s @ self.T_s_t
+
+    @property
+    def points_b(self) -> Array:
+        """The five points in the base frame, eq. (4), shape (5, 3), metres."""
+        return transform(self.view.T_b_s, self.groove.points_s)

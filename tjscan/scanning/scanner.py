@@ -1,0 +1,174 @@
+"""Algorithm 1: predict, scan, correct, scan, step by step along the groove."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tjscan.errors import ConfigurationError, GrooveNotFound, PoseUnreachable, StartSeesNoGroove
+from tjscan.frames import Array, inverse
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+from tjscan.robot.arm import Arm, ArmState
+from tjscan.scanning.correction import correct
+from tjscan.scanning.journal import Journal
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.prediction import predict
+from tjscan.scanning.progress import StopReason, finished
+from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.target import Direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanResult:
+    """What a scan found.
+
+    Parameters
+    ----------
+    sections : tuple of Scan
+        The finished sections in order, the two taught ones first.
+    views : tuple of View
+        Every profile taken, in order.
+    stop : StopReason
+        Why it ended.
+    detail : str
+        The same in one sentence, with numbers.
+    """
+
+    sections: tuple[Scan, ...]
+    views: tuple[View, ...]
+    stop: StopReason
+    detail: str
+
+
+class Scanner:
+    """The stepwise scan of Cibicik et al. 2022, Algorithm 1.
+
+    Parameters
+    ----------
+    arm : Arm
+        Carries the laser.
+    laser : LineLaser
+        Takes the profiles.
+    T_f_s : ndarray, shape (4, 4)
+        The laser on the hand, from calibration.
+    read : callable
+        Turns a profile into a groove section, or raises GrooveNotFound.
+    plan : ScanPlan
+        Step, direction, view and end.
+    journal : Journal
+        Is told of everything at once.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        laser: LineLaser,
+        T_f_s: Array,
+        read: Callable[[Profile], GrooveSection],
+        plan: ScanPlan,
+        journal: Journal,
+    ) -> None:
+        self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
+        self._read, self._plan, self._journal = read, plan, journal
+        self._views: list[View] = []
+        self._sections: list[Scan] = []
+
+    def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
+        """Scan from two taught flange poses until the plan is fulfilled or no step is possible.
+
+        Raises
+        ------
+        StartSeesNoGroove
+            If a taught pose sees no groove.
+        PoseUnreachable
+            If a taught pose can't be reached.
+        ConfigurationError
+            If the taught poses don't go the way that the plan asks for.
+        ArmFault, LaserFault
+            If a device fails; what was measured until then is in the journal.
+        """
+        self._finish(self._taught("first", self._arm.move_joint, T_b_f_first))
+        self._finish(self._taught("second", self._arm.move_linear, T_b_f_second))
+        self._check_direction()
+        while (stop := finished(self._plan, self._sections)) is None:
+            try:
+                scan = self._step_or_half_step()
+            except PoseUnreachable as error:
+                return self._end(StopReason.UNREACHABLE, str(error))
+            except GrooveNotFound as error:
+                return self._end(StopReason.LOST, str(error))
+            self._finish(scan)
+        return self._end(stop, str(stop))
+
+    def _step_or_half_step(self) -> Scan:
+        """One step of the plan's length, or of half of it where the groove is not found."""
+        try:
+            return self._step(self._plan.step)
+        except GrooveNotFound as error:
+            self._journal.event("half step", f"section {len(self._sections)}: {error}")
+            return self._step(self._plan.step / 2)
+
+    def _step(self, d_st: float) -> Scan:
+        """Algorithm 1: from the last two sections to the next one."""
+        plan, (before, last) = self._plan, self._sections[-2:]
+
+        # Prediction substep
+        T_b_t = predict(
+            last.T_b_t, before.T_b_g, last.T_b_g, d_st, plan.prediction, plan.direction
+        )  # (7)
+        predicted = self._scan(Substep.PREDICTION, T_b_t, last.T_s_t)
+
+        # Correction substep
+        T_s_t = plan.target(predicted.groove.work_angle)  # (14)
+        T_b_t = correct(last.T_b_g, predicted.T_b_g)  # (12)
+        return self._scan(Substep.CORRECTION, T_b_t, T_s_t)
+
+    def _scan(self, substep: Substep, T_b_t: Array, T_s_t: Array) -> Scan:
+        """Lay frame t on its set-point, take a profile and read it."""
+        state = self._arm.move_linear(T_b_t @ inverse(self._T_f_s @ T_s_t))
+        view = self._look(substep, state)
+        return Scan(view, self._read(view.profile), T_s_t)
+
+    def _taught(self, which: str, move: Callable[[Array], ArmState], T_b_f: Array) -> Scan:
+        """Go to a taught pose and read the groove there."""
+        view = self._look(Substep.TAUGHT, move(T_b_f))
+        try:
+            groove = self._read(view.profile)
+        except GrooveNotFound as error:
+            raise StartSeesNoGroove(which, error) from None
+        return Scan(view, groove, self._plan.target(groove.work_angle))
+
+    def _look(self, substep: Substep, state: ArmState) -> View:
+        profile = self._laser.capture()
+        T_b_s = state.T_b_f @ self._T_f_s
+        view = View(len(self._sections), substep, state.T_b_f, T_b_s, profile, state.time)
+        self._views.append(view)
+        self._journal.view(view)
+        return view
+
+    def _finish(self, scan: Scan) -> None:
+        self._sections.append(scan)
+        self._journal.section(scan)
+
+    def _check_direction(self) -> None:
+        """Refuse taught poses that coincide or lead the other way round than the plan."""
+        first, second = (scan.T_b_g for scan in self._sections)
+        forward = float((second[:3, 3] - first[:3, 3]) @ first[:3, 0])
+        if self._plan.direction is Direction.CLOCKWISE:
+            forward = -forward
+        if forward < 0.1 * self._plan.step:
+            apart = 1e3 * float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
+            raise ConfigurationError(
+                f"the second taught section lies {apart:.1f} mm from the first, "
+                f"{'behind it' if forward < 0 else 'too close'} for a {self._plan.direction} scan; "
+                "teach the second pose about one step further on, or turn the direction",
+                key="scan.second",
+            )
+
+    def _end(self, stop: StopReason, detail: str) -> ScanResult:
+        self._journal.event("stop", f"{stop}: {detail}" if detail != stop else detail)
+        return ScanResult(tuple(self._sections), tuple(self._views), stop, detail)
