@@ -77,7 +77,7 @@ def test_a_pose_printed_with_four_decimals_becomes_a_rotation() -> None:
     ],
 )
 def test_what_is_no_pose_is_refused(matrix: Array, complaint: str) -> None:
-    with pytest.raises(ValueError, match="pose|rotation") as caught:
+    with pytest.raises(ValueError, match=r"pose|rotation") as caught:
         from_rounded(
             matrix if complaint != "not orthonormal" else 1.01 * matrix + np.diag((0, 0, 0, -0.01))
         )

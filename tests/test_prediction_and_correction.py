@@ -15,7 +15,6 @@ REVERSED = pose(rot_y(np.pi))
 
 def groove(azimuth: float) -> Array:
     """Frame g on a ring: x counterclockwise, y up, z out."""
-    x, y, z = rot_z(azimuth) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
     return pose(
         rot_z(azimuth) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0))), RADIUS * rot_z(azimuth)[:, 0]
     )

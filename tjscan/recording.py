@@ -16,6 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from scipy.spatial.transform import Rotation
 
 from tjscan.errors import RecordingError
 from tjscan.frames import Array
@@ -171,8 +172,6 @@ class Recording:
 
 def _pose(T: Array) -> dict[str, dict[str, float]]:
     """A pose in the words of the Foxglove schemas."""
-    from scipy.spatial.transform import Rotation
-
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat()
     return {
         "position": dict(zip("xyz", T[:3, 3].tolist(), strict=True)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +21,7 @@ def whole(file: Path) -> Iterator[Path]:
     draft = file.with_name(f".{file.name}.partial{file.suffix}")
     try:
         yield draft
-        os.replace(draft, file)
+        draft.replace(file)
     except OSError as error:
         raise RecordingError(f"{file}: can't be written: {error.strerror or error}") from error
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,7 @@ def summarise(
     """Draw the numbers from what a scan found."""
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
-    hops = list(zip(views[:-1], views[1:], strict=True))
+    hops = list(pairwise(views))
     return Summary(
         sections=len(result.sections),
         scans=len(result.views),

@@ -21,3 +21,31 @@ class Journal(Protocol):
     def event(self, name: str, detail: str) -> None:
         """Note that something out of the ordinary happened."""
         ...
+
+
+class Journals:
+    """Passes everything on to several journals, in their order.
+
+    Parameters
+    ----------
+    *journals : Journal
+        The one that writes to disk comes first.
+    """
+
+    def __init__(self, *journals: Journal) -> None:
+        self._journals = journals
+
+    def view(self, view: View) -> None:
+        """Pass a profile on."""
+        for journal in self._journals:
+            journal.view(view)
+
+    def section(self, scan: Scan) -> None:
+        """Pass a section on."""
+        for journal in self._journals:
+            journal.section(scan)
+
+    def event(self, name: str, detail: str) -> None:
+        """Pass an event on."""
+        for journal in self._journals:
+            journal.event(name, detail)
