@@ -1,0 +1,220 @@
+"""What a line laser makes of what it sees: noise, bias, gaps, ghosts, flyers, quantisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.frames import Array, readonly
+from tjscan.laser.model import LaserModel
+from tjscan.laser.optics import Sight
+
+
+class Kind(IntEnum):
+    """What the point in a column really is."""
+
+    MISSING = 0
+    TRUE = 1
+    GHOST = 2
+    FLYER = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedPoints:
+    """One simulated profile together with the truth about it, by columns.
+
+    Parameters
+    ----------
+    x_s, z_s : ndarray, shape (n,)
+        In frame s, in metres; NaN where there is no point.
+    intensity : ndarray, shape (n,)
+        0 to 1; zero where there is no point.
+    kind : ndarray of int8, shape (n,)
+        A `Kind` for each column.
+    """
+
+    x_s: Array
+    z_s: Array
+    intensity: Array
+    kind: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        for name in ("x_s", "z_s", "intensity"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        self.kind.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Streams:
+    """A random generator of its own for each fault: switching one off leaves the others alone."""
+
+    noise: np.random.Generator
+    dropout: np.random.Generator
+    missing: np.random.Generator
+    ghosts: np.random.Generator
+    flyers: np.random.Generator
+
+    @classmethod
+    def spawn(cls, rng: np.random.Generator) -> Self:
+        """Fresh streams; `rng` itself draws nothing, it only counts its children."""
+        return cls(*rng.spawn(5))
+
+
+def disturb(sight: Sight, model: LaserModel, streams: Streams) -> SimulatedPoints:
+    """Points that a sensor with these faults reports of what it sees.
+
+    A ghost takes the place of the direct point, also of one that dropped out; a missing
+    column stays empty whatever it saw; no point lies outside the range.
+    """
+    cosine = np.clip(sight.cosine, 0.0, 1.0)
+    distance = np.where(sight.seen, sight.distance, np.nan)
+    kind = np.where(sight.seen, Kind.TRUE, Kind.MISSING).astype(np.int8)
+    intensity = np.where(sight.seen, cosine, 0.0)
+
+    flying = _flyers(sight, model, streams.flyers)
+    flies = np.isfinite(flying)
+    distance += _bias(cosine, model)
+    distance[flies], kind[flies] = flying[flies], Kind.FLYER
+    kind[_dropped(cosine, model, streams.dropout)] = Kind.MISSING
+
+    ghosts = _ghosts(sight, model, streams.ghosts)
+    distance[ghosts], kind[ghosts] = sight.ghost[ghosts], Kind.GHOST
+    intensity[ghosts] *= model.ghost_intensity
+
+    count = _whole(model.missing * model.columns, streams.missing)
+    everywhere = np.arange(model.columns)
+    kind[scatter_runs(streams.missing, everywhere, count, model.missing_run)] = Kind.MISSING
+
+    distance += speckle(streams.noise, model.columns, model.noise, model.noise_correlation)
+    x_s = _quantised(distance * sight.directions_s[:, 0], model.step)
+    z_s = _quantised(model.emitter_z + distance * sight.directions_s[:, 2], model.step)
+    kind[~((z_s >= model.near) & (z_s <= model.far))] = Kind.MISSING
+    gone = kind == Kind.MISSING
+    x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0
+    return SimulatedPoints(x_s, z_s, intensity, kind)
+
+
+def speckle(rng: np.random.Generator, count: int, sigma: float, correlation: float) -> Array:
+    """Stationary Gaussian noise, shape (count,): each value has standard deviation `sigma`.
+
+    White noise through a Gaussian window of unit energy. Two values k apart correlate by
+    ``exp(-(k / correlation)**2)``.
+    """
+    if sigma == 0:
+        return np.zeros(count)
+    reach = int(np.ceil(2.0 * correlation))
+    lag = np.arange(-reach, reach + 1)
+    window = np.exp(-2.0 * (lag / correlation) ** 2) if reach else np.ones(1)
+    white = rng.standard_normal(count + 2 * reach)
+    return np.asarray(np.convolve(white, sigma / np.linalg.norm(window) * window, mode="valid"))
+
+
+def scatter_runs(
+    rng: np.random.Generator,
+    eligible: NDArray[np.intp],
+    count: int,
+    run: tuple[int, int],
+) -> NDArray[np.intp]:
+    """Choose `count` of the eligible columns, in runs of random length and place.
+
+    Parameters
+    ----------
+    eligible : ndarray of int, shape (m,)
+        Columns to choose from, rising.
+    count : int
+        How many; all of them if there are no more.
+    run : tuple of int
+        Shortest and longest run. The last may come out shorter, and runs touch where there is
+        no room between them.
+
+    Returns
+    -------
+    ndarray of int, shape (min(count, m),)
+        The columns chosen, rising.
+    """
+    count = min(count, len(eligible))
+    if count == 0:
+        return eligible[:0]
+    shortest, longest = run
+    lengths = rng.integers(shortest, longest + 1, size=-(-count // shortest))
+    runs = int(np.searchsorted(np.cumsum(lengths), count)) + 1
+    lengths = lengths[:runs]
+    lengths[-1] -= lengths.sum() - count
+    # Each run goes into one of the slots between the columns left over, so runs don't touch.
+    slots = len(eligible) - count + 1
+    before = np.sort(rng.choice(slots, size=runs, replace=runs > slots))
+    first = before + np.cumsum(lengths) - lengths
+    inside = np.arange(count) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.asarray(eligible[np.repeat(first, lengths) + inside])
+
+
+def _bias(cosine: Array, model: LaserModel) -> Array:
+    """Excess of the range, growing with the tangent of the incidence up to its limit."""
+    if model.bias == 0:
+        return np.zeros_like(cosine)
+    tangent = np.sqrt(1.0 - cosine**2) / np.maximum(cosine, 1e-9)
+    return np.minimum(model.bias * tangent, model.bias_limit)
+
+
+def _dropped(cosine: Array, model: LaserModel, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Columns that lose their point to a grazing incidence."""
+    ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
+    return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
+
+
+def _ghosts(sight: Sight, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Columns that show the mirror image instead of the face."""
+    if model.ghosts == 0:
+        return np.empty(0, dtype=np.intp)
+    possible = np.flatnonzero(np.isfinite(sight.ghost))
+    wanted = model.ghosts * np.count_nonzero(sight.seen)
+    count = _whole(min(wanted, model.ghost_share * len(possible)), rng)
+    return scatter_runs(rng, possible, count, model.ghost_run)
+
+
+def _flyers(sight: Sight, model: LaserModel, rng: np.random.Generator) -> Array:
+    """Distances of the points that fly, NaN where none does, shape (n,).
+
+    They lie somewhere between the two sides of an edge, and miss that span at random.
+    """
+    columns = model.columns
+    flies = rng.random(columns) < model.flyers
+    share, overshoot = rng.random(columns), rng.normal(size=columns) * model.flyer_overshoot
+    edge = _edges(sight, model)
+    right, left = np.append(edge, False), np.append(False, edge)
+    flies &= sight.seen & (right | left)
+    index = np.flatnonzero(flies)
+    other = np.where(right[index], index + 1, index - 1)
+    flying = np.full(columns, np.nan)
+    span = sight.distance[other] - sight.distance[index]
+    flying[index] = sight.distance[index] + share[index] * span + overshoot[index]
+    return flying
+
+
+def _edges(sight: Sight, model: LaserModel) -> NDArray[np.bool_]:
+    """Whether a crease or a jump lies between each column and the next, shape (n - 1,)."""
+    hit = np.isfinite(sight.distance)
+    points = np.where(hit, sight.distance, 0.0)[:, None] * sight.directions_s
+    normals = sight.normals_s
+    step = np.diff(points, axis=0)
+    away = np.maximum(
+        np.abs(np.einsum("ij,ij->i", step, normals[:-1])),
+        np.abs(np.einsum("ij,ij->i", step, normals[1:])),
+    )
+    turn = np.einsum("ij,ij->i", normals[:-1], normals[1:])
+    edge = (turn < np.cos(model.flyer_crease)) | (away > model.flyer_jump)
+    return np.asarray(edge & hit[:-1] & hit[1:])
+
+
+def _quantised(values: Array, step: float) -> Array:
+    """Values rounded to whole steps."""
+    return np.asarray(np.round(values / step) * step) if step > 0 else values
+
+
+def _whole(expected: float, rng: np.random.Generator) -> int:
+    """Whole number whose mean is `expected`."""
+    return int(expected + rng.random())

@@ -1,0 +1,162 @@
+"""What the simulated laser is like: its optics and its faults, one number each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Final, Self
+
+from tjscan.errors import ConfigurationError
+
+STANDARD_RANGE: Final = (0.190, 0.290)
+"""Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
+
+EXTENDED_RANGE: Final = (0.125, 0.390)
+"""Nearest and farthest z where the same sensor still measures, less accurately, in metres."""
+
+# The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
+_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
+_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _SLOPE
+
+_PROBABILITIES: Final = ("dropout", "missing", "ghosts", "flyers")
+_AMPLITUDES: Final = ("noise", "noise_correlation", "bias", "bias_limit", "flyer_overshoot", "step")
+
+
+@dataclass(frozen=True, slots=True)
+class LaserModel:
+    """A line laser in numbers. Lengths in metres, angles in radians.
+
+    The defaults of `columns`, `near`, `far`, `emitter_z`, `half_angle` and `step` are data of
+    the scanCONTROL 26xx-100. **Every other default is an assumption**, chosen inside the span
+    that such sensors show on ground steel. A zero amplitude or probability switches its
+    effect off; `ideal` switches all of them off.
+
+    Parameters
+    ----------
+    columns : int
+        Points per profile, 80 to 640 in steps of 80.
+    near, far : float
+        Limits of z in frame s; see `STANDARD_RANGE` and `EXTENDED_RANGE`.
+    emitter_z : float
+        The light, and the detector's columns, fan out from (0, 0, emitter_z) in frame s. That
+        both have the same apex is an assumption.
+    half_angle : float
+        Between the central ray and the outermost ones.
+    detector_y, detector_z : float
+        The detector looks from (0, detector_y, detector_z) in frame s. Assumption: what fits
+        the sensor's housing, a triangulation angle of 17° in mid range. Put it on the emitter
+        and nothing is occluded.
+    noise : float
+        Standard deviation of the range. Such sensors show 0.02 to 0.05 mm.
+    noise_correlation : float
+        Columns after which the noise's correlation has fallen to 1/e: speckle is not white.
+        Zero makes it white.
+    bias, bias_limit : float
+        The range is too long by ``bias * tan(incidence)``, at most by `bias_limit`.
+    dropout : float
+        Probability that a column loses its point at `dropout_end` and beyond.
+    dropout_start, dropout_end : float
+        Incidence at which points begin to drop out, and at which it gets no worse.
+    missing : float
+        Fraction of columns that stay empty for no visible reason; up to 0.1 is realistic.
+    missing_run : tuple of int
+        Shortest and longest run of such columns.
+    ghosts : float
+        Fraction of the points that are ghosts: seen in the mirror of a ground face instead of
+        directly. 0 to 0.15 is realistic. Where no face mirrors another there are none.
+    ghost_share : float
+        At most this share of the columns that could show a ghost do: no face turns into a
+        mirror altogether. It outweighs `ghosts` where few columns could.
+    ghost_run : tuple of int
+        Shortest and longest run of ghosts.
+    ghost_intensity : float
+        Brightness of a ghost relative to the direct point.
+    flyers : float
+        Probability that a point beside an edge (a crease or a jump) flies.
+    flyer_overshoot : float
+        Standard deviation by which a flyer misses the span between the edge's two sides.
+    flyer_crease : float
+        Two neighbouring columns whose normals differ by more have a crease between them.
+    flyer_jump : float
+        Two neighbouring columns farther than this from each other's tangent plane have a jump
+        between them.
+    step : float
+        Raw coordinates are whole multiples of this; zero for no quantisation.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value can't be; its `key` names the field.
+    """
+
+    columns: int = 640
+    near: float = STANDARD_RANGE[0]
+    far: float = STANDARD_RANGE[1]
+    emitter_z: float = _APEX_Z
+    half_angle: float = math.atan(_SLOPE)
+    detector_y: float = 0.080
+    detector_z: float = _APEX_Z
+    noise: float = 30e-6
+    noise_correlation: float = 4.0
+    bias: float = 20e-6
+    bias_limit: float = 100e-6
+    dropout: float = 1.0
+    dropout_start: float = math.radians(60)
+    dropout_end: float = math.radians(80)
+    missing: float = 0.02
+    missing_run: tuple[int, int] = (1, 4)
+    ghosts: float = 0.065
+    ghost_share: float = 0.6
+    ghost_run: tuple[int, int] = (4, 30)
+    ghost_intensity: float = 0.3
+    flyers: float = 0.3
+    flyer_overshoot: float = 0.5e-3
+    flyer_crease: float = math.radians(20)
+    flyer_jump: float = 0.5e-3
+    step: float = 5e-6
+
+    def __post_init__(self) -> None:
+        self._check_numbers()
+        self._check_optics()
+        for name in (*_PROBABILITIES, "ghost_share", "ghost_intensity"):
+            _require(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
+        for name in _AMPLITUDES:
+            _require(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
+        _require(
+            0 <= self.dropout_start < self.dropout_end <= math.pi / 2,
+            "dropout_end",
+            "must lie above dropout_start and not above 90°",
+        )
+        _require(0 < self.flyer_crease < math.pi, "flyer_crease", "lies between 0 and 180°")
+        _require(self.flyer_jump > 0, "flyer_jump", "must be positive")
+        for name in ("missing_run", "ghost_run"):
+            shortest, longest = getattr(self, name)
+            _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
+
+    def _check_numbers(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            values = value if isinstance(value, tuple) else (value,)
+            _require(all(map(math.isfinite, values)), field.name, "must be finite")
+
+    def _check_optics(self) -> None:
+        _require(
+            80 <= self.columns <= 640 and self.columns % 80 == 0,
+            "columns",
+            "must be 80 to 640 in steps of 80",
+        )
+        _require(0 < self.near < self.far, "near", "must be positive and smaller than far")
+        _require(self.emitter_z < self.near, "emitter_z", "must lie before the range")
+        _require(self.detector_z < self.near, "detector_z", "must lie before the range")
+        _require(0 < self.half_angle < math.pi / 2, "half_angle", "lies between 0 and 90°")
+
+    @classmethod
+    def ideal(cls, **changes: Any) -> Self:
+        """Return a model without faults: all effects off except those given in `changes`."""
+        zeros = dict.fromkeys(("noise", "bias", *_PROBABILITIES, "step"), 0.0)
+        return cls(**{**zeros, **changes})
+
+
+def _require(condition: bool, key: str, message: str) -> None:
+    if not condition:
+        raise ConfigurationError(message, key=key)

@@ -1,0 +1,225 @@
+"""Where the light of a line laser goes: fan, first hit, view of the detector, mirror image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import ArrayLike, NDArray
+
+from tjscan.frames import Array, readonly, transform
+from tjscan.laser.model import LaserModel
+
+LIFT: Final = 10e-6
+"""Secondary rays start this far above the face, in metres: float32 is good to about 0.1 µm."""
+
+GRAZING: Final = 1e-3
+"""Cosine of incidence below which a plane is too nearly parallel to be met again in float64."""
+
+MELT: Final = 0.5e-3
+"""A mirror image nearer to the direct point than this melts into it, in metres (assumption)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """Where rays meet a surface first.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (n,)
+        Along the ray, in metres; infinite where it meets nothing.
+    normals : ndarray, shape (n, 3)
+        Unit normal of the face hit, on the side the ray came from; zero where there is none.
+    """
+
+    distance: Array
+    normals: Array
+
+
+class Surface:
+    """Triangles that light can hit. They may form a solid, or just lie about.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n, 3)
+        In frame j, in metres.
+    triangles : array_like of int, shape (m, 3)
+        Indices of their corners, in either sense of rotation.
+
+    Raises
+    ------
+    ValueError
+        If the arrays don't describe at least one triangle.
+    """
+
+    def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
+        v = np.asarray(vertices, dtype=np.float64)
+        t = np.asarray(triangles)
+        if v.ndim != 2 or v.shape[1] != 3 or not np.isfinite(v).all():
+            raise ValueError(f"vertices {v.shape} are not finite points, shape (n, 3)")
+        if t.ndim != 2 or t.shape[1] != 3 or len(t) == 0 or t.dtype.kind not in "iu":
+            raise ValueError(f"triangles {t.shape} {t.dtype} are not indices, shape (m, 3)")
+        if t.min() < 0 or t.max() >= len(v):
+            raise ValueError(f"triangles point outside the {len(v)} vertices")
+        # Embree computes in float32: keep its numbers small.
+        self._centre = 0.5 * (v.min(axis=0) + v.max(axis=0))
+        v = v - self._centre
+        a, b, c = v[t[:, 0]], v[t[:, 1]], v[t[:, 2]]
+        normals = np.cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        self._normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        self._offsets = np.einsum("ij,ij->i", self._normals, a)
+        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(
+            o3d.core.Tensor.from_numpy(v.astype(np.float32)),
+            o3d.core.Tensor.from_numpy(t.astype(np.uint32)),
+        )
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        """First hits of rays.
+
+        Embree finds the triangle in float32; the distance is then that to the triangle's
+        plane, in float64.
+
+        Parameters
+        ----------
+        origins, directions : ndarray, shape (n, 3)
+            In frame j; directions of length one.
+        """
+        o = origins - self._centre
+        answer = self._scene.cast_rays(_rays(o, directions), nthreads=1)
+        distance = answer["t_hit"].numpy().astype(np.float64)
+        hit = np.isfinite(distance)
+        face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.intp)
+        normals = np.where(hit[:, None], self._normals[face], 0.0)
+        cosine = np.einsum("ij,ij->i", normals, directions)
+        height = self._offsets[face] - np.einsum("ij,ij->i", normals, o)
+        np.divide(height, cosine, out=distance, where=np.abs(cosine) > GRAZING)
+        return Hits(distance, np.where(cosine[:, None] > 0, -normals, normals))
+
+    def blocks(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
+        """Whether anything stands between points on the surface and an eye, shape (n,).
+
+        Parameters
+        ----------
+        points, normals : ndarray, shape (n, 3)
+            In frame j. An eye behind the plane of its point doesn't see it.
+        eye : ndarray, shape (3,)
+            In frame j.
+        """
+        start = points + LIFT * normals
+        way = eye - start
+        taken = self._scene.test_occlusions(
+            _rays(start - self._centre, way), tnear=0.0, tfar=1.0, nthreads=1
+        )
+        behind = np.einsum("ij,ij->i", way, normals) <= 0
+        return np.asarray(taken.numpy() | behind)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What the optics see before any fault: one entry per column.
+
+    Parameters
+    ----------
+    directions_s : ndarray, shape (n, 3)
+        Unit rays from the emitter, in frame s.
+    distance : ndarray, shape (n,)
+        From the emitter to the first face, in metres; infinite where there is none.
+    normals_s : ndarray, shape (n, 3)
+        Normal of that face, on the sensor's side, in frame s; zero where there is none.
+    seen : ndarray of bool, shape (n,)
+        Whether the point is inside the range and free in view of the detector.
+    ghost : ndarray, shape (n,)
+        Distance at which the face shows the mirror image of another one; NaN where it shows
+        none, or none inside the range.
+    """
+
+    directions_s: Array
+    distance: Array
+    normals_s: Array
+    seen: NDArray[np.bool_]
+    ghost: Array
+
+    @property
+    def cosine(self) -> Array:
+        """Cosine of the incidence, shape (n,); zero where there is no face."""
+        return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
+
+
+def fan(model: LaserModel) -> Array:
+    """Unit rays of the columns in frame s, shape (n, 3), by rising x.
+
+    Their tangents are equally spaced: the columns of a pinhole detector whose rows run along
+    x_s meet the laser plane in such lines. (Assumption: a real sensor's calibration bends them.)
+    """
+    edge = np.tan(model.half_angle)
+    tangent = np.linspace(-edge, edge, model.columns)
+    rays = np.column_stack((tangent, np.zeros_like(tangent), np.ones_like(tangent)))
+    return readonly(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def look(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Array) -> Sight:
+    """Trace every column's light to the surface and to the detector.
+
+    Parameters
+    ----------
+    surface : Surface
+        In frame j.
+    T_j_s : ndarray, shape (4, 4)
+        Where the sensor is.
+    model : LaserModel
+        Its optics.
+    directions_s : ndarray, shape (n, 3)
+        What `fan` gives for `model`.
+    """
+    R = T_j_s[:3, :3]
+    emitter = transform(T_j_s, (0.0, 0.0, model.emitter_z))
+    rays = directions_s @ R.T
+    hits = surface.cast(np.broadcast_to(emitter, rays.shape), rays)
+    seen = _in_range(hits.distance, directions_s, model)
+    ghost = np.full(len(rays), np.nan)
+
+    index = np.flatnonzero(seen)
+    points = emitter + hits.distance[index, None] * rays[index]
+    if (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
+        detector = transform(T_j_s, (0.0, model.detector_y, model.detector_z))
+        seen[index] = ~surface.blocks(points, hits.normals[index], detector)
+    if model.ghosts > 0 and index.size:
+        ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
+        ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
+    return Sight(directions_s, hits.distance, hits.normals @ R, seen, ghost)
+
+
+def _mirror_images(
+    surface: Surface, points: Array, rays: Array, hits: Hits, index: NDArray[np.intp]
+) -> Array:
+    """Distances at which faces show the image of what their mirrored rays hit; NaN for nothing.
+
+    Light that a face mirrors onto a second face, and that comes back the same way, seems to
+    come from straight on: the image of the second face in the first lies on the same primary
+    ray, at the sum of both distances. (Assumption: the first face is large enough for the
+    detector to see the whole image in it.)
+    """
+    normals = hits.normals[index]
+    turned = rays - 2.0 * np.einsum("ij,ij->i", rays, normals)[:, None] * normals
+    # Start where the ray has risen LIFT above the face it left.
+    start = LIFT / np.maximum(np.einsum("ij,ij->i", turned, normals), GRAZING)
+    second = start + surface.cast(points + start[:, None] * turned, turned).distance
+    image = hits.distance[index] + second
+    return np.where(np.isfinite(second) & (second > MELT), image, np.nan)
+
+
+def _in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:
+    """Whether points at these distances from the emitter lie in the trapezoid, shape (n,)."""
+    z = model.emitter_z + distance * directions_s[:, 2]
+    return np.asarray((z >= model.near) & (z <= model.far))
+
+
+def _rays(origins: Array, directions: Array) -> o3d.core.Tensor:
+    """Rays in the layout and precision that Embree takes."""
+    rays = np.empty((len(directions), 6), dtype=np.float32)
+    rays[:, :3], rays[:, 3:] = origins, directions
+    return o3d.core.Tensor.from_numpy(rays)

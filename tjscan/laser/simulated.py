@@ -1,0 +1,83 @@
+"""A line laser that looks at triangles instead of steel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from tjscan.errors import LaserFault
+from tjscan.frames import Array
+from tjscan.laser.faults import SimulatedPoints, Streams, disturb
+from tjscan.laser.model import LaserModel
+from tjscan.laser.optics import Surface, fan, look
+from tjscan.laser.profile import Profile
+
+
+class SimulatedLaser:
+    """A `LineLaser` on a simulated arm.
+
+    Parameters
+    ----------
+    surface : Surface
+        What stands before the sensor, in frame j.
+    pose : callable
+        Gives ``T_j_s``, shape (4, 4): where the sensor *truly* is at this moment.
+    model : LaserModel
+        Its optics and faults.
+    rng : numpy.random.Generator
+        Source of all randomness. The same seed gives the same sequence of profiles, and what a
+        fault draws in the k-th profile depends on neither the other faults nor earlier views.
+    clock : callable
+        Gives the time in seconds.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        pose: Callable[[], Array],
+        *,
+        model: LaserModel,
+        rng: np.random.Generator,
+        clock: Callable[[], float],
+    ) -> None:
+        self.model = model
+        self._surface, self._pose, self._clock = surface, pose, clock
+        self._rng = rng
+        self._directions_s = fan(model)
+        self._connected = False
+
+    def __enter__(self) -> Self:
+        self._connected = True
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._connected = False
+
+    def capture(self) -> Profile:
+        """Take one profile from where the sensor is now.
+
+        Raises
+        ------
+        LaserFault
+            Outside a ``with`` block, or if the pose is no pose.
+        """
+        points = self.observe()
+        return Profile(points.x_s, points.z_s, points.intensity, self._clock())
+
+    def observe(self) -> SimulatedPoints:
+        """Take one profile and tell the truth about each point; raises as `capture` does."""
+        if not self._connected:
+            raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
+        T_j_s = np.asarray(self._pose(), dtype=np.float64)
+        if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
+            raise LaserFault(f"the simulated laser was put at a pose that is none: {T_j_s}")
+        sight = look(self._surface, T_j_s, self.model, self._directions_s)
+        return disturb(sight, self.model, Streams.spawn(self._rng))
