@@ -60,7 +60,8 @@ def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) 
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        first = error.errors()[0]
+        # A misspelt key is both unknown and missing: say the former.
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigurationError(_say(model, first), file=file, key=key) from None
 

@@ -9,11 +9,12 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from tjscan.config import FileModel, read_toml, validate
+from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, from_euler_zyx, from_rounded
 
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
 Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
-Probability = Annotated[float, Field(ge=0, le=1)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 class PoseTable(FileModel):
@@ -103,11 +104,29 @@ class SimulatedArmTable(FileModel):
     realtime: bool = False
 
 
+class SimulatedLaserTable(FileModel):
+    """The faults of the simulated laser; zero switches one off.
+
+    What each means, and which are assumptions, stands at `tjscan.laser.model.LaserModel`.
+    """
+
+    noise_mm: float = Field(default=0.03, ge=0, le=5)
+    noise_correlation_points: float = Field(default=4.0, ge=0, le=100)
+    bias_mm: float = Field(default=0.02, ge=0, le=5)
+    dropout: Fraction = 1.0
+    missing: Fraction = 0.02
+    ghosts: Fraction = 0.065
+    flyers: Fraction = 0.3
+    occlusion: bool = True
+    resolution_mm: float = Field(default=0.005, ge=0, le=1)
+
+
 class SimulationTable(FileModel):
     """The simulated world."""
 
     seed: int = Field(default=1, ge=0)
     arm: SimulatedArmTable
+    laser: SimulatedLaserTable = SimulatedLaserTable()
 
 
 class JobFile(FileModel):
@@ -150,5 +169,7 @@ def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
         table = data
         for name in tables:
             table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                raise ConfigurationError(f"{name} is no table", file=file, key=key)
         table[last] = value
     return validate(JobFile, data, file)

@@ -30,4 +30,18 @@ def scan(
     json
         Print the summary as JSON on stdout.
     """
-    print(job, overrides, out, dry_run, json)
+    from tjscan.cli.console import report, say, watching
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.job import read_job
+    from tjscan.result.directory import default_directory
+    from tjscan.run import check_job, plan_of, run_job
+
+    parsed = read_job(job, parse_overrides(overrides))
+    if dry_run:
+        check_job(parsed, job)
+        say(f"{job}: the job is sound and the arm reaches both taught poses")
+        return
+    directory = out or default_directory(job)
+    with watching(plan_of(parsed)) as watch:
+        summary = run_job(parsed, job, directory, watch)
+    report(summary, directory, json=json)

@@ -1,0 +1,100 @@
+"""What the commands say: progress and words on stderr, results on stdout."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.table import Table
+
+from tjscan.result.summary import Summary
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.scan import Scan, View
+
+_stderr = Console(stderr=True, highlight=False)
+
+
+def say(message: str) -> None:
+    """Tell the user something."""
+    _stderr.print(message, markup=False)
+
+
+class ProgressJournal:
+    """Shows a scan as it goes.
+
+    Parameters
+    ----------
+    progress : Progress
+        The display.
+    task : TaskID
+        The bar in it.
+    """
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+
+    def view(self, view: View) -> None:
+        """Show nothing: a profile is not yet a section."""
+
+    def section(self, scan: Scan) -> None:
+        """Move the bar on."""
+        self._progress.advance(self._task)
+
+    def event(self, name: str, detail: str) -> None:
+        """Print what happened above the bar."""
+        if name != "stop":
+            self._progress.console.print(f"{name}: {detail}", markup=False)
+
+
+@contextmanager
+def watching(plan: ScanPlan) -> Iterator[ProgressJournal]:
+    """Give a journal that shows a progress bar while the block runs."""
+    total = plan.sections
+    if total is None and plan.length is not None:
+        total = 2 + round(plan.length / plan.step)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=_stderr) as progress:
+        yield ProgressJournal(progress, progress.add_task("sections", total=total))
+
+
+def report(summary: Summary, directory: Path, *, json: bool) -> None:
+    """Print a finished scan: a table for people, or JSON on stdout."""
+    if json:
+        print(jsonlib.dumps(asdict(summary), indent=2))
+        return
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in _lines(summary):
+        table.add_row(name, value)
+    _stderr.print(table)
+    say(f"written to {directory}: scan.png shows it, summary.json and sections.csv tell it")
+
+
+def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
+    step, error = summary.step_mm, summary.corner_error_mm
+    yield "stopped because", summary.detail
+    yield "sections", f"{summary.sections} from {summary.scans} profiles"
+    yield "groove length", f"{summary.groove_length_mm:.1f} mm"
+    if step.mean is not None:
+        spread = "" if step.std is None else f" ± {step.std:.2f}"
+        yield "step", f"{step.mean:.2f}{spread} mm, {step.nominal:g} mm asked"
+    yield "flange", f"{summary.flange_travel_mm:.0f} mm, {summary.flange_rotation_deg:.0f}°"
+    yield "motion time", f"{summary.motion_time_s:.1f} s"
+    if error is not None:
+        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"

@@ -1,0 +1,42 @@
+"""Write what a scan found into its run directory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tjscan.comparison.distance import DistanceStatistics
+from tjscan.frames import Array, transform
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import feature_edges
+from tjscan.result.cloud import groove_points, write_cloud
+from tjscan.result.frame import ResultFrame
+from tjscan.result.outline import joint_outline
+from tjscan.result.picture import draw_scan, write_picture
+from tjscan.result.sections import write_sections
+from tjscan.result.summary import Summary, summarise, write_summary
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.scanner import ScanResult
+
+
+def write_results(
+    directory: Path,
+    result: ScanResult,
+    plan: ScanPlan,
+    frame: ResultFrame,
+    joint: JointDefinition | None,
+) -> Summary:
+    """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and, last, ``summary.json``.
+
+    Raises
+    ------
+    RecordingError
+        If a file can't be written. Where ``summary.json`` stands, the others stand too.
+    """
+    points = groove_points(result.sections, frame)
+    write_sections(directory / "sections.csv", result.sections, frame)
+    write_cloud(directory / "groove.ply", points)
+    outline = [] if joint is None else joint_outline(joint)
+    write_picture(directory / "scan.png", draw_scan(result, frame, points, outline))
+    summary = summarise(result, plan, frame, corner_error(result, frame, joint))
+    write_summary(directory / "summary.json", summary)
+    return summary
