@@ -1,0 +1,354 @@
+"""Forward and inverse kinematics of an arm given as URDF. Nothing else imports Pinocchio.
+
+Frame b is the frame ``base`` of the URDF where it has one, else its root link; for the arms in
+``robot/models`` that is the DH base frame, in which a Universal Robots controller shows its
+poses. Frame f is ``tool0`` where the URDF has one (by the convention of ROS-Industrial its z
+axis is square to the flange, while that of their ``flange`` is not), else ``flange``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pinocchio as pin
+
+from tjscan.errors import ConfigurationError, PoseUnreachable, nearest
+from tjscan.frames import Array, from_rounded, inverse, readonly
+from tjscan.robot.closed_form import UrGeometry, configurations
+
+MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
+"""Names of the arms whose URDF comes with tjscan."""
+
+POSITION_TOLERANCE: Final = 1e-9
+"""Metres: a solution puts the flange this close, far below what any arm repeats."""
+
+ROTATION_TOLERANCE: Final = 1e-9
+"""Radians."""
+
+ITERATIONS: Final = 60
+"""A descent from a good seed takes four or five."""
+
+LONGEST_STEP: Final = 0.5
+"""Radians a joint turns in one iteration; further, the linearisation says nothing."""
+
+WARM: Final = 0.5
+"""Radians: a descent that stays this close to its seed has kept the configuration."""
+
+RESTARTS: Final = 64
+"""Seeds tried where there is no closed form."""
+
+LIMIT_ROUNDING: Final = 1e-9
+"""Radians beyond a limit that are rounding."""
+
+CALIBRATED: Final = 0.005
+"""Metres and radians by which a calibrated arm may differ from the ideal geometry."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Where a descent ended: joint angles and what is left in metres and radians."""
+
+    q: Array
+    position: float
+    rotation: float
+
+    @property
+    def solved(self) -> bool:
+        return self.position <= POSITION_TOLERANCE and self.rotation <= ROTATION_TOLERANCE
+
+
+class _Workspace(threading.local):
+    """Pinocchio's scratch memory, one for each thread."""
+
+    def __init__(self, model: Any) -> None:
+        self.data = model.createData()
+
+
+class Kinematics:
+    """Kinematics of one arm.
+
+    Parameters
+    ----------
+    urdf : Path
+        The URDF of an open chain of six or more revolute joints with limits.
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot in the URDF.
+    joint_names, link_names : tuple of str
+        From the base to the flange; the last link is frame f.
+    lower, upper : ndarray, shape (n,)
+        Joint limits in radians.
+    velocity : ndarray, shape (n,)
+        Joint speed limits in rad/s.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is no such URDF.
+    """
+
+    def __init__(self, urdf: Path) -> None:
+        self._model = model = _read(urdf)
+        self._base, self._flange = _frames(model, urdf)
+        _check_chain(model, self._flange, urdf)
+        self._workspace = _Workspace(model)
+        self.urdf = urdf
+        self.name = str(model.name)
+        self.joint_names = tuple(model.names)[1:]
+        links = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
+        self._links = [i for i in links if i != self._flange] + [self._flange]
+        self.link_names = tuple(str(model.frames[i].name) for i in self._links)
+        self.lower = readonly(model.lowerPositionLimit)
+        self.upper = readonly(model.upperPositionLimit)
+        self.velocity = readonly(model.velocityLimit)
+        self._T_b_root = inverse(model.frames[self._base].placement.homogeneous)
+        self._geometry = _ur_geometry(model)
+
+    @classmethod
+    def load(cls, model: str | Path) -> Kinematics:
+        """Kinematics of an arm by its name in `MODELS`, or by the path of a URDF.
+
+        Raises
+        ------
+        ConfigurationError
+            If the name is unknown, or the file is missing or no usable URDF.
+        """
+        if str(model) in MODELS:
+            with as_file(files("tjscan.robot.models") / f"{model}.urdf") as urdf:
+                return cls(urdf)
+        if Path(model).exists() or Path(model).suffix:
+            return cls(Path(model))
+        raise ConfigurationError(
+            f"there is no arm model {str(model)!r}; did you mean: {nearest(str(model), MODELS)}? "
+            "Any other arm is given by the path of its URDF."
+        )
+
+    def forward(self, q: Array) -> Array:
+        """Flange pose ``T_b_f``, shape (4, 4), for joint angles, shape (n,), in radians."""
+        data = self._workspace.data
+        pin.framesForwardKinematics(self._model, data, np.asarray(q, dtype=float))
+        return np.asarray(self._T_b_root @ data.oMf[self._flange].homogeneous)
+
+    def link_poses(self, q: Array) -> Array:
+        """Poses of the links named in `link_names` in frame b, shape (k, 4, 4)."""
+        data = self._workspace.data
+        pin.framesForwardKinematics(self._model, data, np.asarray(q, dtype=float))
+        return np.array([self._T_b_root @ data.oMf[i].homogeneous for i in self._links])
+
+    def jacobian(self, q: Array) -> Array:
+        """Velocity of f for unit joint speeds, shape (6, n).
+
+        The first three rows are the velocity of the flange's origin in m/s, the others its
+        angular velocity in rad/s, both along the axes of b.
+        """
+        axes = pin.LOCAL_WORLD_ALIGNED
+        q = np.asarray(q, dtype=float)
+        J = pin.computeFrameJacobian(self._model, self._workspace.data, q, self._flange, axes)
+        R_b_root = self._T_b_root[:3, :3]
+        return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
+
+    def smallest_singular_value(self, q: Array) -> float:
+        """How far from singular a configuration is: 0 where the flange loses a direction.
+
+        It is that of `jacobian` in metres and radians: the slowest speed of the flange, in
+        m/s or rad/s, that joint speeds of norm 1 rad/s can give.
+        """
+        return float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
+
+    def inverse(self, T_b_f: Array, near: Array) -> Array:
+        """Joint angles that put the flange at a pose.
+
+        A pose close to that of `near` keeps its configuration. Otherwise the nearest of all
+        configurations found, each joint in its nearest turn within limits, is taken: of all
+        there are for a Universal Robots type of arm, else of those found from many seeds
+        about `near` (always the same ones).
+
+        Parameters
+        ----------
+        T_b_f : ndarray, shape (4, 4)
+            Flange pose in the base frame.
+        near : ndarray, shape (n,)
+            Joint angles to stay near, in radians.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Radians, within limits.
+
+        Raises
+        ------
+        PoseUnreachable
+            With what stands in the way: the reach, or a joint's limit and by how much.
+        """
+        near = np.asarray(near, dtype=float)
+        target = self._target(T_b_f)
+        warm = self._descend(target, near)
+        if warm.solved and np.abs(warm.q - near).max() < WARM and self._excess(warm.q).max() <= 0:
+            return warm.q
+        fits = [warm, *(self._descend(target, seed) for seed in self._seeds(target, near))]
+        solved = [self._turned(fit.q, near) for fit in fits if fit.solved]
+        if not solved:
+            raise PoseUnreachable(self._out_of_reach(fits), T_b_f)
+        allowed = [q for q in solved if self._excess(q).max() <= LIMIT_ROUNDING]
+        if not allowed:
+            raise PoseUnreachable(self._out_of_limits(solved), T_b_f)
+        best = min(allowed, key=lambda q: float(np.linalg.norm(q - near)))
+        return np.clip(best, self.lower, self.upper)
+
+    def _target(self, T_b_f: Array) -> Any:
+        """Pose of f in the root of the URDF, its rotation freed from rounding."""
+        try:
+            return pin.SE3(inverse(self._T_b_root) @ from_rounded(T_b_f))
+        except ValueError as error:
+            raise PoseUnreachable(f"it is no pose: {error}", T_b_f) from None
+
+    def _descend(self, target: Any, seed: Array) -> _Fit:
+        """Damped Gauss-Newton on SE(3).
+
+        The damping is the squared error (Sugihara 2011, Solvability-unconcerned inverse
+        kinematics by the Levenberg-Marquardt method, IEEE Trans. Robotics 27(5)): it vanishes
+        at a solution and holds the steps short where there is none.
+        """
+        model, data, flange = self._model, self._workspace.data, self._flange
+        q = np.array(seed, dtype=float)
+        eye = np.eye(6)
+        for _ in range(ITERATIONS):
+            # In this order: a Jacobian in local axes leaves the placements as they were.
+            pin.framesForwardKinematics(model, data, q)
+            error = pin.log6(data.oMf[flange].actInv(target)).vector
+            squared = float(error @ error)
+            if squared < min(POSITION_TOLERANCE, ROTATION_TOLERANCE) ** 2:
+                break
+            J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL)
+            step = J.T @ np.linalg.solve(J @ J.T + 0.5 * squared * eye, error)
+            longest = np.abs(step).max()
+            q += step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest)
+        return _Fit(q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:])))
+
+    def _seeds(self, target: Any, near: Array) -> Iterable[Array]:
+        """Where to begin a search for other configurations."""
+        if self._geometry is not None:
+            # Frame 6 is that of the last link here; the flange stands anywhere on it.
+            T_root_0 = self._model.jointPlacements[1]
+            T_6_f = self._model.frames[self._flange].placement
+            T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
+            return configurations(self._geometry, T_0_6.homogeneous, free_wrist=float(near[5]))
+        random = np.random.default_rng(0)
+        spread = np.linspace(0.2, np.pi, RESTARTS)[:, None]
+        seeds = near + spread * random.standard_normal((RESTARTS, near.size))
+        return np.clip(seeds, self.lower, self.upper)
+
+    def _excess(self, q: Array) -> Array:
+        """How far each joint is beyond its limits, in radians; negative within."""
+        return np.maximum(self.lower - q, q - self.upper)
+
+    def _turned(self, q: Array, near: Array) -> Array:
+        """`q` with each joint in the turn nearest to `near` that its limits allow."""
+        turn = 2 * np.pi
+        turns = q + turn * (np.round((near - q) / turn) + np.arange(-2, 3)[:, None])
+        beyond = np.maximum(np.maximum(self.lower - turns, turns - self.upper), 0.0)
+        beyond[beyond <= LIMIT_ROUNDING] = 0.0
+        order = np.lexsort((np.abs(turns - near), beyond), axis=0)
+        return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
+
+    def _out_of_reach(self, fits: list[_Fit]) -> str:
+        best = min(fits, key=lambda fit: fit.position + fit.rotation)
+        stretched = self.smallest_singular_value(best.q)
+        return (
+            f"it is out of reach; the nearest found is {1e3 * best.position:.1f} mm and "
+            f"{np.degrees(best.rotation):.1f} deg off, with the arm "
+            f"{'near singular' if stretched < 0.05 else 'free'} "
+            f"(smallest singular value {stretched:.3f}). Move the base or the pose."
+        )
+
+    def _out_of_limits(self, solved: list[Array]) -> str:
+        q = min(solved, key=lambda q: float(self._excess(q).max()))
+        i = int(self._excess(q).argmax())
+        limit = self.upper[i] if q[i] > self.upper[i] else self.lower[i]
+        return (
+            f"{self.joint_names[i]} would have to be at {np.degrees(q[i]):.1f} deg, "
+            f"{np.degrees(self._excess(q)[i]):.1f} deg beyond its limit of "
+            f"{np.degrees(limit):.1f} deg. Choose another configuration or move the base."
+        )
+
+
+def _read(urdf: Path) -> Any:
+    if not urdf.is_file():
+        known = nearest(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
+        raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
+    try:
+        return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise ConfigurationError(f"is not a URDF: {error}", file=urdf) from None
+
+
+def _frames(model: Any, urdf: Path) -> tuple[int, int]:
+    """Indices of the frames that stand for b and f."""
+    names = [str(frame.name) for frame in model.frames]
+    kinds = [frame.type for frame in model.frames]
+    base = names.index("base") if "base" in names else kinds.index(pin.FrameType.BODY)
+    if model.frames[base].parentJoint != 0:
+        raise ConfigurationError("its frame 'base' moves with a joint", file=urdf)
+    for name in ("tool0", "flange"):
+        if name in names:
+            return base, names.index(name)
+    raise ConfigurationError(
+        "it has no link 'tool0' or 'flange': add one with a fixed joint, its z axis square to "
+        "the flange and pointing out",
+        file=urdf,
+    )
+
+
+def _check_chain(model: Any, flange: int, urdf: Path) -> None:
+    """Refuse what the inverse can't handle."""
+    on_the_way = set(model.supports[model.frames[flange].parentJoint])
+    for i in range(1, model.njoints):
+        name, kind = model.names[i], model.joints[i].shortname()
+        if not kind.startswith("JointModelR") or "UB" in kind or "Unbounded" in kind:
+            raise ConfigurationError(
+                f"joint {name} is {kind.removeprefix('JointModel')}; tjscan knows revolute joints "
+                "with limits alone: make it fixed or revolute",
+                file=urdf,
+            )
+        if i not in on_the_way:
+            raise ConfigurationError(
+                f"joint {name} does not move the flange: make it fixed", file=urdf
+            )
+    if model.nq < 6:
+        raise ConfigurationError(
+            f"it has {model.nq} joints between base and flange; six or more are needed", file=urdf
+        )
+    bad = ~(model.upperPositionLimit > model.lowerPositionLimit) | ~(model.velocityLimit > 0)
+    if bad.any():
+        name = model.names[1 + int(bad.argmax())]
+        raise ConfigurationError(
+            f"joint {name} has no range or no speed: give it lower < upper and velocity > 0",
+            file=urdf,
+        )
+
+
+def _ur_geometry(model: Any) -> UrGeometry | None:
+    """DH lengths if the arm is of the Universal Robots type, up to its calibration.
+
+    A joint's frame may slide along its axis; the DH length sums up what lies on that axis.
+    """
+    if model.nq != 6 or any(model.joints[i].shortname() != "JointModelRZ" for i in range(1, 7)):
+        return None
+    M = [placement.homogeneous for placement in model.jointPlacements][2:]
+    for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
+        c, s = np.cos(twist), np.sin(twist)
+        if not np.allclose(T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATED):
+            return None
+    (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
+    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATED:
+        return None
+    lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
+    return UrGeometry(*(float(length) for length in lengths))
