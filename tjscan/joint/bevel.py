@@ -1,0 +1,136 @@
+"""The prepared brace end and the root bead, one radial half-plane per azimuth.
+
+The land lies at the root gap from the leg, over the root face's share of the wall. From its
+outer edge the bevel rises as a straight line to the brace's outer wall. The root bead closes
+the groove with a straight face from the bevel to the leg.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tjscan.frames import Array, readonly
+from tjscan.joint.geometry import LegSurface, radial, tangential
+
+if TYPE_CHECKING:
+    from tjscan.joint.definition import JointDefinition
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BevelSections:
+    """The groove of a joint in radial half-planes.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (n,)
+        Azimuths in radians.
+    dihedral : ndarray, shape (n,)
+        Local dihedral angle at the brace's outer wall, in radians.
+    groove_angle : ndarray, shape (n,)
+        Prescribed angle between bevel and leg, in radians, in the section normal to the line
+        along the land's outer edge.
+    bevel : ndarray, shape (n, 2)
+        Unit vectors up the bevel.
+    land_inner, land : ndarray, shape (n, 2)
+        Inner and outer edge of the land, as distance from the brace's axis and z, in metres.
+    apex : ndarray, shape (n, 2)
+        Where the bevel, drawn on, meets the leg.
+    p2, p3, p4 : ndarray, shape (n, 2)
+        The paper's corners (Fig. 3): top of the bevel, root corner on the bevel, root corner
+        on the leg.
+    """
+
+    phi: Array
+    dihedral: Array
+    groove_angle: Array
+    bevel: Array
+    land_inner: Array
+    land: Array
+    apex: Array
+    p2: Array
+    p3: Array
+    p4: Array
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+
+    @property
+    def root_width(self) -> Array:
+        """Width of the root bead's face in metres, shape (n,)."""
+        return np.asarray(np.linalg.norm(self.p4 - self.p3, axis=1))
+
+    @property
+    def bevel_length(self) -> Array:
+        """Length of the bevel from the land to the outer wall in metres, shape (n,)."""
+        return np.asarray(np.linalg.norm(self.p2 - self.land, axis=1))
+
+
+def bevel_sections(definition: JointDefinition, phi: ArrayLike) -> BevelSections:
+    """Sections of a joint's groove at azimuths, shape (n,), in radians."""
+    phi = np.asarray(phi, dtype=float)
+    leg, wall = definition.leg, definition.brace_radius
+    gapped = leg.offset(definition.root_gap)
+    dihedral = leg.dihedral(phi, wall)
+    groove_angle = definition.groove_angle(dihedral)
+
+    rho_inner = np.full_like(phi, definition.brace_inner_radius)
+    land_inner = _on(gapped, phi, rho_inner)
+    land = _on(gapped, phi, rho_inner + definition.root_face)
+    bevel = bevel_direction(gapped, phi, land[:, 0], groove_angle)
+    p2 = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
+    apex = leg.meet(phi, land, -bevel)
+    p3 = land + definition.root_bead * bevel
+    # The bead's face is the base of an isosceles triangle between the bevel and the leg's
+    # tangent at the apex, so it stands about square to the bisector of the groove.
+    p4 = leg.meet(phi, p3, _along(leg, phi, apex[:, 0]) - bevel)
+    return BevelSections(phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4)
+
+
+def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Array) -> Array:
+    """Directions up the bevel in the radial half-planes, unit length, shape (n, 2).
+
+    The line along the land's outer edge lies both in the bevel and in the surface at the root
+    gap over the leg. Turning that surface's tangent plane about the line by the groove angle
+    gives the bevel's tangent plane; where it cuts the half-plane is the direction sought.
+
+    Parameters
+    ----------
+    gapped : LegSurface
+        The surface at the root gap over the leg.
+    phi, rho, groove_angle : ndarray, shape (n,)
+        Azimuth, distance of the land's outer edge from the brace's axis, and angle between
+        bevel and leg in the section normal to that edge.
+    """
+    tangent = gapped.tangent(phi, rho)
+    normal = gapped.normal(gapped.point(phi, rho))
+    outward = np.cross(tangent, normal)
+    angle = groove_angle[:, None]
+    up = np.cos(angle) * outward + np.sin(angle) * normal
+    around = tangential(phi)
+    sideways = np.sum(up * around, axis=1) / np.sum(tangent * around, axis=1)
+    in_half_plane = up - sideways[:, None] * tangent
+    rho_part = np.sum(in_half_plane * radial(phi), axis=1)
+    return _unit(np.column_stack((rho_part, in_half_plane[:, 2])))
+
+
+def root_normal(leg: LegSurface, phi: Array, rho: Array) -> Array:
+    """Unit vectors out of the leg in the radial half-planes, square to its line there, (n, 2)."""
+    return _along(leg, phi, rho)[:, ::-1] * (-1.0, 1.0)
+
+
+def _on(leg: LegSurface, phi: Array, rho: Array) -> Array:
+    return np.column_stack((rho, leg.height(phi, rho)))
+
+
+def _along(leg: LegSurface, phi: Array, rho: Array) -> Array:
+    """Unit vectors along the leg in the radial half-planes, away from the brace, (n, 2)."""
+    return _unit(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

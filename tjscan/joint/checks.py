@@ -1,0 +1,169 @@
+"""What makes a joint one that can be built. Lengths in metres, angles in radians."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NoReturn
+
+import numpy as np
+
+from tjscan.errors import ConfigurationError
+from tjscan.joint.bevel import BevelSections, bevel_sections
+from tjscan.joint.geometry import in_j
+
+if TYPE_CHECKING:
+    from tjscan.joint.definition import JointDefinition
+
+WIDEST_BRACE: Final = 1 / 1.05
+"""Largest ratio of brace to leg: at 1 the dihedral angle runs to 180° and the groove opens flat."""
+
+LEAST_ANGLE, MOST_ANGLE = np.deg2rad(45.0), np.deg2rad(90.0)
+LEAST_GROOVE, MOST_GROOVE = np.deg2rad(20.0), np.deg2rad(90.0)
+
+SHARPEST_BEVEL: Final = np.deg2rad(10.0)
+"""Least angle between the bevel and the brace's wall."""
+
+LEAST_BEVEL: Final = 2e-3
+"""Least length of bevel that the root bead must leave free."""
+
+LEAST_ROOT: Final = 1e-3
+"""Least width of the root bead's face."""
+
+MARGIN: Final = 20e-3
+"""Least length of brace and leg beyond the groove, for a scan to see a wall there."""
+
+AZIMUTHS: Final = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+
+
+def check(definition: JointDefinition) -> None:
+    """Refuse a joint that can't be built.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the key of the joint file that is wrong.
+    """
+    _check_tubes(definition)
+    _check_groove_table(definition)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sections = bevel_sections(definition, AZIMUTHS)
+    _check_bevel(sections)
+    _check_root(definition, sections)
+    _check_lengths(definition, sections)
+
+
+def _check_tubes(d: JointDefinition) -> None:
+    for key, value in (
+        ("leg.outer_diameter_mm", d.leg_radius),
+        ("leg.length_mm", d.leg_length),
+        ("brace.outer_diameter_mm", d.brace_radius),
+        ("brace.length_mm", d.brace_length),
+        ("groove.root_gap_mm", d.root_gap),
+        ("groove.root_face_mm", d.root_face),
+        ("groove.root_bead_mm", d.root_bead),
+    ):
+        if not 0 <= value < np.inf:
+            _refuse(key, f"{_mm(value)} is no length")
+    for key, radius, wall in (
+        ("leg.wall_mm", d.leg_radius, d.leg_wall),
+        ("brace.wall_mm", d.brace_radius, d.brace_wall),
+    ):
+        if not 0 < wall < radius:
+            _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay below {_mm(radius)}")
+    if d.brace_radius > WIDEST_BRACE * d.leg_radius:
+        most = _mm(2 * WIDEST_BRACE * d.leg_radius)
+        _refuse(
+            "brace.outer_diameter_mm",
+            f"{_mm(2 * d.brace_radius)} is too wide for a leg of {_mm(2 * d.leg_radius)}: "
+            f"the groove opens flat at the saddle; stay at or below {most}",
+        )
+    if not LEAST_ANGLE <= d.angle <= MOST_ANGLE:
+        _refuse(
+            "brace.angle_deg",
+            f"{_deg(d.angle)} is out of range; the angle on the heel side lies between "
+            f"{_deg(LEAST_ANGLE)} and {_deg(MOST_ANGLE)}",
+        )
+
+
+def _check_groove_table(d: JointDefinition) -> None:
+    key = "groove.angle_deg"
+    table = np.asarray(d.groove_table, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 2 or not np.isfinite(table).all():
+        _refuse(key, "is a list of at least one pair [dihedral_deg, groove_deg]")
+    if np.any(np.diff(table[:, 0]) <= 0):
+        _refuse(key, "its dihedral angles must grow from pair to pair")
+    for angle in table[:, 1]:
+        if not LEAST_GROOVE <= angle <= MOST_GROOVE:
+            _refuse(
+                key,
+                f"a groove angle of {_deg(angle)} is out of range; stay between "
+                f"{_deg(LEAST_GROOVE)} and {_deg(MOST_GROOVE)}",
+            )
+    if d.root_gap >= d.brace_wall:
+        _refuse("groove.root_gap_mm", f"stay below the brace's wall, {_mm(d.brace_wall)}")
+    if d.root_face >= d.brace_wall - LEAST_BEVEL:
+        most = _mm(d.brace_wall - LEAST_BEVEL)
+        _refuse(
+            "groove.root_face_mm",
+            f"{_mm(d.root_face)} of a wall of {_mm(d.brace_wall)} leaves no bevel; "
+            f"stay below {most}",
+        )
+
+
+def _check_bevel(s: BevelSections) -> None:
+    sharpness = np.arctan2(s.bevel[:, 0], s.bevel[:, 1])
+    i = int(np.argmin(sharpness))
+    if sharpness[i] < SHARPEST_BEVEL:
+        _refuse(
+            "groove.angle_deg",
+            f"a groove angle of {_deg(s.groove_angle[i])} where the local dihedral angle is "
+            f"{_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
+            f"least {_deg(SHARPEST_BEVEL - sharpness[i])}",
+        )
+
+
+def _check_root(d: JointDefinition, s: BevelSections) -> None:
+    free = float(np.min(s.bevel_length)) - d.root_bead
+    if free < LEAST_BEVEL:
+        most = _mm(d.root_bead + free - LEAST_BEVEL)
+        _refuse(
+            "groove.root_bead_mm",
+            f"{_mm(d.root_bead)} covers the bevel, which is {_mm(free + d.root_bead)} long; "
+            f"stay at or below {most}",
+        )
+    width = float(np.min(s.root_width))
+    if not width >= LEAST_ROOT:
+        _refuse(
+            "groove.root_gap_mm",
+            f"gap and bead leave a root only {_mm(width)} wide; open the gap or raise the bead "
+            f"until it is {_mm(LEAST_ROOT)}",
+        )
+
+
+def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
+    top = float(np.max(s.p2[:, 1])) + MARGIN
+    if d.brace_length < top:
+        _refuse(
+            "brace.length_mm",
+            f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
+            f"least {_mm(top)}",
+        )
+    foot = d.leg.point(s.phi, d.brace_radius) @ d.leg.axis
+    root = in_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
+    least = 2 * (float(np.max(np.abs((foot, root)))) + MARGIN)
+    if d.leg_length < least:
+        _refuse(
+            "leg.length_mm",
+            f"{_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_mm(least)}",
+        )
+
+
+def _refuse(key: str, message: str) -> NoReturn:
+    raise ConfigurationError(message, key=key)
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.4g} mm"
+
+
+def _deg(radians: float) -> str:
+    return f"{np.rad2deg(radians):.4g}°"

@@ -1,0 +1,117 @@
+"""The groove's sharp edges as dense closed polylines, and exact distances to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from tjscan.frames import Array, readonly
+from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.geometry import in_j
+
+FEWEST_NEIGHBOURS = 4
+"""Vertices that a first search looks at; it looks at more where these can't prove the result."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosedPolyline:
+    """A closed line through points.
+
+    Parameters
+    ----------
+    points_j : ndarray, shape (n, 3)
+        Its vertices in frame j, in metres; the last one is joined to the first.
+    """
+
+    points_j: Array
+    _tree: KDTree = field(init=False, repr=False)
+    _half: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        points = readonly(self.points_j)
+        steps = np.roll(points, -1, axis=0) - points
+        object.__setattr__(self, "points_j", points)
+        object.__setattr__(self, "_tree", KDTree(points))
+        object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
+
+    def nearest(self, points_j: Array) -> Array:
+        """Feet of the perpendiculars from points, shape (m, 3), in frame j, in metres."""
+        points = np.asarray(points_j, dtype=float).reshape(-1, 3)
+        feet = np.empty_like(points)
+        open_ = np.arange(len(points))
+        neighbours = FEWEST_NEIGHBOURS
+        while open_.size:
+            neighbours = min(neighbours, len(self.points_j))
+            reach, vertices = self._tree.query(points[open_], k=np.arange(1, neighbours + 1))
+            reach, vertices = np.asarray(reach), np.asarray(vertices)
+            feet[open_], distance = self._on_segments_at(vertices, points[open_])
+            # A closer foot on a segment away from these vertices would lie within half its
+            # length of a vertex that is closer than the farthest of them.
+            proven = reach[:, -1] ** 2 > distance**2 + self._half**2
+            open_ = open_[~proven] if neighbours < len(self.points_j) else open_[:0]
+            neighbours *= 8
+        return feet
+
+    def distance(self, points_j: Array) -> Array:
+        """Distances of points, shape (m, 3), from the line in metres, shape (m,)."""
+        points = np.asarray(points_j, dtype=float).reshape(-1, 3)
+        return np.asarray(np.linalg.norm(points - self.nearest(points), axis=1))
+
+    def _on_segments_at(self, vertices: NDArray[np.intp], points: Array) -> tuple[Array, Array]:
+        """Nearest feet, and their distances, on the segments before and after vertices (m, k)."""
+        starts = np.concatenate((vertices - 1, vertices), axis=1)
+        a = self.points_j[starts]
+        along = self.points_j[(starts + 1) % len(self.points_j)] - a
+        offset = points[:, None] - a
+        share = np.sum(offset * along, axis=2) / np.sum(along * along, axis=2)
+        feet = a + np.clip(share, 0, 1)[..., None] * along
+        distances = np.linalg.norm(points[:, None] - feet, axis=2)
+        best = np.argmin(distances, axis=1)
+        rows = np.arange(len(points))
+        return feet[rows, best], distances[rows, best]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureEdges:
+    """The three edges that the paper's corners run along (Fig. 3).
+
+    Parameters
+    ----------
+    phi : ndarray, shape (n,)
+        Azimuth of the vertices in radians, the same for the three.
+    p2, p3, p4 : ClosedPolyline
+        Top of the bevel, root corner on the bevel, root corner on the leg.
+    """
+
+    phi: Array
+    p2: ClosedPolyline
+    p3: ClosedPolyline
+    p4: ClosedPolyline
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "phi", readonly(self.phi))
+
+    def distances(self, points_j: Array) -> Array:
+        """Distances of points, shape (m, 3), from p2, p3 and p4 in metres, shape (m, 3)."""
+        edges = (self.p2, self.p3, self.p4)
+        return np.column_stack([edge.distance(points_j) for edge in edges])
+
+    def distance(self, points_j: Array) -> Array:
+        """Distances of points, shape (m, 3), from the nearest edge in metres, shape (m,)."""
+        return np.asarray(self.distances(points_j).min(axis=1))
+
+
+def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
+    """Edges of a joint's groove, each with `n` vertices at even azimuths.
+
+    At the default their chords leave the true edge by less than 0.001 mm.
+    """
+    phi = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    sections = bevel_sections(definition, phi)
+    corners = (sections.p2, sections.p3, sections.p4)
+    lines = [ClosedPolyline(in_j(phi, rz[:, 0], rz[:, 1])) for rz in corners]
+    return FeatureEdges(phi, *lines)

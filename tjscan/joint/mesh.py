@@ -1,0 +1,163 @@
+"""A joint as a watertight solid of triangles: leg tube, bevelled brace and root bead in one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import manifold3d
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, readonly
+from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.geometry import in_j, tangential
+
+CHORD_ERROR: Final = 4e-6
+"""Largest distance, in metres, of the triangles near the groove from the true surface."""
+
+BORE_CHORD_ERROR: Final = 50e-6
+"""The same for the leg's bore, which no laser sees."""
+
+FEWEST_AZIMUTHS: Final = 1440
+
+SUNK: Final = 2e-3
+"""How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleMesh:
+    """Triangles, counter-clockwise seen from outside.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 3)
+        In frame j, in metres.
+    triangles : ndarray of int32, shape (m, 3)
+        Indices of their corners.
+    """
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        triangles = np.array(self.triangles, dtype=np.int32)
+        triangles.flags.writeable = False
+        object.__setattr__(self, "vertices", readonly(self.vertices))
+        object.__setattr__(self, "triangles", triangles)
+
+
+def build_mesh(definition: JointDefinition) -> TriangleMesh:
+    """Build the solid of a joint.
+
+    Near the groove its triangles are within `CHORD_ERROR` of the true surfaces.
+
+    Raises
+    ------
+    ConfigurationError
+        If the parts don't join into one solid.
+    """
+    solid = _leg_tube(definition) + _brace_and_bead(definition)
+    if solid.status() != manifold3d.Error.NoError or solid.genus() != 1:
+        raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
+    mesh = solid.to_mesh64()
+    return TriangleMesh(mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int32))
+
+
+def mesh_azimuths(definition: JointDefinition) -> Array:
+    """Azimuths of the brace's vertices in radians, growing, shape (n,).
+
+    They are even, and closer where an edge bends so much that its chords would leave it by
+    more than `CHORD_ERROR`: the groove's table has kinks.
+    """
+    phi = np.linspace(0, 2 * np.pi, FEWEST_AZIMUTHS, endpoint=False)
+    while True:
+        middle = phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2
+        coarse = _sagitta(definition, phi, middle) > CHORD_ERROR
+        if not coarse.any():
+            return phi
+        phi = np.sort(np.concatenate((phi, middle[coarse])))
+
+
+def chord_error(definition: JointDefinition) -> float:
+    """Largest distance in metres of the mesh near the groove from the true surfaces."""
+    phi = mesh_azimuths(definition)
+    middle = phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2
+    radius, segments = definition.leg_radius, _segments(definition.leg_radius, CHORD_ERROR)
+    leg = radius * (1 - np.cos(np.pi / segments))
+    return max(float(_sagitta(definition, phi, middle).max()), float(leg))
+
+
+def _sagitta(definition: JointDefinition, phi: Array, middle: Array) -> Array:
+    """Distance of the edges' chords from the edges at azimuths between, shape (n,)."""
+    at, between = _outline(definition, phi), _outline(definition, middle)
+    chord = (at + np.roll(at, -1, axis=0)) / 2 - between
+    # Only what is square to the edge counts: along it a chord may run ahead.
+    along = np.roll(at, -1, axis=0) - at
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    chord -= np.sum(chord * along, axis=2, keepdims=True) * along
+    return np.asarray(np.linalg.norm(chord, axis=2).max(axis=1))
+
+
+def _leg_tube(d: JointDefinition) -> manifold3d.Manifold:
+    outer = _rod(d, d.leg_radius, d.leg_length, CHORD_ERROR)
+    bore = _rod(d, d.leg_radius - d.leg_wall, 1.1 * d.leg_length, BORE_CHORD_ERROR)
+    return outer - bore
+
+
+def _rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
+    """A prism about the leg's axis whose top is the middle of a face."""
+    segments = _segments(radius, error)
+    across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
+    T = np.column_stack((across, tangential(0.0), d.leg.axis, np.zeros(3)))
+    rod = manifold3d.Manifold.cylinder(length, radius, circular_segments=segments, center=True)
+    return rod.rotate((0, 0, 180 / segments)).transform(T)
+
+
+def _segments(radius: float, error: float) -> int:
+    """How many sides a prism takes to stay within `error` of its cylinder; a multiple of 4."""
+    return 4 * int(np.ceil(np.pi / np.arccos(1 - error / radius) / 4))
+
+
+def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
+    """The ring that a seven-sided section sweeps round the brace's axis."""
+    outline = _outline(definition, mesh_azimuths(definition))
+    n, sides = outline.shape[:2]
+    index = np.arange(n * sides).reshape(n, sides)
+    a, b = index, np.roll(index, -1, axis=0)
+    c, d = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    triangles = np.stack((a, b, c, b, d, c), axis=-1).reshape(-1, 3)
+    mesh = manifold3d.Mesh64(outline.reshape(-1, 3), triangles.astype(np.uint64))
+    return manifold3d.Manifold(mesh)
+
+
+def _outline(definition: JointDefinition, phi: Array) -> Array:
+    """Corners of the section of brace and bead at azimuths, (n, 7, 3), in frame j."""
+    sections = bevel_sections(definition, phi)
+    top = np.full_like(phi, definition.brace_length)
+    foot_outer, foot_inner = _feet(definition, sections)
+    corners = (
+        np.column_stack((np.full_like(phi, definition.brace_inner_radius), top)),
+        sections.land_inner,
+        foot_inner,
+        foot_outer,
+        sections.p3,
+        sections.p2,
+        np.column_stack((np.full_like(phi, definition.brace_radius), top)),
+    )
+    return in_j(phi[:, None], *np.moveaxis(np.stack(corners, axis=1), 2, 0))
+
+
+def _feet(d: JointDefinition, s: BevelSections) -> tuple[Array, Array]:
+    """Where the bead's face and back end inside the leg's wall, each (n, 2).
+
+    Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
+    p4 however finely the leg is cut into faces.
+    """
+    sunk = d.leg.offset(-min(SUNK, d.leg_wall / 2, 0.02 * d.leg_radius))
+    outer = sunk.meet(s.phi, s.p3, s.p4 - s.p3)
+    gapped = d.leg.offset(d.root_gap)
+    back = -root_normal(gapped, s.phi, s.land_inner[:, 0])
+    return outer, sunk.meet(s.phi, s.land_inner, back)
