@@ -21,8 +21,9 @@ import pinocchio as pin
 from tjscan.errors import ConfigurationError, PoseUnreachable, nearest
 from tjscan.frames import Array, from_rounded, inverse, readonly
 from tjscan.robot.closed_form import UrGeometry, configurations
+from tjscan.robot.models.generate import ARMS
 
-MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
+MODELS: Final = tuple(ARMS)
 """Names of the arms whose URDF comes with tjscan."""
 
 POSITION_TOLERANCE: Final = 1e-9

@@ -77,7 +77,7 @@ class ArmModel:
 
 
 # fmt: off
-MODELS: Final = {
+ARMS: Final = {
     "ur5e": ArmModel(
         0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007,
         (180, 180, 180, 180, 180, 180), (3.761, 8.058, 2.846, 1.37, 1.3, 0.365), 0.06, 0.045,
@@ -144,8 +144,8 @@ def bodies(arm: ArmModel) -> tuple[Capsule, ...]:
 
 
 def urdf(name: str) -> str:
-    """Text of the URDF of a model in `MODELS`."""
-    arm = MODELS[name]
+    """Text of the URDF of a model in `ARMS`."""
+    arm = ARMS[name]
     robot = ET.Element("robot", name=name)
     masses = (BASE_MASS, *arm.masses)
     for link, mass, body in zip(LINKS, masses, bodies(arm), strict=True):
@@ -179,35 +179,39 @@ def urdf(name: str) -> str:
 
 def write(folder: Path) -> None:
     """Write the URDF of every model into `folder`."""
-    for name in MODELS:
+    for name in ARMS:
         (folder / f"{name}.urdf").write_text(urdf(name), encoding="utf-8")
 
 
 def _add_link(robot: ET.Element, name: str, mass: float, body: Capsule) -> None:
     link = ET.SubElement(robot, "link", name=name)
-    for kind in ("visual", "collision"):
-        for solid in ("cylinder", "start", "end"):
-            element = ET.SubElement(link, kind)
-            if solid == "cylinder":
-                quarter = pi / 2
-                rpy = ((0.0, quarter, 0.0), (quarter, 0.0, 0.0), (0.0, 0.0, 0.0))[body.axis]
-                ET.SubElement(element, "origin", xyz=_text(body.centre), rpy=_text(rpy))
-                size = {"radius": repr(body.radius), "length": repr(round(body.length, 6))}
-                ET.SubElement(ET.SubElement(element, "geometry"), "cylinder", size)
-            else:
-                centre = body.start if solid == "start" else body.end
-                ET.SubElement(element, "origin", xyz=_text(centre))
-                geometry = ET.SubElement(element, "geometry")
-                ET.SubElement(geometry, "sphere", radius=repr(body.radius))
+    _add_solids(link, "visual", body)
+    _add_solids(link, "collision", body)
     # The mass is spread evenly over the cylinder: an assumption.
     along = mass * body.radius**2 / 2
     across = mass * (3 * body.radius**2 + body.length**2) / 12
     moments = [repr(round(along if i == body.axis else across, 8)) for i in range(3)]
+    inertia = dict(zip(("ixx", "iyy", "izz"), moments, strict=True))
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=_text(body.centre))
     ET.SubElement(inertial, "mass", value=repr(mass))
-    inertia = dict(zip(("ixx", "iyy", "izz"), moments, strict=True))
     ET.SubElement(inertial, "inertia", {**inertia, "ixy": "0", "ixz": "0", "iyz": "0"})
+
+
+def _add_solids(link: ET.Element, kind: str, body: Capsule) -> None:
+    """A capsule as a cylinder and two spheres, since URDF has no capsule."""
+    length, radius = repr(round(body.length, 9)), repr(body.radius)
+    along_z: tuple[Vector, ...] = ((0.0, pi / 2, 0.0), (pi / 2, 0.0, 0.0), (0.0, 0.0, 0.0))
+    solid = _add_solid(link, kind, body.centre, along_z[body.axis])
+    ET.SubElement(solid, "cylinder", radius=radius, length=length)
+    for end in (body.start, body.end):
+        ET.SubElement(_add_solid(link, kind, end, (0.0, 0.0, 0.0)), "sphere", radius=radius)
+
+
+def _add_solid(link: ET.Element, kind: str, xyz: Vector, rpy: Vector) -> ET.Element:
+    element = ET.SubElement(link, kind)
+    ET.SubElement(element, "origin", xyz=_text(xyz), rpy=_text(rpy))
+    return ET.SubElement(element, "geometry")
 
 
 def _add_joint(

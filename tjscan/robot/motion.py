@@ -1,0 +1,151 @@
+"""How long a path takes: rest to rest, within limits of joints and flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import isfinite, radians, sqrt
+from typing import Final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, readonly
+
+SAMPLES_PER_WAYPOINT: Final = 4
+"""Between waypoints the derivatives of the spline are looked at this often."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """How fast an arm may move.
+
+    The defaults are those a Universal Robots pendant proposes for a linear move, at half of
+    the joint speeds.
+
+    Parameters
+    ----------
+    tcp_speed : float
+        Speed of the flange's origin in m/s, in every move. 0.25 m/s is what ISO 10218-1 calls
+        reduced speed.
+    tcp_acceleration : float
+        Acceleration of the flange's origin in m/s².
+    joint_speed : float
+        Fraction of the joint speed limits that is used, above 0, at most 1.
+    joint_acceleration : float
+        Acceleration of every joint in rad/s².
+
+    Raises
+    ------
+    ConfigurationError
+        If a limit is not a positive number, or the fraction is above 1.
+    """
+
+    tcp_speed: float = 0.25
+    tcp_acceleration: float = 1.2
+    joint_speed: float = 0.5
+    joint_acceleration: float = radians(80)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isfinite(value) and value > 0):
+                raise ConfigurationError(f"it must be positive (found {value})", key=field.name)
+        if self.joint_speed > 1:
+            raise ConfigurationError(
+                f"it is a fraction of the joints' limits, at most 1 (found {self.joint_speed})",
+                key="joint_speed",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointPath:
+    """A timed path in joint space, rest to rest.
+
+    Between the waypoints runs a cubic spline. Its parameter u goes from 0 to 1 with a
+    trapezoid of speed: it ramps up, cruises and ramps down.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n)
+        Waypoints at evenly spaced u, in radians.
+    duration : float
+        Seconds.
+    ramp : float
+        Seconds of the first ramp, and of the last.
+    """
+
+    q: Array
+    duration: float
+    ramp: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", readonly(self.q))
+
+    def at(self, time: float | Array) -> Array:
+        """Joint angles in radians, shape (..., n), at times in seconds from the start.
+
+        Before the start the arm is at the first waypoint, after the end at the last.
+        """
+        if self.duration == 0:
+            return np.broadcast_to(self.q[-1], (*np.shape(time), self.q.shape[1])).copy()
+        t = np.clip(time, 0.0, self.duration)
+        cruise = 1 / (self.duration - self.ramp)
+        # Area under the trapezoid: both ramps as parabolas from their own end of the path.
+        left = np.minimum(t, self.duration - t)
+        from_end = np.where(
+            left < self.ramp, cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
+        )
+        u = np.where(2 * t <= self.duration, from_end, 1 - from_end)
+        return np.asarray(_spline(self.q)(u))
+
+
+def timed(q: Array, points_b: Array, velocity: Array, limits: MotionLimits) -> JointPath:
+    """Give a path the shortest trapezoid of speed that keeps the limits.
+
+    With path speed v = du/dt and path acceleration a, a joint has speed q' v and acceleration
+    q' a + q'' v², and the flange likewise. Bounding q' and q'' by their largest values on the
+    path, v is bounded by the speed limits and a(v) = (1 - C v²) / G by the accelerations.
+    The duration 1/v + v/a(v) is convex in v, so the best v is its minimum or the bound.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n)
+        Waypoints, evenly spaced along the path, in radians.
+    points_b : ndarray, shape (m, 3)
+        The flange's origin at the waypoints, in metres.
+    velocity : ndarray, shape (n,)
+        Joint speed limits in rad/s.
+    limits : MotionLimits
+        What to keep within.
+    """
+    first, second = _derivatives(q)
+    first_p, second_p = (np.linalg.norm(d, axis=1).max() for d in _derivatives(points_b))
+    first, second = np.abs(first).max(axis=0), np.abs(second).max(axis=0)
+    slowness = max(
+        float((first / (limits.joint_speed * velocity)).max()), float(first_p / limits.tcp_speed)
+    )
+    if slowness == 0:
+        return JointPath(q, 0.0, 0.0)
+    fastest = 1 / slowness
+    G, C = (
+        max(float(d.max() / limits.joint_acceleration), float(d_p / limits.tcp_acceleration))
+        for d, d_p in ((first, first_p), (second, second_p))
+    )
+    B = C / G
+    # Where d/dv (1/v + v/a(v)) = 0.
+    best = sqrt(2 / (G * (2 * B + 1 + sqrt(8 * B + 1))))
+    v = min(fastest, best)
+    ramp = v * G / (1 - C * v**2)
+    return JointPath(q, 1 / v + ramp, ramp)
+
+
+def _spline(values: Array) -> CubicSpline:
+    return CubicSpline(np.linspace(0, 1, len(values)), values)
+
+
+def _derivatives(values: Array) -> tuple[Array, Array]:
+    """First and second derivative by u, at and between the waypoints."""
+    spline = _spline(values)
+    u = np.linspace(0, 1, SAMPLES_PER_WAYPOINT * (len(values) - 1) + 1)
+    return np.asarray(spline(u, 1)), np.asarray(spline(u, 2))

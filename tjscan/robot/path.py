@@ -1,0 +1,105 @@
+"""Straight paths: a line of the flange in space, and a line in joint space."""
+
+from __future__ import annotations
+
+from math import ceil, radians
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.errors import PoseUnreachable
+from tjscan.frames import Array, rotation_angle
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import JointPath, MotionLimits, timed
+
+SPACING: Final = 5e-3
+"""Metres between the waypoints of a line; the spline between them strays by micrometres."""
+
+TURN_SPACING: Final = radians(2)
+"""Radians the flange turns between waypoints."""
+
+JOINT_SPACING: Final = radians(4)
+"""Radians a joint turns between the waypoints of a path in joint space."""
+
+FEWEST: Final = 4
+"""Pieces of the shortest path, so that its spline has a cubic to it."""
+
+JUMP: Final = radians(20)
+"""A joint that turns so far between waypoints swings through a singularity."""
+
+
+def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits) -> JointPath:
+    """Move the flange's origin on a straight line while it turns evenly about one axis.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    q : ndarray, shape (n,)
+        Where it starts, in radians.
+    T_b_f : ndarray, shape (4, 4)
+        Where the flange ends, in the base frame.
+    limits : MotionLimits
+        How fast it may go.
+
+    Raises
+    ------
+    PoseUnreachable
+        If the line leaves the reach or the joint limits, or if a joint would have to jump:
+        near a singularity, or where it has to turn back from its limit.
+    """
+    poses_b_f = _line(kinematics.forward(q), T_b_f)
+    waypoints = [np.asarray(q, dtype=float)]
+    for i, T in enumerate(poses_b_f[1:], start=1):
+        share = i / (len(poses_b_f) - 1)
+        try:
+            following = kinematics.inverse(T, near=waypoints[-1])
+        except PoseUnreachable as error:
+            raise PoseUnreachable(_on_the_way(share, error.reason), T_b_f) from None
+        if np.abs(following - waypoints[-1]).max() > JUMP:
+            reason = _jump(kinematics, waypoints[-1], following)
+            raise PoseUnreachable(_on_the_way(share, reason), T_b_f)
+        waypoints.append(following)
+    return timed(np.array(waypoints), poses_b_f[:, :3, 3], kinematics.velocity, limits)
+
+
+def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
+    """Move all joints in proportion, from `q` to `goal`, each of shape (n,), in radians."""
+    pieces = max(FEWEST, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    waypoints = np.linspace(q, goal, pieces + 1)
+    points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
+    return timed(waypoints, points_b, kinematics.velocity, limits)
+
+
+def _line(T_start: Array, T_end: Array) -> Array:
+    """Poses on a line, shape (m, 4, 4)."""
+    length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
+    angle = rotation_angle(T_start, T_end)
+    pieces = max(FEWEST, ceil(length / SPACING), ceil(angle / TURN_SPACING))
+    u = np.linspace(0, 1, pieces + 1)[:, None]
+    turn = Rotation.from_matrix(T_start[:3, :3].T @ T_end[:3, :3]).as_rotvec()
+    poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
+    poses[:, :3, :3] = T_start[:3, :3] @ Rotation.from_rotvec(u * turn).as_matrix()
+    poses[:, :3, 3] = (1 - u) * T_start[:3, 3] + u * T_end[:3, 3]
+    return poses
+
+
+def _on_the_way(share: float, reason: str) -> str:
+    return reason if share == 1 else f"{share:.0%} of the way there, {reason}"
+
+
+def _jump(kinematics: Kinematics, q: Array, following: Array) -> str:
+    """Why two waypoints close to each other have joint angles far apart."""
+    i = int(np.abs(following - q).argmax())
+    name, swing = kinematics.joint_names[i], float(np.degrees(following[i] - q[i]))
+    if abs(swing) > 180:
+        return (
+            f"{name} reaches its limit at {np.degrees(q[i]):.1f} deg and would have to turn back "
+            f"by {abs(swing):.0f} deg. Start with that joint a turn further from its limit."
+        )
+    return (
+        f"{name} would have to swing by {abs(swing):.0f} deg at once: the line passes near a "
+        f"singularity (smallest singular value {kinematics.smallest_singular_value(q):.3f}). "
+        "Move the base, or start from another configuration."
+    )

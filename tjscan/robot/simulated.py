@@ -1,0 +1,185 @@
+"""A simulated arm: it plans as a real one does, keeps a clock, and does not quite repeat."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.errors import ArmFault, ConfigurationError
+from tjscan.frames import Array, pose, readonly
+from tjscan.robot.arm import ArmState
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.path import joint_path, linear_path
+
+REPEATABILITY: Final = 5e-5
+"""Metres, root mean square: assumption, after the ±0.05 mm the maker states for a UR10e."""
+
+ANGULAR_REPEATABILITY: Final = 1e-4
+"""Radians, root mean square: assumption, about the above over half a metre of arm."""
+
+TICK: Final = 0.01
+"""Seconds between the states a move in real time passes through."""
+
+
+class SimulatedArm:
+    """An arm without hardware, behind the `Arm` protocol.
+
+    It reports what its encoders would: exactly what it was told. Where the flange truly
+    stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Which arm it is.
+    q : array_like, shape (n,)
+        Joint angles it starts with, in radians.
+    limits : MotionLimits, optional
+        How fast it may move.
+    repeatability, angular_repeatability : float, optional
+        Root mean square of the distance (metres) and of the angle (radians) between the true
+        pose and the reported one; normal on each axis.
+    seed : int, optional
+        Seed of these errors. The same seed and moves give the same errors.
+    realtime : bool, optional
+        Whether moves take as long as they say. If not they end at once; the arm's clock
+        advances all the same.
+
+    Raises
+    ------
+    ConfigurationError
+        If `q` has the wrong number of joints or lies beyond a limit.
+    """
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        q: Array,
+        *,
+        limits: MotionLimits | None = None,
+        repeatability: float = REPEATABILITY,
+        angular_repeatability: float = ANGULAR_REPEATABILITY,
+        seed: int = 0,
+        realtime: bool = False,
+    ) -> None:
+        _check_start(kinematics, np.asarray(q, dtype=float))
+        self.kinematics = kinematics
+        self.limits = MotionLimits() if limits is None else limits
+        self.realtime = realtime
+        self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
+        self._random = np.random.default_rng(seed)
+        self._now = (readonly(q), 0.0)
+        self._error = self._draw_error()
+        self._connected = False
+        self._moving = threading.Lock()
+        self._halt = threading.Event()
+
+    def __enter__(self) -> Self:
+        """Make ready to move."""
+        self._connected = True
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop, and take no more orders."""
+        self.stop()
+        self._connected = False
+
+    @property
+    def true_T_b_f(self) -> Array:
+        """Where the flange truly is, shape (4, 4); no real arm knows it."""
+        T_b_f = self.kinematics.forward(self._now[0])
+        turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
+        return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
+
+    def state(self) -> ArmState:
+        """Joint angles, flange pose and time as the encoders and the arm's clock tell them."""
+        self._need_connection()
+        q, now = self._now
+        return ArmState(q, self.kinematics.forward(q), now)
+
+    def check(self, T_b_f: Array) -> None:
+        """Plan a linear move from here, and move nothing. See `Arm.check`."""
+        self._need_connection()
+        linear_path(self.kinematics, self._now[0], T_b_f, self.limits)
+
+    def move_linear(self, T_b_f: Array) -> ArmState:
+        """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
+        return self._move(lambda q: linear_path(self.kinematics, q, T_b_f, self.limits))
+
+    def move_joint(self, T_b_f: Array) -> ArmState:
+        """Move to the nearest configuration that holds a pose. See `Arm.move_joint`."""
+
+        def plan(q: Array) -> JointPath:
+            goal = self.kinematics.inverse(T_b_f, near=q)
+            return joint_path(self.kinematics, q, goal, self.limits)
+
+        return self._move(plan)
+
+    def stop(self) -> None:
+        """End the move under way where it is; that move raises ArmFault in its own thread."""
+        self._halt.set()
+
+    def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
+        self._need_connection()
+        if not self._moving.acquire(blocking=False):
+            raise ArmFault("the arm is moving already: wait for that move or stop it")
+        try:
+            # Before the planning, so that a stop given while it plans holds.
+            self._halt.clear()
+            q, start = self._now
+            path = plan(q)
+            passed = self._wait(path, start) if self.realtime else path.duration
+            self._now = (readonly(path.at(passed)), start + passed)
+            self._error = self._draw_error()
+        finally:
+            self._moving.release()
+        if passed < path.duration:
+            raise ArmFault(
+                f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
+                "See that the way is clear, then move again from where it stands."
+            )
+        return self.state()
+
+    def _wait(self, path: JointPath, start: float) -> float:
+        """Let a move take its time, and return the seconds of it that passed."""
+        began = time.monotonic()
+        while (passed := time.monotonic() - began) < path.duration:
+            self._now = (readonly(path.at(passed)), start + passed)
+            if self._halt.wait(min(TICK, path.duration - passed)):
+                return min(time.monotonic() - began, path.duration)
+        return path.duration
+
+    def _draw_error(self) -> Array:
+        """Metres along the axes of b and a rotation vector in the axes of f, shape (6,)."""
+        return np.asarray(self._spread * self._random.standard_normal(6))
+
+    def _need_connection(self) -> None:
+        if not self._connected:
+            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+
+
+def _check_start(kinematics: Kinematics, q: Array) -> None:
+    if q.shape != kinematics.lower.shape:
+        raise ConfigurationError(
+            f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}", key="q"
+        )
+    beyond = np.maximum(kinematics.lower - q, q - kinematics.upper)
+    if not beyond.max() <= 0:
+        i = int(np.nan_to_num(beyond, nan=np.inf).argmax())
+        raise ConfigurationError(
+            f"{kinematics.joint_names[i]} starts at {np.degrees(q[i]):.1f} deg, which is not "
+            f"within {np.degrees(kinematics.lower[i]):.1f} to "
+            f"{np.degrees(kinematics.upper[i]):.1f} deg",
+            key="q",
+        )
