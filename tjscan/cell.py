@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, inverse
-from tjscan.job import JobFile, LaserTable, SimulatedLaserTable
+from tjscan.job import ArmTable, JobFile, LaserTable, SimulatedLaserTable, SimulationTable
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.mesh import build_mesh
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
+from tjscan.laser.optics import Surface
+from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import Arm
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import MotionLimits
+from tjscan.robot.simulated import SimulatedArm
+
+_LASER_STREAM: Final = 1
+"""Keeps the laser's random numbers apart from the arm's, which has the bare seed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,3 +79,52 @@ def open_cell(job: JobFile, joint: JointDefinition | None) -> Cell:
     ConfigurationError
         If the arm's model is unknown, or a simulated device lacks what it needs.
     """
+    if job.simulation is None or job.joint is None or joint is None:
+        raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
+    T_f_s = job.calibration.T_f_s
+    arm = _simulated_arm(job.arm, job.simulation)
+    T_j_b = inverse(job.joint.T_b_j)
+    mesh = build_mesh(joint)
+    laser = SimulatedLaser(
+        Surface(mesh.vertices, mesh.triangles),
+        # Where the laser truly is, not where the arm believes it to be.
+        pose=lambda: T_j_b @ arm.true_T_b_f @ T_f_s,
+        model=_laser_model(job.laser, job.simulation.laser),
+        rng=np.random.default_rng([job.simulation.seed, _LASER_STREAM]),
+        clock=lambda: arm.state().time,
+    )
+    return Cell(arm, laser, T_f_s)
+
+
+def _simulated_arm(arm: ArmTable, simulation: SimulationTable) -> SimulatedArm:
+    return SimulatedArm(
+        Kinematics.load(arm.model),
+        np.radians(simulation.arm.home_deg),
+        limits=MotionLimits(
+            tcp_speed=1e-3 * arm.speed_mm_s, tcp_acceleration=1e-3 * arm.acceleration_mm_s2
+        ),
+        repeatability=1e-3 * simulation.arm.repeatability_mm,
+        angular_repeatability=float(np.radians(simulation.arm.repeatability_deg)),
+        seed=simulation.seed,
+        realtime=simulation.arm.realtime,
+    )
+
+
+def _laser_model(laser: LaserTable, faults: SimulatedLaserTable) -> LaserModel:
+    """The sensor and its faults in metres; without occlusion the detector sits on the emitter."""
+    model = LaserModel(
+        columns=laser.points,
+        near=1e-3 * laser.near_mm,
+        far=1e-3 * laser.far_mm,
+        noise=1e-3 * faults.noise_mm,
+        noise_correlation=faults.noise_correlation_points,
+        bias=1e-3 * faults.bias_mm,
+        dropout=faults.dropout,
+        missing=faults.missing,
+        ghosts=faults.ghosts,
+        flyers=faults.flyers,
+        step=1e-3 * faults.resolution_mm,
+    )
+    if faults.occlusion:
+        return model
+    return replace(model, detector_y=0.0, detector_z=model.emitter_z)

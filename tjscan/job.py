@@ -59,6 +59,8 @@ class LaserTable(FileModel):
 
     driver: Literal["simulated"] = "simulated"
     points: int = Field(default=640, ge=80, le=640, multiple_of=80)
+    near_mm: float = Field(default=190.0, gt=0)
+    far_mm: float = Field(default=290.0, gt=0)
 
 
 class CalibrationTable(FileModel):
@@ -101,6 +103,7 @@ class SimulatedArmTable(FileModel):
 
     home_deg: Annotated[tuple[float, ...], Field(strict=False)]
     repeatability_mm: float = Field(default=0.05, ge=0, le=5)
+    repeatability_deg: float = Field(default=0.006, ge=0, le=5)
     realtime: bool = False
 
 

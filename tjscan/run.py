@@ -11,7 +11,7 @@ from tjscan.errors import TjscanError
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile
 from tjscan.joint.definition import JointDefinition, read_joint
-from tjscan.recording import Recording
+from tjscan.recording.writer import Recording
 from tjscan.result.directory import make_directory
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary

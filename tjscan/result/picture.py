@@ -21,7 +21,9 @@ POINTS_DRAWN = 6000
 """More would only make the picture slow."""
 
 
-def draw_scan(result: ScanResult, frame: ResultFrame, outline: Sequence[Array]) -> Figure:
+def draw_scan(
+    result: ScanResult, frame: ResultFrame, points: Array, outline: Sequence[Array]
+) -> Figure:
     """Draw a scan.
 
     Parameters
@@ -30,13 +32,15 @@ def draw_scan(result: ScanResult, frame: ResultFrame, outline: Sequence[Array]) 
         What was found.
     frame : ResultFrame
         The frame to draw in.
+    points : ndarray, shape (n, 3)
+        The groove's points, metres, in that frame.
     outline : sequence of ndarray, shape (n, 3)
         Lines of the joint, metres, in the same frame; empty where no joint is known.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-    _draw_space(figure.add_subplot(grid[:, 0], projection="3d"), result, frame, outline)
+    _draw_space(figure.add_subplot(grid[:, 0], projection="3d"), result, frame, points, outline)
     _draw_section(figure.add_subplot(grid[0, 1]), result.sections[len(result.sections) // 2])
     _draw_measures(figure.add_subplot(grid[1, 1]), result.sections)
     return figure
@@ -55,14 +59,11 @@ def write_picture(file: Path, figure: Figure) -> None:
 
 
 def _draw_space(
-    axes: Any, result: ScanResult, frame: ResultFrame, outline: Sequence[Array]
+    axes: Any, result: ScanResult, frame: ResultFrame, points: Array, outline: Sequence[Array]
 ) -> None:
     T = frame.T_from_b
     for line in outline:
         axes.plot(*(1e3 * line.T), color=STEEL, linewidth=0.7, alpha=0.6)
-    points = np.concatenate(
-        [transform(T @ s.view.T_b_s, s.view.profile.points_s) for s in result.sections]
-    )
     points = points[:: max(1, len(points) // POINTS_DRAWN)]
     axes.scatter(*(1e3 * points.T), s=1.0, color=LASER, label="profile points", depthshade=False)
     corners = np.array([transform(T, s.points_b) for s in result.sections])

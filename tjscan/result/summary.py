@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.frames import rotation_angle
+from tjscan.frames import Array, rotation_angle
 from tjscan.result.files import whole
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.plan import ScanPlan
@@ -85,9 +85,17 @@ def summarise(
     result: ScanResult,
     plan: ScanPlan,
     frame: ResultFrame,
-    corner_error: DistanceStatistics | None,
+    corner_error: Array | None,
 ) -> Summary:
-    """Draw the numbers from what a scan found."""
+    """Draw the numbers from what a scan found.
+
+    Parameters
+    ----------
+    result, plan, frame
+        What was found, what was asked, and the frame it is told in.
+    corner_error : ndarray, optional
+        Raw distances of the corners from the joint's edges, metres, any shape.
+    """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     hops = list(pairwise(views))
@@ -109,7 +117,7 @@ def summarise(
             np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops))
         ),
         motion_time_s=views[-1].time - views[0].time,
-        corner_error_mm=corner_error,
+        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
     )
 
 

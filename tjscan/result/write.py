@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tjscan.comparison.distance import DistanceStatistics
-from tjscan.frames import Array, transform
+import numpy as np
+
+from tjscan.comparison.distance import corner_errors
+from tjscan.frames import transform
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.cloud import groove_points, write_cloud
@@ -37,6 +39,8 @@ def write_results(
     write_cloud(directory / "groove.ply", points)
     outline = [] if joint is None else joint_outline(joint)
     write_picture(directory / "scan.png", draw_scan(result, frame, points, outline))
-    summary = summarise(result, plan, frame, corner_error(result, frame, joint))
+    corners = [transform(frame.T_from_b, scan.points_b) for scan in result.sections]
+    error = None if joint is None else corner_errors(np.array(corners), feature_edges(joint))
+    summary = summarise(result, plan, frame, error)
     write_summary(directory / "summary.json", summary)
     return summary

@@ -1,0 +1,118 @@
+"""How a view, a section and an event are written, and read again."""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.frames import Array, pose
+from tjscan.laser.profile import Profile
+from tjscan.scanning.scan import Scan, Substep, View
+
+_FLOAT64: Final = 8  # numeric type of foxglove.PackedElementField
+_OBJECT: Final = {"type": "object"}
+_NUMBERS: Final = {"type": "array"}
+_TEXT: Final = {"type": "string"}
+_INTEGER: Final = {"type": "integer"}
+_POSE: Final = {"type": "object", "properties": {"position": _OBJECT, "orientation": _OBJECT}}
+_STAMP: Final = {"timestamp": _OBJECT, "frame_id": _TEXT}
+_SUBSTEP: Final = {"index": _INTEGER, "substep": _TEXT, "arm_time": {"type": "number"}}
+
+SCHEMAS: Final[dict[str, dict[str, Any]]] = {
+    "foxglove.PoseInFrame": {**_STAMP, "pose": _POSE, **_SUBSTEP},
+    "foxglove.PointCloud": {
+        **_STAMP,
+        "pose": _POSE,
+        "point_stride": _INTEGER,
+        "fields": {"type": "array", "items": _OBJECT},
+        "data": {"type": "string", "contentEncoding": "base64"},
+        **_SUBSTEP,
+    },
+    "tjscan.Section": {
+        **_STAMP,
+        "index": _INTEGER,
+        "points": _NUMBERS,
+        "T_b_g": _NUMBERS,
+        "T_b_t": _NUMBERS,
+    },
+    "tjscan.Event": {**_STAMP, "name": _TEXT, "detail": _TEXT},
+}
+"""Properties of each message, as JSON schema."""
+
+FLANGE, PROFILE, SECTION, EVENT = "/flange", "/profile", "/section", "/event"
+TOPICS: Final = {
+    FLANGE: "foxglove.PoseInFrame",
+    PROFILE: "foxglove.PointCloud",
+    SECTION: "tjscan.Section",
+    EVENT: "tjscan.Event",
+}
+"""Schema of each topic."""
+
+
+def flange_message(view: View) -> dict[str, Any]:
+    """Where the flange was when the profile was taken, in frame b."""
+    return {"frame_id": "b", "pose": _from_pose(view.T_b_f), **_substep(view)}
+
+
+def profile_message(view: View) -> dict[str, Any]:
+    """The raw profile: points in frame s, whose pose in frame b stands beside them."""
+    profile = view.profile
+    columns = {"x": profile.x_s, "y": np.zeros(len(profile)), "z": profile.z_s}
+    if profile.intensity is not None:
+        columns["intensity"] = profile.intensity
+    return {
+        "frame_id": "b",
+        "pose": _from_pose(view.T_b_s),
+        "point_stride": 8 * len(columns),
+        "fields": [
+            {"name": name, "offset": 8 * i, "type": _FLOAT64} for i, name in enumerate(columns)
+        ],
+        "data": b64encode(np.column_stack(list(columns.values())).tobytes()).decode("ascii"),
+        **_substep(view),
+    }
+
+
+def section_message(scan: Scan) -> dict[str, Any]:
+    """A finished section, in frame b."""
+    return {
+        "frame_id": "b",
+        "index": scan.view.index,
+        "points": scan.points_b.tolist(),
+        "T_b_g": scan.T_b_g.tolist(),
+        "T_b_t": scan.T_b_t.tolist(),
+    }
+
+
+def read_view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
+    """The view that `flange_message` and `profile_message` wrote."""
+    table = np.frombuffer(b64decode(profile["data"])).reshape(-1, len(profile["fields"]))
+    columns = {field["name"]: table[:, i] for i, field in enumerate(profile["fields"])}
+    return View(
+        index=profile["index"],
+        substep=Substep(profile["substep"]),
+        T_b_f=_to_pose(flange["pose"]),
+        T_b_s=_to_pose(profile["pose"]),
+        profile=Profile(columns["x"], columns["z"], columns.get("intensity"), profile["arm_time"]),
+        time=profile["arm_time"],
+    )
+
+
+def _substep(view: View) -> dict[str, Any]:
+    return {"index": view.index, "substep": str(view.substep), "arm_time": view.time}
+
+
+def _from_pose(T: Array) -> dict[str, dict[str, float]]:
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat()
+    return {
+        "position": dict(zip("xyz", T[:3, 3].tolist(), strict=True)),
+        "orientation": dict(zip("xyzw", quaternion.tolist(), strict=True)),
+    }
+
+
+def _to_pose(message: dict[str, dict[str, float]]) -> Array:
+    quaternion = [message["orientation"][axis] for axis in "xyzw"]
+    position = [message["position"][axis] for axis in "xyz"]
+    return pose(Rotation.from_quat(quaternion).as_matrix(), position)

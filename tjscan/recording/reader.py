@@ -1,0 +1,58 @@
+"""Reading a recording, whole or cut off."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+
+from tjscan.errors import RecordingError
+from tjscan.recording.messages import FLANGE, PROFILE, read_view
+from tjscan.scanning.scan import View
+
+
+def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield topic and content of every whole message, in the order they were written.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing or is no recording. One that was cut off ends where it was cut.
+    """
+    try:
+        with file.open("rb") as stream:
+            yield from _messages(stream)
+    except OSError as error:
+        raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
+    except (McapError, ValueError) as error:
+        raise RecordingError(f"{file}: is no recording, or is damaged: {error}") from error
+
+
+def read_views(file: Path) -> Iterator[View]:
+    """Yield every view of a recording; raises as `read_messages` does."""
+    flange: dict[str, Any] = {}
+    for topic, message in read_messages(file):
+        if topic == FLANGE:
+            flange = message
+        elif topic == PROFILE:
+            try:
+                yield read_view(flange, message)
+            except (KeyError, ValueError, TypeError) as error:
+                raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
+
+
+def _messages(stream: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    topics: dict[int, str] = {}
+    try:
+        for record in StreamReader(stream).records:
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                yield topics[record.channel_id], json.loads(record.data)
+    except EndOfFile:
+        return  # cut off: what came before is whole

@@ -1,0 +1,103 @@
+"""Writing a recording: every record reaches the file at once, the disk after each section."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mcap.writer import CompressionType, Writer
+
+from tjscan.errors import RecordingError
+from tjscan.recording.messages import (
+    EVENT,
+    FLANGE,
+    PROFILE,
+    SCHEMAS,
+    SECTION,
+    TOPICS,
+    flange_message,
+    profile_message,
+    section_message,
+)
+from tjscan.scanning.scan import Scan, View
+
+
+class Recording:
+    """A journal that writes ``scan.mcap``.
+
+    Parameters
+    ----------
+    file : Path
+        Must not exist yet.
+
+    Raises
+    ------
+    RecordingError
+        On entering or writing, if the file can't be written.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    def __enter__(self) -> Self:
+        try:
+            self._stream = self._file.open("xb")
+        except OSError as error:
+            raise RecordingError(f"{self._file}: can't be written: {error.strerror}") from error
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
+        self._writer.start(profile="tjscan")
+        self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
+        self._start_ns, self._arm_time = time.time_ns(), 0.0
+        self._stream.flush()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._writer.finish()
+        self._sync()
+        self._stream.close()
+
+    def view(self, view: View) -> None:
+        """Write the flange pose and the raw profile, before anybody tries to read it."""
+        self._arm_time = view.time
+        self._write(FLANGE, flange_message(view))
+        self._write(PROFILE, profile_message(view))
+
+    def section(self, scan: Scan) -> None:
+        """Write a finished section and bring all of it to the disk."""
+        self._write(SECTION, section_message(scan))
+        self._sync()
+
+    def event(self, name: str, detail: str) -> None:
+        """Write what happened out of the ordinary."""
+        self._write(EVENT, {"frame_id": "b", "name": name, "detail": detail})
+
+    def _channel(self, topic: str, schema: str) -> int:
+        text = json.dumps({"title": schema, "type": "object", "properties": SCHEMAS[schema]})
+        schema_id = self._writer.register_schema(schema, "jsonschema", text.encode())
+        return self._writer.register_channel(topic, "json", schema_id)
+
+    def _write(self, topic: str, message: dict[str, Any]) -> None:
+        """Append a message, stamped with the start of the recording plus the arm's clock."""
+        now = self._start_ns + round(1e9 * self._arm_time)
+        sec, nsec = divmod(now, 10**9)
+        data = json.dumps({"timestamp": {"sec": sec, "nsec": nsec}, **message}).encode()
+        try:
+            self._writer.add_message(
+                self._channels[topic], log_time=now, publish_time=now, data=data
+            )
+            self._stream.flush()
+        except OSError as error:
+            raise RecordingError(f"{self._file}: can't be written: {error.strerror}") from error
+
+    def _sync(self) -> None:
+        self._stream.flush()
+        os.fsync(self._stream.fileno())

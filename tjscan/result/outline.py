@@ -1,0 +1,42 @@
+"""A joint as a few lines, to draw the scan on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tjscan.frames import Array
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import feature_edges
+from tjscan.joint.geometry import in_j
+
+GENERATRICES = 24
+"""Straight lines along each tube."""
+
+
+def joint_outline(joint: JointDefinition) -> list[Array]:
+    """Lines of a joint in frame j, metres, each of shape (n, 3).
+
+    The feature edges, rings and generatrices of the brace, and those of the leg near it.
+    """
+    edges = feature_edges(joint, n=360)
+    lines = [np.vstack((e.points_j, e.points_j[:1])) for e in (edges.p2, edges.p3, edges.p4)]
+    turn = np.linspace(0, 2 * np.pi, 181)
+    foot = joint.leg.height(turn, joint.brace_radius)
+    top = min(joint.brace_length, float(foot.max()) + 0.5 * joint.brace_radius)
+    lines.append(in_j(turn, joint.brace_radius, np.full_like(turn, top)))
+    for phi in np.linspace(0, 2 * np.pi, GENERATRICES, endpoint=False):
+        start = float(joint.leg.height(phi, joint.brace_radius))
+        lines.append(in_j(np.full(2, phi), joint.brace_radius, np.array((start, top))))
+    return lines + _leg_lines(joint)
+
+
+def _leg_lines(joint: JointDefinition) -> list[Array]:
+    """Rings and generatrices of the leg, as long as the brace is wide on either side."""
+    turn = np.linspace(0, 2 * np.pi, 181)
+    axis, side = joint.leg.axis, np.array((0.0, 1.0, 0.0))
+    up = np.cross(axis, side)
+    ring = joint.leg_radius * (np.outer(np.cos(turn), side) + np.outer(np.sin(turn), up))
+    reach = min(joint.leg_length / 2, 2 * joint.brace_radius)
+    rings = [ring - reach * axis, ring + reach * axis]
+    spokes = ring[:: 180 // GENERATRICES]
+    return rings + [np.vstack((p - reach * axis, p + reach * axis)) for p in spokes]
