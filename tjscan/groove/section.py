@@ -1,0 +1,216 @@
+"""The groove's section: five points, frame g, angles, width, depth and area, with their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tjscan.errors import GrooveNotFound
+from tjscan.frames import Array, readonly
+
+_ARRAYS = ("points_s", "wall_s", "leg_s", "T_s_g", "covariance_s", "measure_covariance")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GrooveSection:
+    """One section of a tubular T-joint's groove in the sensor frame s.
+
+    The points run from the wall to the leg, whichever way the columns ran (paper, section 3.1):
+    p1 end on the brace's wall, p2 top of the bevel, p3 root corner on the bevel, p4 root corner
+    on the leg, p5 end on the leg; v1 = p2 - p1 … v4 = p5 - p4. Where wall or leg is curved, the
+    lines along v1 and v4 are the tangents at p2 and at p4.
+
+    Parameters
+    ----------
+    points_s : ndarray, shape (5, 3)
+        p1 to p5 in metres, y = 0.
+    wall_s, leg_s : ndarray, shape (3,)
+        Unit vectors along v1 (tangent at p2) and v4 (tangent at p4).
+    T_s_g : ndarray, shape (4, 4)
+        Frame g: origin where the lines along v1 and v4 meet; x along v4 x v1, y along -v1.
+    opening_angle : float
+        Between -v2 and v4, in radians.
+    gamma_1, gamma_2 : float
+        Elevation of -v2 over z_g towards y_g, and depression of v4 below z_g, in radians.
+    root_width : float
+        Between p3 and p4, in metres.
+    depth : float
+        Distance of the middle of p3 and p4 behind the line along v1, in metres.
+    area : float
+        Of the quadrilateral of the origin of g, p2, p3 and p4, in square metres.
+    rms : float
+        Of the distances between the points and the fitted sides, in metres.
+    covariance_s : ndarray, shape (6, 6)
+        Covariance of x and z of p2, p3 and p4, in m²; zero if nothing is known of it.
+    measure_covariance : ndarray, shape (4, 4)
+        Covariance of opening angle, root width, depth and area.
+    """
+
+    points_s: Array
+    wall_s: Array
+    leg_s: Array
+    T_s_g: Array
+    opening_angle: float
+    gamma_1: float
+    gamma_2: float
+    root_width: float
+    depth: float
+    area: float
+    rms: float
+    covariance_s: Array
+    measure_covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def work_angle(self) -> float:
+        """Angle beta from z_g to the middle of the opening, in radians (paper, eq. 16)."""
+        return 0.5 * (self.gamma_1 - self.gamma_2)  # (16)
+
+    @property
+    def corner_covariances_s(self) -> Array:
+        """Covariances of p2, p3 and p4 in the x-z plane of s, shape (3, 2, 2), in m²."""
+        return np.array([self.covariance_s[k : k + 2, k : k + 2] for k in (0, 2, 4)])
+
+    @property
+    def opening_angle_sigma(self) -> float:
+        """Standard deviation of the opening angle, in radians."""
+        return float(np.sqrt(self.measure_covariance[0, 0]))
+
+    @property
+    def root_width_sigma(self) -> float:
+        """Standard deviation of the root's width, in metres."""
+        return float(np.sqrt(self.measure_covariance[1, 1]))
+
+    @property
+    def depth_sigma(self) -> float:
+        """Standard deviation of the depth, in metres."""
+        return float(np.sqrt(self.measure_covariance[2, 2]))
+
+    @property
+    def area_sigma(self) -> float:
+        """Standard deviation of the area, in square metres."""
+        return float(np.sqrt(self.measure_covariance[3, 3]))
+
+
+def section_from_points(
+    points_s: ArrayLike,
+    *,
+    wall_s: ArrayLike | None = None,
+    leg_s: ArrayLike | None = None,
+    rms: float = 0.0,
+    covariance: ArrayLike | None = None,
+) -> GrooveSection:
+    """Build frame g and the measures of a groove from its five points.
+
+    Parameters
+    ----------
+    points_s : array_like, shape (5, 3)
+        p1 to p5 in frame s, in metres, y = 0.
+    wall_s, leg_s : array_like, shape (3,), optional
+        Tangents of the wall at p2 (downwards) and of the leg at p4 (outwards), where these
+        sides are curved; v1 and v4 are used without them.
+    rms : float
+        Of the fit, in metres.
+    covariance : array_like, shape (8, 8), optional
+        Of x and z of p2, p3, p4 and of the angles of both tangents in the x-z plane.
+
+    Raises
+    ------
+    ValueError
+        If the points have another shape, lie off the plane y = 0 or are not finite.
+    GrooveNotFound
+        If the lines along v1 and v4 do not meet.
+    """
+    points = np.array(points_s, dtype=float)
+    if points.shape != (5, 3) or not np.isfinite(points).all() or np.abs(points[:, 1]).max() > 1e-9:
+        raise ValueError("a section needs five finite points, shape (5, 3), in the plane y = 0")
+    v1 = points[1] - points[0] if wall_s is None else np.asarray(wall_s, dtype=float)
+    v4 = points[4] - points[3] if leg_s is None else np.asarray(leg_s, dtype=float)
+    state = np.concatenate(
+        (points[1:4, [0, 2]].ravel(), [np.arctan2(v1[2], v1[0]), np.arctan2(v4[2], v4[0])])
+    )
+    angles = state[6:]
+    if abs(np.sin(angles[1] - angles[0])) < 1e-3:
+        raise GrooveNotFound(
+            "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
+        )
+    covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
+    values, origin, gammas = _measures(state)
+    # Central differences: steps of a micrometre and a microradian lie deep in the linear range.
+    step = 1e-6
+    around, _, _ = _measures(state + step * np.concatenate((np.eye(8), -np.eye(8))))
+    jacobian = (around[:8] - around[8:]).T / (2 * step)
+
+    c, s = np.cos(angles), np.sin(angles)
+    y_g = np.array([-c[0], 0.0, -s[0]])
+    sign = np.sign(s[1] * c[0] - c[1] * s[0])  # y component of v4 x v1
+    T = np.eye(4)
+    T[:3, 0] = (0.0, sign, 0.0)
+    T[:3, 1] = y_g
+    T[:3, 2] = (sign * y_g[2], 0.0, -sign * y_g[0])
+    T[:3, 3] = (origin[0], 0.0, origin[1])
+    return GrooveSection(
+        points,
+        np.array([c[0], 0.0, s[0]]),
+        np.array([c[1], 0.0, s[1]]),
+        T,
+        float(values[0]),
+        float(gammas[0]),
+        float(gammas[1]),
+        float(values[1]),
+        float(values[2]),
+        float(values[3]),
+        float(rms),
+        covariance[:6, :6],
+        jacobian @ covariance @ jacobian.T,
+    )
+
+
+def _measures(state: Array) -> tuple[Array, Array, Array]:
+    """Measures from corners and tangents.
+
+    Parameters
+    ----------
+    state : ndarray, shape (..., 8)
+        x and z of p2, p3, p4; angles of the wall's tangent (down) and the leg's (out).
+
+    Returns
+    -------
+    values : ndarray, shape (..., 4)
+        Opening angle, root width, depth, area.
+    origin : ndarray, shape (..., 2)
+        x and z of the origin of g.
+    gammas : ndarray, shape (..., 2)
+        gamma_1 and gamma_2.
+    """
+    p2, p3, p4 = state[..., 0:2], state[..., 2:4], state[..., 4:6]
+    wall = np.stack((np.cos(state[..., 6]), np.sin(state[..., 6])), axis=-1)
+    leg = np.stack((np.cos(state[..., 7]), np.sin(state[..., 7])), axis=-1)
+    between = p4 - p2
+    along = _cross(between, leg) / _cross(wall, leg)
+    origin = p2 + along[..., None] * wall
+    y = -wall
+    # z_g = x_g x y_g lies in the plane, square to the wall, on the side v4 points to.
+    sign = np.sign(_cross(wall, leg))
+    z = sign[..., None] * np.stack((-wall[..., 1], wall[..., 0]), axis=-1)
+    up = p2 - p3
+    gamma_1 = np.arctan2(_inner(up, y), _inner(up, z))
+    gamma_2 = np.arctan2(-_inner(leg, y), _inner(leg, z))
+    width = np.hypot(*np.moveaxis(p4 - p3, -1, 0))
+    depth = _inner(p2 - 0.5 * (p3 + p4), z)
+    area = 0.5 * np.abs(_cross(p3 - origin, p4 - p2))
+    values = np.stack((gamma_1 + gamma_2, width, depth, area), axis=-1)
+    return values, origin, np.stack((gamma_1, gamma_2), axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def _inner(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
