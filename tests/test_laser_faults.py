@@ -195,6 +195,19 @@ def test_flyers_fly_only_beside_edges_and_between_their_sides() -> None:
     assert not np.any(smooth.kind == Kind.FLYER)
 
 
+def test_where_the_surface_ends_nothing_flies() -> None:
+    view = sight()
+    gone = np.arange(N) >= 300
+    view = replace(
+        view,
+        distance=np.where(gone, np.inf, view.distance),
+        normals_s=np.where(gone[:, None], 0.0, view.normals_s),
+        seen=~gone,
+    )
+    points = taken(view, LaserModel.ideal(flyers=1.0))
+    np.testing.assert_array_equal(points.kind, np.where(gone, Kind.MISSING, Kind.TRUE))
+
+
 def test_flyers_come_as_often_as_asked() -> None:
     model = LaserModel.ideal(flyers=0.3)
     flyers = [np.sum(taken(groove(), model, s).kind == Kind.FLYER) for s in range(500)]

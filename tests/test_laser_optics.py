@@ -6,6 +6,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from tjscan.frames import Array, pose, rot_x, rot_y, rot_z, transform
 from tjscan.laser.model import LaserModel
@@ -21,20 +22,23 @@ MIRRORING = LaserModel.ideal(ghosts=0.1)
 T_J_S = pose(rot_z(0.4) @ rot_y(-0.7) @ rot_x(2.0), (0.31, -0.22, 0.47))
 """A pose like any other."""
 
+Part = tuple[Array, NDArray[np.intp]]
+"""Vertices in frame j and triangles."""
+
+QUAD = np.array([[0, 1, 2], [0, 2, 3]])
+
 angles = st.floats(-np.pi, np.pi)
 lengths = st.floats(-1.0, 1.0)
 
 
-def plane(
-    normal: Array, point: Array, T_j_s: Array = T_J_S, half: float = 0.5
-) -> tuple[Array, Array]:
+def plane(normal: Array, point: Array, T_j_s: Array = T_J_S, half: float = 0.5) -> Part:
     """Vertices in frame j and triangles of a square given in frame s."""
     across = np.linalg.svd(normal[None])[2][1:]
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    return transform(T_j_s, point + corners @ across), np.array([[0, 1, 2], [0, 2, 3]])
+    return transform(T_j_s, point + corners @ across), QUAD
 
 
-def together(*parts: tuple[Array, Array]) -> Surface:
+def together(*parts: Part) -> Surface:
     starts = np.cumsum([0] + [len(v) for v, _ in parts])
     return Surface(
         np.vstack([v for v, _ in parts]),
@@ -51,10 +55,10 @@ def seen_points(sight: Sight) -> Array:
     return points(sight, sight.distance)[sight.seen]
 
 
-def wedge(opening: float, pull: float) -> tuple[Surface, tuple[Array, Array], Array]:
+def wedge(opening: float, pull: float) -> tuple[list[Part], tuple[Array, Array], Array]:
     """A valley of two half planes, its bottom crossing the central ray at z = 240 mm.
 
-    Returns the surface, the normals of its lower and upper half in frame s, and the bottom.
+    Returns its parts, the normals of its lower and upper half in frame s, and the bottom.
     """
     bottom = np.array([0.0, 0.0, 0.24])
     turn = rot_x(pull)
@@ -70,10 +74,10 @@ def wedge(opening: float, pull: float) -> tuple[Surface, tuple[Array, Array], Ar
                 bottom + 0.2 * along + 0.2 * up,
             ]
         )
-        parts.append((transform(T_J_S, corners), np.array([[0, 1, 2], [0, 2, 3]])))
+        parts.append((transform(T_J_S, corners), QUAD))
         normal = np.cross(along, up)
         normals.append(-np.sign(normal[2]) * normal)  # towards the sensor
-    return together(*parts), (normals[0], normals[1]), bottom
+    return parts, (normals[0], normals[1]), bottom
 
 
 @settings(deadline=None, max_examples=60)
@@ -159,7 +163,7 @@ def test_a_step_hides_its_foot_from_the_detector(height: float, hidden: bool) ->
             [-0.5, 0.005, 0.26 - height],
         ]
     )
-    wall = (transform(T_J_S, wall_s), np.array([[0, 1, 2], [0, 2, 3]]))
+    wall = (transform(T_J_S, wall_s), QUAD)
     surface = together(floor, wall)
     seen = look(surface, T_J_S, IDEAL, fan(IDEAL)).seen
     assert seen.all() != hidden
@@ -171,18 +175,25 @@ def test_a_step_hides_its_foot_from_the_detector(height: float, hidden: bool) ->
         assert look(surface, T_J_S, free, fan(free)).seen.all()
 
 
+@pytest.mark.parametrize("half", [0.5, 0.002])  # the small one's other side hides nothing
 @pytest.mark.parametrize(("beyond", "seen"), [(-0.002, True), (0.002, False)])
-def test_a_face_turned_away_from_the_detector_is_not_seen(beyond: float, seen: bool) -> None:
+def test_a_face_turned_away_from_the_detector_is_not_seen(
+    beyond: float, seen: bool, half: float
+) -> None:
     edge_on = np.arctan((0.24 - IDEAL.detector_z) / IDEAL.detector_y)
     a = edge_on + beyond
-    surface = Surface(*plane(np.array([0, -np.sin(a), -np.cos(a)]), np.array([0, 0, 0.24])))
-    np.testing.assert_array_equal(look(surface, T_J_S, IDEAL, fan(IDEAL)).seen, seen)
+    normal, point = np.array([0, -np.sin(a), -np.cos(a)]), np.array([0, 0, 0.24])
+    sight = look(Surface(*plane(normal, point, half=half)), T_J_S, IDEAL, fan(IDEAL))
+    hit = np.isfinite(sight.distance)
+    assert hit.sum() > 10
+    np.testing.assert_array_equal(sight.seen[hit], seen)
 
 
 @pytest.mark.parametrize("opening", np.radians([50, 70, 90, 110]))
 @pytest.mark.parametrize("pull", np.radians([0, 10, -20]))
 def test_a_ghost_is_the_mirror_image_of_the_other_face(opening: float, pull: float) -> None:
-    surface, normals, bottom = wedge(opening, pull)
+    parts, normals, bottom = wedge(opening, pull)
+    surface = together(*parts)
     sight = look(surface, T_J_S, MIRRORING, fan(MIRRORING))
     images = points(sight, sight.ghost)
     for own, other in (normals, normals[::-1]):
@@ -197,10 +208,22 @@ def test_a_ghost_is_the_mirror_image_of_the_other_face(opening: float, pull: flo
     assert np.all(sight.ghost[ghosting] - sight.distance[ghosting] > MELT)
 
 
+def test_what_the_detector_does_not_see_shows_no_ghost_either() -> None:
+    valley, _, _ = wedge(np.pi / 2, 0.0)
+    screen_s = [[0, 0.005, 0.1], [0.2, 0.005, 0.1], [0.2, 0.005, 0.24], [0, 0.005, 0.24]]
+    screen = (transform(T_J_S, screen_s), QUAD)
+    open_view = look(together(*valley), T_J_S, MIRRORING, fan(MIRRORING))
+    view = look(together(*valley, screen), T_J_S, MIRRORING, fan(MIRRORING))
+    hidden = open_view.seen & ~view.seen
+    assert np.sum(hidden & np.isfinite(open_view.ghost)) > 100
+    assert not np.any(hidden & np.isfinite(view.ghost))
+    assert np.sum(np.isfinite(view.ghost)) > 100
+
+
 @pytest.mark.parametrize("opening", np.radians([180, 220]))
 def test_without_a_second_face_there_is_no_ghost(opening: float) -> None:
-    surface, _, _ = wedge(opening, 0.1)
-    sight = look(surface, T_J_S, MIRRORING, fan(MIRRORING))
+    parts, _, _ = wedge(opening, 0.1)
+    sight = look(together(*parts), T_J_S, MIRRORING, fan(MIRRORING))
     assert sight.seen.any()
     assert np.isnan(sight.ghost).all()
 
@@ -214,6 +237,15 @@ def test_moving_surface_and_sensor_together_changes_nothing() -> None:
     np.testing.assert_array_equal(here.seen, there.seen)
     np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
     np.testing.assert_allclose(here.ghost, there.ghost, atol=EXACT)
+
+
+def test_a_scene_far_from_the_origin_is_seen_as_well_as_a_near_one() -> None:
+    T = pose(p=(1e4, -2e4, 3e4))  # where float32 has steps of 2 mm
+    v, t = plane(rot_y(0.3) @ [0, 0, -1.0], np.array([0, 0, 0.24]))
+    here = look(Surface(v, t), T_J_S, IDEAL, fan(IDEAL))
+    there = look(Surface(transform(T, v), t), T @ T_J_S, IDEAL, fan(IDEAL))
+    np.testing.assert_array_equal(here.seen, there.seen)
+    np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
 
 
 def test_the_sense_of_the_triangles_does_not_matter() -> None:
