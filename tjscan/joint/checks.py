@@ -13,11 +13,14 @@ from tjscan.joint.geometry import in_j
 if TYPE_CHECKING:
     from tjscan.joint.definition import JointDefinition
 
-WIDEST_BRACE: Final = 1 / 1.05
+WIDEST_BRACE: Final = 1 / 1.05 * (1 + 1e-9)  # room for rounding
 """Largest ratio of brace to leg: at 1 the dihedral angle runs to 180° and the groove opens flat."""
 
 LEAST_ANGLE, MOST_ANGLE = np.deg2rad(45.0), np.deg2rad(90.0)
 LEAST_GROOVE, MOST_GROOVE = np.deg2rad(20.0), np.deg2rad(90.0)
+
+LEAST_BORE: Final = 5e-3
+"""Least radius of a tube's bore."""
 
 SHARPEST_BEVEL: Final = np.deg2rad(10.0)
 """Least angle between the bevel and the brace's wall."""
@@ -67,8 +70,9 @@ def _check_tubes(d: JointDefinition) -> None:
         ("leg.wall_mm", d.leg_radius, d.leg_wall),
         ("brace.wall_mm", d.brace_radius, d.brace_wall),
     ):
-        if not 0 < wall < radius:
-            _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay below {_mm(radius)}")
+        if not 0 < wall <= radius - LEAST_BORE:
+            most = _mm(radius - LEAST_BORE)
+            _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
     if d.brace_radius > WIDEST_BRACE * d.leg_radius:
         most = _mm(2 * WIDEST_BRACE * d.leg_radius)
         _refuse(
@@ -98,8 +102,12 @@ def _check_groove_table(d: JointDefinition) -> None:
                 f"a groove angle of {_deg(angle)} is out of range; stay between "
                 f"{_deg(LEAST_GROOVE)} and {_deg(MOST_GROOVE)}",
             )
-    if d.root_gap >= d.brace_wall:
-        _refuse("groove.root_gap_mm", f"stay below the brace's wall, {_mm(d.brace_wall)}")
+    widest = min(d.brace_wall, d.brace_inner_radius / 2)
+    if d.root_gap > widest:
+        _refuse(
+            "groove.root_gap_mm",
+            f"{_mm(d.root_gap)} is too wide for this brace; stay at or below {_mm(widest)}",
+        )
     if d.root_face >= d.brace_wall - LEAST_BEVEL:
         most = _mm(d.brace_wall - LEAST_BEVEL)
         _refuse(

@@ -15,13 +15,16 @@ from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, tangential
 
-CHORD_ERROR: Final = 4e-6
-"""Largest distance, in metres, of the triangles near the groove from the true surface."""
+CHORD_ERROR: Final = 3e-6
+"""Largest distance, in metres, of the triangles near the groove from the true surfaces."""
 
 BORE_CHORD_ERROR: Final = 50e-6
 """The same for the leg's bore, which no laser sees."""
 
 FEWEST_AZIMUTHS: Final = 1440
+
+BEVEL_STRIPS, BEAD_STRIPS = 8, 2
+"""Bevel and bead twist on their way round. Cut into strips, flat triangles follow them."""
 
 SUNK: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
@@ -69,13 +72,13 @@ def build_mesh(definition: JointDefinition) -> TriangleMesh:
 def mesh_azimuths(definition: JointDefinition) -> Array:
     """Azimuths of the brace's vertices in radians, growing, shape (n,).
 
-    They are even, and closer where an edge bends so much that its chords would leave it by
-    more than `CHORD_ERROR`: the groove's table has kinks.
+    They are even, and closer where triangles would leave an edge, or the faces between, by more
+    than `CHORD_ERROR`: the groove's table has kinks.
     """
     phi = np.linspace(0, 2 * np.pi, FEWEST_AZIMUTHS, endpoint=False)
     while True:
-        middle = phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2
-        coarse = _sagitta(definition, phi, middle) > CHORD_ERROR
+        middle = _middle(phi)
+        coarse = _errors(definition, phi, middle) > CHORD_ERROR
         if not coarse.any():
             return phi
         phi = np.sort(np.concatenate((phi, middle[coarse])))
@@ -84,21 +87,31 @@ def mesh_azimuths(definition: JointDefinition) -> Array:
 def chord_error(definition: JointDefinition) -> float:
     """Largest distance in metres of the mesh near the groove from the true surfaces."""
     phi = mesh_azimuths(definition)
-    middle = phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2
     radius, segments = definition.leg_radius, _segments(definition.leg_radius, CHORD_ERROR)
-    leg = radius * (1 - np.cos(np.pi / segments))
-    return max(float(_sagitta(definition, phi, middle).max()), float(leg))
+    leg = float(radius * (1 - np.cos(np.pi / segments)))
+    return max(leg, float(_errors(definition, phi, _middle(phi)).max()))
 
 
-def _sagitta(definition: JointDefinition, phi: Array, middle: Array) -> Array:
-    """Distance of the edges' chords from the edges at azimuths between, shape (n,)."""
-    at, between = _outline(definition, phi), _outline(definition, middle)
-    chord = (at + np.roll(at, -1, axis=0)) / 2 - between
-    # Only what is square to the edge counts: along it a chord may run ahead.
-    along = np.roll(at, -1, axis=0) - at
+def _middle(phi: Array) -> Array:
+    """Azimuths halfway to the next ones, the last one's being the first."""
+    return np.asarray(phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2)
+
+
+def _errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
+    """How far triangles leave bead and bevel between azimuths and the next ones, shape (n,)."""
+    at = _outline(definition, phi)[:, _GROOVE]
+    after = np.roll(at, -1, axis=0)
+    truth = _outline(definition, middle)[:, _GROOVE]
+    # An edge: only what is square to it counts, along it a chord may run ahead.
+    chord, along = (at + after) / 2 - truth, after - at
     along /= np.linalg.norm(along, axis=2, keepdims=True)
-    chord -= np.sum(chord * along, axis=2, keepdims=True) * along
-    return np.asarray(np.linalg.norm(chord, axis=2).max(axis=1))
+    edges = np.linalg.norm(np.cross(chord, along), axis=2)
+    # A face: the diagonal that halves a quadrangle, square to the face.
+    diagonal = (at[:, 1:] + after[:, :-1]) / 2 - (truth[:, 1:] + truth[:, :-1]) / 2
+    normal = np.cross(at[:, 1:] - after[:, :-1], after[:, 1:] - at[:, :-1])
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    faces = np.abs(np.sum(diagonal * normal, axis=2))
+    return np.asarray(np.maximum(edges.max(axis=1), faces.max(axis=1)))
 
 
 def _leg_tube(d: JointDefinition) -> manifold3d.Manifold:
@@ -122,7 +135,7 @@ def _segments(radius: float, error: float) -> int:
 
 
 def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
-    """The ring that a seven-sided section sweeps round the brace's axis."""
+    """The ring that the section of both sweeps round the brace's axis."""
     outline = _outline(definition, mesh_azimuths(definition))
     n, sides = outline.shape[:2]
     index = np.arange(n * sides).reshape(n, sides)
@@ -134,7 +147,10 @@ def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
 
 
 def _outline(definition: JointDefinition, phi: Array) -> Array:
-    """Corners of the section of brace and bead at azimuths, (n, 7, 3), in frame j."""
+    """Corners of the section of brace and bead at azimuths, (n, m, 3), in frame j.
+
+    They run down the bore, along the root and up bead, bevel and outer wall.
+    """
     sections = bevel_sections(definition, phi)
     top = np.full_like(phi, definition.brace_length)
     foot_outer, foot_inner = _feet(definition, sections)
@@ -142,12 +158,16 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
         np.column_stack((np.full_like(phi, definition.brace_inner_radius), top)),
         sections.land_inner,
         foot_inner,
-        foot_outer,
-        sections.p3,
-        sections.p2,
+        *np.linspace(foot_outer, sections.p3, BEAD_STRIPS, endpoint=False),
+        *np.linspace(sections.p3, sections.p2, BEVEL_STRIPS + 1),
         np.column_stack((np.full_like(phi, definition.brace_radius), top)),
     )
-    return in_j(phi[:, None], *np.moveaxis(np.stack(corners, axis=1), 2, 0))
+    rho, z = np.stack(corners, axis=-1).swapaxes(0, 1)
+    return in_j(phi[:, None], rho, z)
+
+
+_GROOVE: Final = slice(3, -1)
+"""The corners of `_outline` from the bead's foot to the bevel's top."""
 
 
 def _feet(d: JointDefinition, s: BevelSections) -> tuple[Array, Array]:

@@ -1,0 +1,31 @@
+"""``tjscan joint``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
+    """Build a joint's mesh (STL and PLY, in mm) and its groove's edges.
+
+    Parameters
+    ----------
+    file
+        The joint's definition (TOML).
+    out
+        The folder to write to; ``build/NAME`` beside the definition where left out.
+    json
+        Print what was built as JSON on stdout.
+    """
+    from tjscan.cli.console import say
+    from tjscan.joint.definition import read_joint
+    from tjscan.joint.files import write_joint
+
+    definition = read_joint(file)
+    directory = out or file.parent / "build" / definition.name
+    built = write_joint(definition, directory)
+    if json:
+        print(built.model_dump_json(indent=2))
+        return
+    chord = f"{1e3 * built.chord_error_mm:.1f} µm"
+    say(f"{directory}: {built.triangles} triangles, within {chord} of the true surfaces")

@@ -1,0 +1,111 @@
+"""What is built from a joint's definition: STL, PLY, edges and a sidecar that explains them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal, Self
+
+import numpy as np
+
+from tjscan.config import FileModel
+from tjscan.errors import RecordingError
+from tjscan.frames import Array
+from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.definition import JointDefinition, JointFile
+from tjscan.joint.edges import FeatureEdges, feature_edges
+from tjscan.joint.mesh import TriangleMesh, build_mesh, chord_error
+
+PER_MM = 1e3
+
+
+class JointSidecar(FileModel):
+    """``NAME.json``: what the other files hold.
+
+    Every length is in millimetres, every angle in degrees, every point in frame j.
+    """
+
+    name: str
+    units: Literal["mm"] = "mm"
+    frame: Literal["j"] = "j"
+    axes: str = (
+        "z up the brace's axis, x along the leg (square to z, on the heel's side), "
+        "origin where the axes cross, azimuth from x towards y"
+    )
+    joint: JointFile
+    vertices: int
+    triangles: int
+    chord_error_mm: float
+    edge_points: int
+    intersection_length_mm: float
+    dihedral_deg: tuple[float, float]
+    root_width_mm: tuple[float, float]
+
+    @classmethod
+    def of(cls, definition: JointDefinition, mesh: TriangleMesh, edges: FeatureEdges) -> Self:
+        """Describe what was built from a definition."""
+        sections = bevel_sections(definition, edges.phi)
+        length = definition.leg.arc_length(definition.brace_radius, 0, 2 * np.pi)
+        return cls(
+            name=definition.name,
+            joint=JointFile.of(definition),
+            vertices=len(mesh.vertices),
+            triangles=len(mesh.triangles),
+            chord_error_mm=round(PER_MM * chord_error(definition), 6),
+            edge_points=len(edges.phi),
+            intersection_length_mm=round(PER_MM * length, 3),
+            dihedral_deg=_span(np.rad2deg(sections.dihedral)),
+            root_width_mm=_span(PER_MM * sections.root_width),
+        )
+
+
+def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
+    """Build a joint and write ``NAME.stl``, ``NAME.ply``, ``edges.csv`` and ``NAME.json``.
+
+    No file is replaced before all of them are written.
+
+    Raises
+    ------
+    ConfigurationError
+        If the joint's parts don't join into one solid.
+    RecordingError
+        If the directory can't be written to.
+    """
+    mesh, edges = build_mesh(definition), feature_edges(definition)
+    sidecar = JointSidecar.of(definition, mesh, edges)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
+            draft = Path(name)
+            _write_mesh(draft / definition.name, mesh)
+            _write_edges(draft / "edges.csv", edges)
+            text = sidecar.model_dump_json(indent=2) + "\n"
+            (draft / f"{definition.name}.json").write_text(text, encoding="utf-8")
+            for file in draft.iterdir():
+                file.replace(directory / file.name)
+    except OSError as error:
+        raise RecordingError(f"{directory}: can't be written: {error.strerror or error}") from error
+    return sidecar
+
+
+def _write_mesh(stem: Path, mesh: TriangleMesh) -> None:
+    import trimesh
+
+    solid = trimesh.Trimesh(PER_MM * mesh.vertices, mesh.triangles, process=False)
+    for kind in ("stl", "ply"):
+        stem.with_name(f"{stem.name}.{kind}").write_bytes(solid.export(file_type=kind))
+
+
+def _write_edges(file: Path, edges: FeatureEdges) -> None:
+    azimuths = np.rad2deg(edges.phi)
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(("edge", "azimuth_deg", "x_mm", "y_mm", "z_mm"))
+        for name, line in (("p2", edges.p2), ("p3", edges.p3), ("p4", edges.p4)):
+            rows = np.column_stack((azimuths, PER_MM * line.points_j))
+            writer.writerows((name, *(f"{value:.4f}" for value in row)) for row in rows)
+
+
+def _span(values: Array) -> tuple[float, float]:
+    return round(float(values.min()), 3), round(float(values.max()), 3)
