@@ -94,6 +94,22 @@ class StartSeesNoGroove(LaserFault):
         )
 
 
+class CalibrationRefused(TjscanError):
+    """A calibration can't be trusted, so there is none.
+
+    Parameters
+    ----------
+    reason : str
+        In a few words, for instance ``too few lines`` or ``turns about one axis only``.
+    evidence : str
+        What was measured, with numbers, and what to do next.
+    """
+
+    def __init__(self, reason: str, evidence: str) -> None:
+        self.reason, self.evidence = reason, evidence
+        super().__init__(f"calibration refused ({reason}): {evidence}")
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 

@@ -1,0 +1,72 @@
+"""Which points of a profile follow one curve: the robust start of the line and circle fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.frames import Array
+
+SCORED: Final = 96
+"""Points at which a hypothesis is scored: enough to rank, few enough to be quick."""
+ANCHORS: Final = 14
+"""Points from which hypotheses are drawn, evenly spaced; spatter and edges hold only some."""
+TRIM: Final = 3.5
+"""A point farther from the curve than so many standard deviations does not belong to it."""
+ROUGHEST: Final = 4.0
+"""A curve may be so many times rougher than stated before its points count as outliers."""
+
+Mask = NDArray[np.bool_]
+
+
+def evenly(count: int, wanted: int) -> NDArray[np.intp]:
+    """At most `wanted` indices spread over ``range(count)``."""
+    return np.unique(np.linspace(0, count - 1, min(count, wanted)).astype(np.intp))
+
+
+def draws(count: int, size: int) -> NDArray[np.intp]:
+    """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time."""
+    anchors = evenly(count, ANCHORS)
+    return anchors[np.array(list(combinations(range(len(anchors)), size)))]
+
+
+def best(distances: Array, tolerance: float) -> int:
+    """The hypothesis, of rows (k, n) of distances, that most points lie close to.
+
+    Distances count squared and, beyond the tolerance, all the same (MSAC, Torr and Zisserman
+    2000, doi:10.1006/cviu.1999.0832).
+    """
+    cost = np.minimum(np.square(distances), tolerance**2).sum(axis=1)
+    return int(np.argmin(cost))
+
+
+def scale(residuals: Array, stated: float) -> float:
+    """Standard deviation of the points near the curve, between `stated` and `ROUGHEST` times it."""
+    near = np.abs(residuals)[np.abs(residuals) < TRIM * ROUGHEST * stated]
+    spread = 1.4826 * float(np.median(near)) if near.size else stated
+    return min(max(spread, stated), ROUGHEST * stated)
+
+
+def settle(residuals_of: Callable[[Mask], Array], inlier: Mask, stated: float) -> Mask:
+    """Refit and trim until the points that belong to the curve no longer change.
+
+    Parameters
+    ----------
+    residuals_of : callable
+        Gives the residuals of all points, shape (n,), from the curve through those of a mask.
+    inlier : ndarray of bool, shape (n,)
+        The points to start with.
+    stated : float
+        Standard deviation that the noise model states.
+    """
+    for _ in range(8):
+        residuals = residuals_of(inlier)
+        kept = np.abs(residuals) < TRIM * scale(residuals, stated)
+        if (kept == inlier).all() or kept.sum() < 3:
+            break
+        inlier = kept
+    return inlier

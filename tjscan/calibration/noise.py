@@ -1,0 +1,66 @@
+"""What is assumed about the errors of a calibration's measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+RANGE: Final = 30e-6
+CORRELATION: Final = 4.0
+POSITION: Final = 50e-6
+ROTATION: Final = float(np.radians(0.01))
+TOUCH: Final = 50e-6
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Standard deviations of independent, normally distributed errors.
+
+    **The defaults are assumptions**: a line laser of the 100 mm class on a calibrated arm.
+
+    Parameters
+    ----------
+    range : float
+        Of one point along the sensor's z axis, in metres.
+    correlation : float
+        Columns after which the correlation of the range errors within one line has fallen to
+        1/e, as a Gaussian: speckle is not white. Zero for white noise.
+    position : float
+        Of the flange's position, in metres, in each axis, common to all points of one line.
+    rotation : float
+        Of the flange's orientation, in radians, about each axis, common to all points of one
+        line.
+    touch : float
+        Of one touched point, in metres, in each axis, the arm's own error included.
+
+    Notes
+    -----
+    The error of the plane, common to all lines, follows from `touch` and from where the plane
+    was touched.
+    """
+
+    range: float = RANGE
+    correlation: float = CORRELATION
+    position: float = POSITION
+    rotation: float = ROTATION
+    touch: float = TOUCH
+
+    def __post_init__(self) -> None:
+        numbers = (self.range, self.position, self.rotation, self.touch)
+        if not all(np.isfinite(v) and v > 0 for v in numbers):
+            raise ValueError(
+                "every standard deviation must be finite and positive: a measurement without "
+                "error has infinite weight"
+            )
+        if not (np.isfinite(self.correlation) and self.correlation >= 0):
+            raise ValueError("the correlation is a number of columns, zero or more")
+
+    @property
+    def inflation(self) -> float:
+        """By how much the variance of a line's mean exceeds that with white range noise."""
+        if self.correlation == 0:
+            return 1.0
+        lags = np.arange(1, int(np.ceil(4 * self.correlation)) + 1)
+        return float(1 + 2 * np.exp(-((lags / self.correlation) ** 2)).sum())
