@@ -17,7 +17,7 @@ import numpy as np
 
 from tjscan.frames import Array, pose, rot_x, rot_z
 
-ROUNDING: Final = 1e-9
+ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""
 
 FREE_WRIST: Final = 1e-9
@@ -51,7 +51,7 @@ def configurations(geometry: UrGeometry, T_0_6: Array, free_wrist: float) -> Arr
     Returns
     -------
     ndarray, shape (k, 6)
-        Radians; k is 0 (out of reach) to 8.
+        Radians; k is 0 (out of reach) to 8, or up to 12 where joint 6 is free.
     """
     found = list(_configurations(geometry, T_0_6, free_wrist))
     return np.array(found).reshape(-1, 6)
@@ -67,17 +67,35 @@ def _configurations(g: UrGeometry, T_0_6: Array, free_wrist: float) -> Iterator[
     bearing = atan2(p5[1], p5[0])
     for q1 in (bearing + asin(ratio), bearing + pi - asin(ratio)):
         z1 = np.array([sin(q1), -cos(q1), 0.0])
-        # z6 leans from z1 by q5: z6 . z1 = cos q5.
-        lean = acos(min(max(float(z6 @ z1), -1.0), 1.0))
         # z1 in frame 6 is (sin q5 cos q6, -sin q5 sin q6, cos q5).
-        along_x, along_y, _ = R.T @ z1
-        for q5 in (lean, -lean):
-            q6 = free_wrist
-            if abs(sin(q5)) > FREE_WRIST:
-                sign = 1.0 if sin(q5) > 0 else -1.0
-                q6 = atan2(-sign * along_y, sign * along_x)
+        x, y, z = (float(part) for part in R.T @ z1)
+        lean = atan2(hypot(x, y), z)
+        for q5, q6 in _wrists(g, T_0_6, p5, lean, (x, y), free_wrist):
             for q2, q3, q4 in _planar(g, T_0_6, q1, q5, q6):
                 yield [q1, q2, q3, q4, q5, q6]
+
+
+def _wrists(
+    g: UrGeometry,
+    T_0_6: Array,
+    p5: Array,
+    lean: float,
+    z1_6: tuple[float, float],
+    free_wrist: float,
+) -> Iterator[tuple[float, float]]:
+    """Joints 5 and 6."""
+    x, y = z1_6
+    if sin(lean) > FREE_WRIST:
+        yield lean, atan2(-y, x)
+        yield -lean, atan2(y, -x)
+        return
+    # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the two
+    # that bring it nearest to the shoulder and furthest from it: if any is in reach, one is.
+    # The hand's elbow is at p5 - d5 z4, and z4 in frame 6 is (-sin q6, -cos q6, 0).
+    from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, g.d1])
+    inward = atan2(-from_shoulder[0], -from_shoulder[1])
+    for q6 in (free_wrist, inward, inward + pi):
+        yield lean, q6
 
 
 def _planar(

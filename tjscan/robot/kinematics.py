@@ -26,20 +26,29 @@ from tjscan.robot.models.generate import ARMS
 MODELS: Final = tuple(ARMS)
 """Names of the arms whose URDF comes with tjscan."""
 
-POSITION_TOLERANCE: Final = 1e-9
-"""Metres: a solution puts the flange this close, far below what any arm repeats."""
+AIM: Final = 1e-9
+"""Metres and radians at which a descent ends; it comes this close unless singular."""
 
-ROTATION_TOLERANCE: Final = 1e-9
+POSITION_TOLERANCE: Final = 1e-7
+"""Metres: a solution puts the flange this close, even where the arm is singular."""
+
+ROTATION_TOLERANCE: Final = 1e-7
 """Radians."""
 
 ITERATIONS: Final = 60
 """A descent from a good seed takes four or five."""
+
+REGULAR: Final = 1e-12
+"""Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
 LONGEST_STEP: Final = 0.5
 """Radians a joint turns in one iteration; further, the linearisation says nothing."""
 
 WARM: Final = 0.5
 """Radians: a descent that stays this close to its seed has kept the configuration."""
+
+NEAR_SINGULAR: Final = 0.05
+"""Smallest singular value below which joints have to run to let the flange walk."""
 
 RESTARTS: Final = 64
 """Seeds tried where there is no closed form."""
@@ -53,7 +62,7 @@ CALIBRATED: Final = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Where a descent ended: joint angles and what is left in metres and radians."""
+    """The best of a descent: joint angles and what is left in metres and radians."""
 
     q: Array
     position: float
@@ -220,19 +229,24 @@ class Kinematics:
         """
         model, data, flange = self._model, self._workspace.data, self._flange
         q = np.array(seed, dtype=float)
+        best, best_error, least = q, np.full(6, np.inf), np.inf
         eye = np.eye(6)
         for _ in range(ITERATIONS):
             # In this order: a Jacobian in local axes leaves the placements as they were.
             pin.framesForwardKinematics(model, data, q)
             error = pin.log6(data.oMf[flange].actInv(target)).vector
             squared = float(error @ error)
-            if squared < min(POSITION_TOLERANCE, ROTATION_TOLERANCE) ** 2:
+            if squared < least:
+                best, best_error, least = q, error, squared
+            if squared < AIM**2:
                 break
             J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL)
-            step = J.T @ np.linalg.solve(J @ J.T + 0.5 * squared * eye, error)
+            step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + REGULAR) * eye, error)
             longest = np.abs(step).max()
-            q += step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest)
-        return _Fit(q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:])))
+            q = q + (step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest))
+        return _Fit(
+            best, float(np.linalg.norm(best_error[:3])), float(np.linalg.norm(best_error[3:]))
+        )
 
     def _seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
@@ -266,7 +280,7 @@ class Kinematics:
         return (
             f"it is out of reach; the nearest found is {1e3 * best.position:.1f} mm and "
             f"{np.degrees(best.rotation):.1f} deg off, with the arm "
-            f"{'near singular' if stretched < 0.05 else 'free'} "
+            f"{'near singular' if stretched < NEAR_SINGULAR else 'free'} "
             f"(smallest singular value {stretched:.3f}). Move the base or the pose."
         )
 

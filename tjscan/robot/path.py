@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.errors import PoseUnreachable
 from tjscan.frames import Array, rotation_angle
-from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
 from tjscan.robot.motion import JointPath, MotionLimits, timed
 
 SPACING: Final = 5e-3
@@ -26,7 +26,8 @@ FEWEST: Final = 4
 """Pieces of the shortest path, so that its spline has a cubic to it."""
 
 JUMP: Final = radians(20)
-"""A joint that turns so far between waypoints swings through a singularity."""
+"""A joint that turns so far between waypoints swings through a singularity, or takes another
+configuration because it ran into its limit."""
 
 
 def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits) -> JointPath:
@@ -91,15 +92,18 @@ def _on_the_way(share: float, reason: str) -> str:
 
 def _jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     """Why two waypoints close to each other have joint angles far apart."""
-    i = int(np.abs(following - q).argmax())
-    name, swing = kinematics.joint_names[i], float(np.degrees(following[i] - q[i]))
-    if abs(swing) > 180:
+    smallest = kinematics.smallest_singular_value(q)
+    room = np.minimum(q - kinematics.lower, kinematics.upper - q)
+    i = int(room.argmin())
+    if room[i] < JUMP and smallest > NEAR_SINGULAR:
         return (
-            f"{name} reaches its limit at {np.degrees(q[i]):.1f} deg and would have to turn back "
-            f"by {abs(swing):.0f} deg. Start with that joint a turn further from its limit."
+            f"{kinematics.joint_names[i]} runs into its limit (it is at {np.degrees(q[i]):.1f} "
+            "deg). Start with that joint a turn further from its limit, or move the base."
         )
+    i = int(np.abs(following - q).argmax())
     return (
-        f"{name} would have to swing by {abs(swing):.0f} deg at once: the line passes near a "
-        f"singularity (smallest singular value {kinematics.smallest_singular_value(q):.3f}). "
-        "Move the base, or start from another configuration."
+        f"{kinematics.joint_names[i]} would have to swing by "
+        f"{np.degrees(following[i] - q[i]):.0f} deg at once: the line passes near a singularity "
+        f"(smallest singular value {smallest:.3f}). Move the base, or start from another "
+        "configuration."
     )
