@@ -279,6 +279,53 @@ def test_a_users_urdf_is_solved_in_its_controllers_frame(tmp_path: Path) -> None
         )
 
 
+# The layout of the maker's own ROS 2 description: joints slid along their axes, the root turned
+# by half a turn against the controller's base, and a `flange` that `tool0` puts right.
+MAKERS_LAYOUT = (
+    ("0 0 0.1807", "0 0 0"),
+    ("0 0 0", "1.5707963267948966 0 0"),
+    ("-0.6127 0 0", "0 0 0"),
+    ("-0.57155 0 0.17415", "0 0 0"),
+    ("0 -0.11985 0", "1.5707963267948966 0 0"),
+    ("0 0.11655 0", "1.5707963267948966 3.141592653589793 3.141592653589793"),
+)
+MAKERS_ARM = """<robot name="ur10e">
+  <link name="base_link"/> <link name="base"/> <link name="l0"/> <link name="l1"/> <link name="l2"/>
+  <link name="l3"/> <link name="l4"/> <link name="l5"/> <link name="l6"/> <link name="flange"/>
+  <link name="tool0"/>
+  <joint name="turned" type="fixed"><parent link="base_link"/><child link="l0"/>
+    <origin rpy="0 0 3.141592653589793"/></joint>
+  <joint name="shown" type="fixed"><parent link="base_link"/><child link="base"/>
+    <origin rpy="0 0 3.141592653589793"/></joint>
+  {joints}
+  <joint name="end" type="fixed"><parent link="l6"/><child link="flange"/>
+    <origin rpy="0 -1.5707963267948966 -1.5707963267948966"/></joint>
+  <joint name="tool" type="fixed"><parent link="flange"/><child link="tool0"/>
+    <origin rpy="1.5707963267948966 0 1.5707963267948966"/></joint>
+</robot>"""
+MAKERS_JOINT = """<joint name="j{i}" type="revolute"><parent link="l{before}"/><child link="l{i}"/>
+    <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>
+    <limit lower="-{turn}" upper="{turn}" velocity="2" effort="0"/></joint>"""
+
+
+def test_the_makers_own_description_gives_the_same_poses(tmp_path: Path) -> None:
+    joints = "\n".join(
+        MAKERS_JOINT.format(
+            i=i, before=i - 1, xyz=xyz, rpy=rpy, turn=np.pi if i == 3 else 2 * np.pi
+        )
+        for i, (xyz, rpy) in enumerate(MAKERS_LAYOUT, start=1)
+    )
+    file = tmp_path / "makers.urdf"
+    file.write_text(MAKERS_ARM.format(joints=joints), encoding="utf-8")
+    makers = Kinematics.load(file)
+    random = np.random.default_rng(7)
+    for q, near in random.uniform(-3, 3, (20, 2, 6)):
+        T_b_f = dh_product("ur10e", q)
+        np.testing.assert_allclose(makers.forward(q), T_b_f, rtol=0, atol=ROUNDING)
+        ours, theirs = arm("ur10e").inverse(T_b_f, near), makers.inverse(T_b_f, near)
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=SINGULAR / REGULAR)
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
