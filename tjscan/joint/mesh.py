@@ -15,7 +15,7 @@ from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, tangential
 
-CHORD_ERROR: Final = 3e-6
+CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
 
 BORE_CHORD_ERROR: Final = 50e-6
@@ -23,7 +23,7 @@ BORE_CHORD_ERROR: Final = 50e-6
 
 FEWEST_AZIMUTHS: Final = 1440
 
-BEVEL_STRIPS, BEAD_STRIPS = 8, 2
+BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 """Bevel and bead twist on their way round. Cut into strips, flat triangles follow them."""
 
 SUNK: Final = 2e-3
