@@ -63,7 +63,8 @@ def height_over_mesh(mesh: TriangleMesh, points: Array, normals: Array) -> Array
 
 def square_to(rz: Array) -> Array:
     """Unit vectors square to lines in the radial half-planes, on their upper or outer side."""
-    return np.column_stack((rz[:, 1], -rz[:, 0])) / np.linalg.norm(rz, axis=1, keepdims=True)
+    turned = np.column_stack((rz[:, 1], -rz[:, 0]))
+    return np.asarray(turned / np.linalg.norm(rz, axis=1, keepdims=True))
 
 
 def assert_true_to_the_closed_form(joint: JointDefinition, mesh: TriangleMesh, n: int) -> None:
