@@ -83,7 +83,7 @@ class Recording:
     def _channel(self, topic: str, schema: str) -> int:
         text = json.dumps({"title": schema, "type": "object", "properties": SCHEMAS[schema]})
         schema_id = self._writer.register_schema(schema, "jsonschema", text.encode())
-        return self._writer.register_channel(topic, "json", schema_id)
+        return int(self._writer.register_channel(topic, "json", schema_id))
 
     def _write(self, topic: str, message: dict[str, Any]) -> None:
         """Append a message, stamped with the start of the recording plus the arm's clock."""

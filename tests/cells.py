@@ -1,0 +1,90 @@
+"""The example's cell, as tests need it: with or without faults, with any key replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tjscan.cell import open_cell
+from tjscan.comparison.distance import corner_errors
+from tjscan.frames import Array, transform
+from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
+from tjscan.job import read_job
+from tjscan.joint.edges import feature_edges
+from tjscan.laser.profile import Profile
+from tjscan.result.frame import ResultFrame
+from tjscan.run import joint_of, plan_of
+from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.scanner import Scanner, ScanResult
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+PAPER, CLOCKWISE = EXAMPLES / "paper.toml", EXAMPLES / "paper-clockwise.toml"
+
+FAULTLESS: dict[str, Any] = {
+    **dict.fromkeys(
+        [
+            f"simulation.laser.{name}"
+            for name in (
+                "noise_mm",
+                "bias_mm",
+                "dropout",
+                "missing",
+                "ghosts",
+                "flyers",
+                "resolution_mm",
+            )
+        ],
+        0,
+    ),
+    "simulation.arm.repeatability_mm": 0,
+    "simulation.arm.repeatability_deg": 0,
+}
+"""Every fault of the simulated laser and arm switched off."""
+
+
+class Notes:
+    """A journal that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.views: list[View] = []
+        self.sections: list[Scan] = []
+        self.events: list[tuple[str, str]] = []
+
+    def view(self, view: View) -> None:
+        self.views.append(view)
+
+    def section(self, scan: Scan) -> None:
+        self.sections.append(scan)
+
+    def event(self, name: str, detail: str) -> None:
+        self.events.append((name, detail))
+
+
+def scan_example(
+    overrides: dict[str, Any],
+    *,
+    file: Path = PAPER,
+    notes: Notes | None = None,
+    read: Callable[[Profile], GrooveSection] = find_groove,
+) -> ScanResult:
+    """Scan an example with keys replaced."""
+    job = read_job(file, overrides)
+    joint = joint_of(job, file)
+    with open_cell(job, joint and joint[1]) as cell:
+        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, read, plan_of(job), notes or Notes())
+        return scanner.run(job.scan.first.T, job.scan.second.T)
+
+
+def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
+    """Distances of p2, p3, p4 from the example's edges, metres, shape (n, 3)."""
+    job = read_job(file)
+    joint = joint_of(job, file)
+    assert joint is not None
+    assert job.joint is not None
+    T_j_b = ResultFrame(job.joint.T_b_j).T_from_b
+    corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
+    return corner_errors(corners, feature_edges(joint[1]))

@@ -1,0 +1,185 @@
+"""The commands as a user types them: what they print, leave behind and end with."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import PAPER
+
+from tjscan.cli import main
+from tjscan.groove.find import find_groove
+from tjscan.recording.messages import SECTION
+from tjscan.recording.reader import read_messages, read_views
+from tjscan.result.sections import COLUMNS
+
+RUN_FILES = {
+    "job.toml",
+    "joint.toml",
+    "scan.mcap",
+    "sections.csv",
+    "groove.ply",
+    "scan.png",
+    "summary.json",
+}
+
+
+def tjscan(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    """Run the command line in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["tjscan", *map(str, arguments)])
+    try:
+        main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of five sections."""
+    directory = tmp_path_factory.mktemp("runs") / "paper"
+    with pytest.MonkeyPatch.context() as patch:
+        assert tjscan(patch, "scan", PAPER, "--out", directory, "--scan.sections", "5") == 0
+    return directory
+
+
+def test_a_run_leaves_all_its_files(run: Path) -> None:
+    assert {file.name for file in run.iterdir()} == RUN_FILES
+
+
+def test_sections_csv_has_its_columns_and_tells_of_a_groove(run: Path) -> None:
+    with (run / "sections.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 5
+    assert tuple(rows[0]) == COLUMNS
+    azimuths = [float(row["azimuth_deg"]) for row in rows]
+    assert azimuths == sorted(azimuths)  # counterclockwise
+    for row in rows:
+        p2 = np.array([float(row[f"p2{axis}_mm"]) for axis in "xyz"])
+        assert np.hypot(*p2[:2]) == pytest.approx(457.2 / 2, abs=0.3)  # on the brace's wall
+        assert 45 < float(row["groove_angle_deg"]) < 70
+
+
+def test_summary_says_what_it_must(run: Path) -> None:
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    assert summary["sections"] == 5
+    assert summary["scans"] == 8
+    assert summary["frame"] == "j"
+    assert summary["step_mm"]["nominal"] == 40
+    assert summary["corner_error_mm"]["mean"] <= summary["corner_error_mm"]["p95"]
+    assert {
+        "stopped_because",
+        "flange_travel_mm",
+        "flange_rotation_deg",
+        "motion_time_s",
+    } <= summary.keys()
+
+
+def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> None:
+    views = list(read_views(run / "scan.mcap"))
+    sections = [m for topic, m in read_messages(run / "scan.mcap") if topic == SECTION]
+    assert len(views) == 8
+    last = {view.index: view for view in views}  # the correction comes after the prediction
+    for section in sections:
+        view = last[section["index"]]
+        points_b = find_groove(view.profile).points_s @ view.T_b_s[:3, :3].T + view.T_b_s[:3, 3]
+        np.testing.assert_allclose(points_b, section["points"], atol=1e-12)
+
+
+def test_the_run_directory_can_be_run_again(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert tjscan(monkeypatch, "scan", run / "job.toml", "--out", tmp_path / "again") == 0
+    again = (tmp_path / "again" / "sections.csv").read_text(encoding="utf-8")
+    assert again == (run / "sections.csv").read_text(encoding="utf-8")
+
+
+def test_json_goes_to_stdout_and_words_to_stderr(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = tjscan(
+        monkeypatch, "scan", PAPER, "--json", "--out", tmp_path / "run", "--scan.sections=3"
+    )
+    assert code == 0
+    assert json.loads(capsys.readouterr().out)["sections"] == 3
+
+
+def test_a_dry_run_moves_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "run"
+    assert tjscan(monkeypatch, "scan", PAPER, "--dry-run", "--out", out) == 0
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["nosuch.toml"], 2, ["nosuch.toml", "no such file"]),
+        ([PAPER, "--scan.step-m", "0.04"], 2, ["scan.step_m", "step_mm"]),
+        ([PAPER, "--scan.step-mm", "forty"], 2, ["scan.step_mm", "forty"]),
+        ([PAPER, "--arm.model", "ur10"], 2, ["ur10e"]),
+        ([PAPER, "--arm.driver", "kuka"], 2, ["arm.driver", "simulated"]),
+        ([PAPER, "--joint.file", "nosuch.toml"], 2, ["nosuch.toml"]),
+        ([PAPER, "--scan.first.position-mm", "[4000, 0, 0]"], 4, ["reach"]),
+        ([PAPER, "--joint.position-mm", "[0, 3000, 0]"], 4, ["first taught pose", "no groove"]),
+        ([PAPER, "--simulation.arm.home-deg", "[0, 0]"], 2, ["6 joints"]),
+        ([], 2, []),
+    ],
+)
+def test_bad_input_gets_one_message_and_its_exit_code(
+    arguments: list[object],
+    code: int,
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "run"
+    assert tjscan(monkeypatch, "scan", *arguments, "--out", out) == code
+    told = " ".join(capsys.readouterr().err.split())
+    assert "Traceback" not in told
+    for word in words:
+        assert word in told
+    assert not (out / "summary.json").exists()
+    if code == 2:
+        assert not out.exists()
+
+
+def test_a_joint_that_cannot_exist_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (PAPER.parent.parent / "cad" / "tjoint-600x457.toml").read_text(encoding="utf-8")
+    broken = tmp_path / "broken.toml"
+    broken.write_text(text.replace("457.2", "657.2"), encoding="utf-8")
+    assert tjscan(monkeypatch, "scan", PAPER, "--joint.file", broken) == 2
+    told = capsys.readouterr().err
+    assert "broken.toml" in told
+    assert "brace" in told
+
+
+def test_a_run_directory_is_never_overwritten(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (run / "summary.json").read_bytes()
+    assert tjscan(monkeypatch, "scan", PAPER, "--out", run) == 2
+    assert "not empty" in " ".join(capsys.readouterr().err.split())
+    assert (run / "summary.json").read_bytes() == before
+
+
+def test_help_loads_nothing_heavy() -> None:
+    script = (
+        "import sys, tjscan.cli\n"
+        "sys.argv = ['tjscan', '--help']\n"
+        "try: tjscan.cli.main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'scipy', 'open3d', 'pinocchio', 'matplotlib', 'pydantic'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert "scan" in told.stdout
