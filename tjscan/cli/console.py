@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
@@ -19,7 +17,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from tjscan.result.summary import Summary
+from tjscan.result.summary import Summary, to_json
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scan import Scan, View
 
@@ -77,7 +75,7 @@ def watching(plan: ScanPlan) -> Iterator[ProgressJournal]:
 def report(summary: Summary, directory: Path, *, json: bool) -> None:
     """Print a finished scan: a table for people, or JSON on stdout."""
     if json:
-        print(jsonlib.dumps(asdict(summary), indent=2))
+        print(to_json(summary))
         return
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary):

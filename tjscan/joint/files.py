@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal, Self
 
 import numpy as np
 
 from tjscan.config import FileModel
-from tjscan.errors import RecordingError
+from tjscan.files import drafted
 from tjscan.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition, JointFile
@@ -74,18 +73,11 @@ def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
     """
     mesh, edges = build_mesh(definition), feature_edges(definition)
     sidecar = JointSidecar.of(definition, mesh, edges)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
-            draft = Path(name)
-            _write_mesh(draft / definition.name, mesh)
-            _write_edges(draft / "edges.csv", edges)
-            text = sidecar.model_dump_json(indent=2) + "\n"
-            (draft / f"{definition.name}.json").write_text(text, encoding="utf-8")
-            for file in draft.iterdir():
-                file.replace(directory / file.name)
-    except OSError as error:
-        raise RecordingError(f"{directory}: can't be written: {error.strerror or error}") from error
+    with drafted(directory) as draft:
+        _write_mesh(draft / definition.name, mesh)
+        _write_edges(draft / "edges.csv", edges)
+        text = sidecar.model_dump_json(indent=2) + "\n"
+        (draft / f"{definition.name}.json").write_text(text, encoding="utf-8")
     return sidecar
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.frames import Array, transform
-from tjscan.result.files import whole
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 
@@ -24,14 +23,7 @@ def groove_points(sections: Sequence[Scan], frame: ResultFrame) -> Array:
 
 
 def write_cloud(file: Path, points: Array) -> None:
-    """Write points, shape (n, 3) in metres, as PLY in mm.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be written.
-    """
+    """Write points, shape (n, 3) in metres, as PLY in mm."""
     import trimesh
 
-    with whole(file) as draft:
-        draft.write_bytes(trimesh.PointCloud(1e3 * points).export(file_type="ply"))
+    file.write_bytes(trimesh.PointCloud(1e3 * points).export(file_type="ply"))

@@ -9,8 +9,8 @@ from pathlib import Path
 import tomli_w
 
 from tjscan.errors import ConfigurationError, RecordingError
+from tjscan.files import drafted
 from tjscan.job import JobFile
-from tjscan.result.files import whole
 
 
 def default_directory(job_file: Path) -> Path:
@@ -37,11 +37,12 @@ def make_directory(directory: Path, job: JobFile, joint_file: Path | None) -> No
                 "is not empty; a scan never overwrites another. Choose another --out",
                 file=directory,
             )
-        if job.joint is not None and joint_file is not None:
-            shutil.copyfile(joint_file, directory / "joint.toml")
-            joint = job.joint.model_copy(update={"file": "joint.toml"})
-            job = job.model_copy(update={"joint": joint})
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with whole(directory / "job.toml") as draft:
-        draft.write_text(tomli_w.dumps(job.model_dump(mode="json", exclude_none=True)), "utf-8")
+    with drafted(directory) as draft:
+        if job.joint is not None and joint_file is not None:
+            shutil.copyfile(joint_file, draft / "joint.toml")
+            joint = job.joint.model_copy(update={"file": "joint.toml"})
+            job = job.model_copy(update={"joint": joint})
+        text = tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))
+        (draft / "job.toml").write_text(text, encoding="utf-8")

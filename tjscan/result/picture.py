@@ -11,7 +11,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.frames import Array, transform
-from tjscan.result.files import whole
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.scanner import ScanResult
@@ -47,15 +46,8 @@ def draw_scan(
 
 
 def write_picture(file: Path, figure: Figure) -> None:
-    """Write a figure as PNG.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be written.
-    """
-    with whole(file) as draft:
-        figure.savefig(draft, dpi=110, format="png")
+    """Write a figure as PNG."""
+    figure.savefig(file, dpi=110)
 
 
 def _draw_space(

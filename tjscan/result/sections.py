@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.frames import transform
-from tjscan.result.files import whole
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 
@@ -51,14 +50,8 @@ def rows(sections: Sequence[Scan], frame: ResultFrame) -> Iterator[list[str]]:
 
 
 def write_sections(file: Path, sections: Sequence[Scan], frame: ResultFrame) -> None:
-    """Write ``sections.csv``.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be written.
-    """
-    with whole(file) as draft, draft.open("w", newline="", encoding="utf-8") as stream:
+    """Write ``sections.csv``."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(COLUMNS)
         writer.writerows(rows(sections, frame))

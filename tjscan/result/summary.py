@@ -12,7 +12,6 @@ import numpy as np
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.frames import Array, rotation_angle
-from tjscan.result.files import whole
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import groove_length
@@ -127,12 +126,5 @@ def to_json(summary: Summary) -> str:
 
 
 def write_summary(file: Path, summary: Summary) -> None:
-    """Write ``summary.json``.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be written.
-    """
-    with whole(file) as draft:
-        draft.write_text(to_json(summary) + "\n", encoding="utf-8")
+    """Write ``summary.json``."""
+    file.write_text(to_json(summary) + "\n", encoding="utf-8")

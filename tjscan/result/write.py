@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.distance import corner_errors
+from tjscan.files import drafted
 from tjscan.frames import transform
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
@@ -27,20 +28,21 @@ def write_results(
     frame: ResultFrame,
     joint: JointDefinition | None,
 ) -> Summary:
-    """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and, last, ``summary.json``.
+    """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and ``summary.json``, all or none.
 
     Raises
     ------
     RecordingError
-        If a file can't be written. Where ``summary.json`` stands, the others stand too.
+        If a file can't be written.
     """
     points = groove_points(result.sections, frame)
-    write_sections(directory / "sections.csv", result.sections, frame)
-    write_cloud(directory / "groove.ply", points)
+    corners = np.array([transform(frame.T_from_b, scan.points_b) for scan in result.sections])
+    error = None if joint is None else corner_errors(corners, feature_edges(joint))
     outline = [] if joint is None else joint_outline(joint)
-    write_picture(directory / "scan.png", draw_scan(result, frame, points, outline))
-    corners = [transform(frame.T_from_b, scan.points_b) for scan in result.sections]
-    error = None if joint is None else corner_errors(np.array(corners), feature_edges(joint))
     summary = summarise(result, plan, frame, error)
-    write_summary(directory / "summary.json", summary)
+    with drafted(directory) as draft:
+        write_sections(draft / "sections.csv", result.sections, frame)
+        write_cloud(draft / "groove.ply", points)
+        write_picture(draft / "scan.png", draw_scan(result, frame, points, outline))
+        write_summary(draft / "summary.json", summary)
     return summary
