@@ -1,9 +1,11 @@
-"""Which segments are the sides of the groove: a template laid over them by dynamic programming.
+"""From the long outer sides to the whole groove: lines between them, and the best chain.
 
-A hypothesis names a segment for every long side. Its corners are the intersections of
-neighbours, and each point pays, up to a limit, for its distance to the side that its ray would
-hit. Because that price is a sum over pairs of neighbours, the cheapest of all hypotheses (and
-every rival to it) is found without trying them one by one.
+Between the two outer sides few points may be left of a side, the rest hidden by reflections.
+So many pairs of points propose lines there, and the template is laid over them by dynamic
+programming. A chain's corners are the intersections of neighbours, and each point pays, up to
+a limit, for its distance to the side that its ray would hit: before its start and after its
+end a side counts for nothing. That price is a sum over pairs of neighbours, so the cheapest of
+all chains, and every rival to it, is found without trying them one by one.
 """
 
 from __future__ import annotations
@@ -15,49 +17,75 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.frames import Array
-from tjscan.groove.models import GrooveModel
-from tjscan.groove.segments import Index, Segments
+from tjscan.groove.curves import Curve
+from tjscan.groove.models import GrooveModel, Side, Turn
+from tjscan.groove.segments import Index, Segments, normals
 
 IN_FRONT: Final = 1.5
 """Price of a point before the surface, in outliers: reflections lie behind it, seldom before."""
 
-MARGIN: Final = 0.06
-"""Rivals within this share of the points are looked at more closely."""
+LAGS: Final = (2, 4, 7, 12, 20, 33)
+"""How many points apart the pairs are that propose a line."""
 
-MOST_RIVALS: Final = 4
+MOST_PROPOSALS: Final = 420
+
+POOL: Final = 20
+"""Most lines that the template is laid over."""
+
+GAP_COST: Final = 0.15
+"""What an outlier costs the stretch of an inner side, in points."""
+
+MARGIN: Final = 10
+"""Points of the outer sides that may belong to the sides between them."""
+
+FEWEST: Final = 4
+"""Points that must support an inner side."""
+
+LEAST_SHARE: Final = 0.12
+"""Share of an inner side's points that must support it."""
 
 DISTINCT: Final = 1e-3
-"""Hypotheses that differ less than this at every corner are the same one, in metres."""
+"""Chains that differ less than this at every corner are the same one, in metres."""
 
-_NEWTON_STEPS: Final = 3
+RIVALS: Final = 3
+"""Most chains looked at more closely."""
+
+RIVAL_MARGIN: Final = 12.0
+"""By how many outliers a chain may be dearer than the cheapest and still be looked at."""
+
+AWAY: Final = 30e-3
+"""How far a corner may lie outside all points, in metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
-    """One segment for every long side.
+class Chain:
+    """A hypothesis: one curve for every side, from the wall.
 
     Parameters
     ----------
-    sides : Segments
-        The long sides, from the wall.
-    corners : ndarray, shape (m - 1, 2)
+    sides : tuple of Curve
+    corners : ndarray, shape (k - 1, 2)
         Where neighbours meet, x and z in metres.
-    cost : float
-        Price of all points, in outliers.
+    price : float
+        What all points pay, in outliers.
     """
 
-    sides: Segments
+    sides: tuple[Curve, ...]
     corners: Array
-    cost: float
+    price: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
-    """Every ordered pair of segments (a before b) as neighbours; arrays of shape (m, m, ...)."""
+class _Lines:
+    """Straight lines with what they cost in a region; the running sums have shape (m, n + 1)."""
 
-    corner: Array
-    turn: Array
-    place: Index
+    point: Array
+    direction: Array
+    paid: Array
+    support: Array
+
+    def take(self, which: Index) -> _Lines:
+        return _Lines(*(getattr(self, name)[which] for name in self.__slots__))
 
 
 def bearing(points: Array) -> Array:
@@ -65,122 +93,284 @@ def bearing(points: Array) -> Array:
     return np.asarray(-points[..., 0] / points[..., 1])
 
 
-def match(
-    model: GrooveModel, segments: Segments, points: Array, tolerance: float
-) -> list[Hypothesis]:
-    """Hypotheses by rising cost: the cheapest and its distinct rivals; none if nothing fits."""
-    m, n = len(segments), len(points)
-    if m < 2:
+def outer_pairs(segments: Segments, model: GrooveModel, most: int = 3) -> list[tuple[int, int]]:
+    """Pairs of segments that may be the first and the last side, likeliest first."""
+    t = segments.direction
+    sin = t[:, None, 0] * t[None, :, 1] - t[:, None, 1] * t[None, :, 0]
+    turned = np.arctan2(sin, t @ t.T)
+    middle = segments.first + segments.last
+    allowed = (turned >= model.across.least) & (turned <= model.across.most)
+    allowed &= middle[:, None] < middle[None, :]
+    score = np.where(allowed, segments.score[:, None] + segments.score[None, :], -1.0)
+    order = np.argsort(-score, axis=None, kind="stable")[:most]
+    pairs = [divmod(int(k), len(segments)) for k in order if score.flat[k] > 0]
+    return [p for p in pairs if score[p] > 0.6 * score[pairs[0]]]
+
+
+def best_chains(
+    model: GrooveModel,
+    points: Array,
+    tangents: Array,
+    outer: tuple[Curve, Curve],
+    until: int,
+    since: int,
+    tolerance: float,
+) -> list[Chain]:
+    """Cheapest chain between two outer sides, and its distinct rivals; none if nothing fits.
+
+    Parameters
+    ----------
+    model : GrooveModel
+    points : ndarray, shape (n, 2)
+        x and z in metres, ordered from wall to leg.
+    tangents : ndarray, shape (n,)
+        Their bearings, rising.
+    outer : tuple of Curve
+        The outer sides.
+    until, since : int
+        Last point of the first side's stretch, and first point of the last side's.
+    tolerance : float
+        Distance at which a point stops supporting a side, in metres.
+    """
+    d_first, d_last = (side.distances(points) / tolerance for side in outer)
+    lo = max(_end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
+    hi = len(points) - max(_end_of(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
+    if hi - lo < FEWEST * (len(model.sides) - 2):
         return []
-    scaled = segments.distances(points) / tolerance
+    region, u = points[lo:hi], tangents[lo:hi]
+    outside = float(_prices(d_first[:lo]).sum() + _prices(d_last[hi:]).sum())
+    ends = [
+        _Lines(np.zeros((1, 2)), np.zeros((1, 2)), *_running(d[None, lo:hi]))
+        for d in (d_first, d_last)
+    ]
+    lines, scaled = _proposals(region, *(d[lo:hi] for d in (d_first, d_last)), tolerance)
+    if not len(lines):
+        return []
+    inner = len(model.sides) - 2
+    layers = [ends[0]]
+    for k in range(inner):
+        before = (outer[0], model.turns[0]) if k == 0 else None
+        after = (outer[1], model.turns[-1]) if k == inner - 1 else None
+        layers.append(_pool(lines, scaled, u, before, after))
+    layers.append(ends[1])
+    if any(len(layer.point) == 0 for layer in layers):
+        return []
+    return _cheapest(model, layers, u, outer, region, outside)
+
+
+def _end_of(support: NDArray[np.bool_]) -> int:
+    """Index after the last point around which most points support a side."""
+    dense = np.convolve(support, np.ones(9), mode="same") >= 5
+    where = np.flatnonzero(dense)
+    return int(where[-1]) + 1 if len(where) else 0
+
+
+def _prices(scaled: Array) -> Array:
+    """What points at scaled distances pay."""
     price = np.minimum(scaled * scaled, 1)
-    support = np.zeros((m, n + 1))
+    price[scaled < -1] = IN_FRONT
+    return price
+
+
+def _running(scaled: Array) -> tuple[Array, Array]:
+    """Running sums of prices and of support, shape (m, n) to (m, n + 1)."""
+    m, n = scaled.shape
+    price = np.minimum(scaled * scaled, 1)
+    support, paid = np.zeros((m, n + 1)), np.zeros((m, n + 1))
     np.cumsum(1 - price, axis=1, out=support[:, 1:])
     price[scaled < -1] = IN_FRONT
-    paid = np.zeros((m, n + 1))
     np.cumsum(price, axis=1, out=paid[:, 1:])
-    pairs = _pairs(segments, points)
-    place = pairs.place
-    rows = np.arange(m)
-    pay = paid[rows[:, None], place] - paid[rows[None, :], place]
-    # Points that support the part of a side before and after a place.
-    good_a = support[rows[:, None], place]
-    good_b = support[:, -1][None, :] - support[rows[None, :], place]
-    inside = (place > 0) & (place < n)
-
-    terms = []
-    for k, corner in enumerate(model.corners):
-        allowed = inside & (pairs.turn >= corner.least) & (pairs.turn <= corner.most)
-        if k == 0:
-            allowed &= good_a >= 4
-        if k == len(model.corners) - 1:
-            allowed &= good_b >= 4
-        terms.append(np.where(allowed, pay, np.inf))
-    terms[-1] = terms[-1] + paid[:, -1][None, :]
-    return _best_chains(model, segments, pairs, terms, support, n)
+    return paid, support
 
 
-def _pairs(segments: Segments, points: Array) -> _Pairs:
-    """Meet every segment's end with every other's start, by Newton's method from the chords."""
-    a_c, a_t, a_q = (v[:, None] for v in (segments.centre, segments.direction, segments.curve))
-    b_c, b_t, b_q = (v[None] for v in (segments.centre, segments.direction, segments.curve))
-    rel = a_c - b_c
-    along = _dot(rel, b_t)
-    away = rel[..., 0] * b_t[..., 1] - rel[..., 1] * b_t[..., 0]
-    cos = _dot(a_t, b_t)
-    sin = a_t[..., 0] * b_t[..., 1] - a_t[..., 1] * b_t[..., 0]
-    ends = points[segments.last] - segments.centre
-    s = np.repeat(_dot(ends, segments.direction)[:, None], len(segments), axis=1)
-    with np.errstate(all="ignore"):
-        for _ in range(_NEWTON_STEPS):
-            q, dq = _curve(a_q, s)
-            sb = along + s * cos - q * sin
-            f = away + s * sin + q * cos
-            qb, dqb = _curve(b_q, sb)
-            slope = (sin + dq * cos) - dqb * (cos - dq * sin)
-            s = s - (f - qb) / slope
-        q, dq = _curve(a_q, s)
-        sb = along + s * cos - q * sin
-        _, dqb = _curve(b_q, sb)
-        normal = np.stack((a_t[..., 1], -a_t[..., 0]), axis=-1)
-        corner = a_c + s[..., None] * a_t + q[..., None] * normal
-        turn = np.arctan2(sin, cos) + np.arctan(dq) - np.arctan(dqb)
-        low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
-        near = ((corner > low) & (corner < high)).all(axis=-1)
-    corner = np.where(near[..., None], corner, 1.0)
-    place = np.searchsorted(bearing(points), bearing(corner))
-    return _Pairs(corner, np.where(near, turn, np.nan), np.where(near, place, 0))
+def _proposals(
+    region: Array, d_first: Array, d_last: Array, tolerance: float
+) -> tuple[Array, Array]:
+    """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n)."""
+    # What an outer side explains needs no other line, except near the region's ends.
+    free = np.flatnonzero((np.abs(d_first) > 0.6) & (np.abs(d_last) > 0.6))
+    pairs = [(free[:-k], free[k:]) for k in LAGS if k < len(free)]
+    if not pairs:
+        return np.zeros((0, 4)), np.zeros((0, len(region)))
+    a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))
+    every = -(-len(a) // MOST_PROPOSALS)
+    a, b = a[::every], b[::every]
+    t = region[b] - region[a]
+    length = np.sqrt((t * t).sum(axis=1))
+    good = length > 3 * tolerance
+    a, t = a[good], t[good] / length[good, None]
+    n = normals(t)
+    d = n @ region.T
+    d -= (n * region[a]).sum(axis=1)[:, None]
+    d *= 1 / tolerance
+    return np.hstack((region[a], t)), d
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
+def _pool(
+    lines: Array,
+    scaled: Array,
+    u: Array,
+    before: tuple[Curve, Turn] | None,
+    after: tuple[Curve, Turn] | None,
+) -> _Lines:
+    """The lines that may be an inner side: for every point the one that explains most.
+
+    A line next to an outer side is judged by its best stretch that begins at their corner.
+    """
+    gain = np.maximum(1 - scaled * scaled, -GAP_COST)
+    keep = np.ones(len(lines), dtype=bool)
+    score = np.maximum(gain, 0).sum(axis=1)
+    over = gain > 0.2
+    for neighbour, following in ((before, True), (after, False)):
+        if neighbour is None:
+            continue
+        side, bounds = neighbour
+        corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
+        with np.errstate(invalid="ignore"):
+            ok = (turned >= bounds.least) & (turned <= bounds.most)
+            ok &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
+        place = np.searchsorted(u, bearing(np.where(ok[:, None], corner, 1.0)))
+        index = np.arange(len(u))
+        mine = index >= place[:, None] if following else index < place[:, None]
+        stretch = np.where(mine, gain, 0)
+        total = np.cumsum(stretch if following else stretch[:, ::-1], axis=1)
+        score = total.max(axis=1)
+        keep &= ok & (score > 0)
+        over &= mine
+    which = np.flatnonzero(keep)
+    if not len(which):
+        return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
+    best = np.unique((over[which] * score[which, None]).argmax(axis=0))
+    best = which[best[np.argsort(-score[which[best]], kind="stable")[:POOL]]]
+    return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]))
 
 
-def _curve(coefficients: Array, s: Array) -> tuple[Array, Array]:
-    """Value and slope of curves, shape (..., 3), at s."""
-    c0, c1, c2 = coefficients[..., 0], coefficients[..., 1], coefficients[..., 2]
-    return c0 + s * (c1 + s * c2), c1 + 2 * s * c2
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joint:
+    """Every line of one layer with every line of the next: arrays of shape (m1, m2, ...)."""
+
+    corner: Array
+    place: Index
+    pay: Array
+    until: Array
+    since: Array
 
 
-def _fits(pairs: _Pairs, support: Array, shortest: float) -> NDArray[np.bool_]:
-    """Whether b can stand between corners (a, b) and (b, c), shape (m, m, m)."""
-    before, after = pairs.place[:, :, None], pairs.place[None, :, :]
-    span = after - before
-    rows = np.arange(len(support))
-    at_start = support[rows[None, :], pairs.place]  # of b, up to corner (a, b)
-    at_end = support[rows[:, None], pairs.place]  # of b, up to corner (b, c)
-    good = at_end[None, :, :] - at_start[:, :, None]
-    gap = pairs.corner[None, :, :] - pairs.corner[:, :, None]
-    length2 = gap[..., 0] ** 2 + gap[..., 1] ** 2
-    return np.asarray((span > 0) & (good >= 4) & (good >= 0.15 * span) & (length2 > shortest**2))
-
-
-def _best_chains(
+def _cheapest(
     model: GrooveModel,
-    segments: Segments,
-    pairs: _Pairs,
-    terms: list[Array],
-    support: Array,
-    n: int,
-) -> list[Hypothesis]:
-    """Cheapest chains: forward over the corners, then back along the choices made."""
-    value, choices = terms[0], []
-    for k in range(1, len(terms)):
-        fits = _fits(pairs, support, model.sides[k].shortest)
-        total = np.where(fits, value[:, :, None], np.inf) + terms[k][None]
-        if k < len(terms) - 1:
+    layers: list[_Lines],
+    u: Array,
+    outer: tuple[Curve, Curve],
+    region: Array,
+    outside: float,
+) -> list[Chain]:
+    """Dynamic programming over the layers; `total` keeps the last three of a chain apart."""
+    low, high = region.min(axis=0) - AWAY, region.max(axis=0) + AWAY
+    joints = []
+    for k, bounds in enumerate(model.turns):
+        a, b = layers[k], layers[k + 1]
+        if k == 0:
+            corner, turned = _meet_outer(outer[0], b.point, b.direction, after=True)
+            corner, turned = corner[None], turned[None]
+        elif k == len(model.turns) - 1:
+            corner, turned = _meet_outer(outer[1], a.point, a.direction, after=False)
+            corner, turned = corner[:, None], turned[:, None]
+        else:
+            corner, turned = _meet(a, b)
+        joints.append(_joint(a, b, corner, turned, bounds, u, (low, high)))
+    value, choices = joints[0].pay, []
+    for k in range(1, len(joints)):
+        fits = _fits(joints[k - 1], joints[k], model.sides[k])
+        total = np.where(fits, value[:, :, None], np.inf) + joints[k].pay[None]
+        if k < len(joints) - 1:
             choices.append(total.argmin(axis=0))
             value = total.min(axis=0)
-    order = np.argsort(total, axis=None)[:200]
-    costs = total.ravel()[order]
-    found: list[Hypothesis] = []
-    for flat, cost in zip(order, costs, strict=True):
-        if not np.isfinite(cost) or cost > costs[0] + MARGIN * n or len(found) == MOST_RIVALS:
+    constant = outside + float(layers[-1].paid[0, -1])
+    order = np.argsort(total, axis=None)[:150]
+    cheapest = float(total.flat[order[0]])
+    found: list[Chain] = []
+    for flat in order:
+        price = float(total.flat[flat])
+        if not np.isfinite(price) or price > cheapest + RIVAL_MARGIN or len(found) == RIVALS:
             break
         chain = [int(v) for v in np.unravel_index(flat, total.shape)]
         for choice in reversed(choices):
             chain.insert(0, int(choice[chain[0], chain[1]]))
-        corners = pairs.corner[chain[:-1], chain[1:]]
-        if all(np.abs(corners - h.corners).max() > DISTINCT for h in found):
-            found.append(Hypothesis(segments.take(np.array(chain)), corners, float(cost)))
+        corners = np.array([j.corner[chain[i], chain[i + 1]] for i, j in enumerate(joints)])
+        if all(np.abs(corners - c.corners).max() > DISTINCT for c in found):
+            inner = [_curve(layers[k], chain[k]) for k in range(1, len(chain) - 1)]
+            found.append(Chain((outer[0], *inner, outer[1]), corners, price + constant))
     return found
+
+
+def _curve(lines: _Lines, i: int) -> Curve:
+    (x, z), (tx, tz) = lines.point[i], lines.direction[i]
+    return Curve(float(x), float(z), float(tx), float(tz))
+
+
+def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
+    """Corners, shape (m1, m2, 2), and turns of two layers of lines."""
+    t, r = a.direction[:, None], b.direction[None]
+    w = b.point[None] - a.point[:, None]
+    sin = t[..., 0] * r[..., 1] - t[..., 1] * r[..., 0]
+    cos = t[..., 0] * r[..., 0] + t[..., 1] * r[..., 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (w[..., 0] * r[..., 1] - w[..., 1] * r[..., 0]) / sin
+        return a.point[:, None] + s[..., None] * t, np.arctan2(sin, cos)
+
+
+def _meet_outer(
+    outer: Curve, points: Array, directions: Array, *, after: bool
+) -> tuple[Array, Array]:
+    """Corners, (m, 2), and turns of an outer side with lines after it (or before it).
+
+    In the side's own coordinates a line is ``(s0 + r ts, d0 + r td)``; Newton's method finds s
+    where it meets the parabola.
+    """
+    s0, d0 = outer.local(points)
+    ts = directions @ np.array((outer.tx, outer.tz))
+    td = directions @ np.array((outer.tz, -outer.tx))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        slope = td / ts
+        s = s0
+        for _ in range(3):
+            height = outer.c0 + s * (outer.c1 + s * outer.c2)
+            s = s - (d0 + (s - s0) * slope - height) / (slope - outer.c1 - 2 * s * outer.c2)
+        height = outer.c0 + s * (outer.c1 + s * outer.c2)
+        bent = np.arctan(outer.c1 + 2 * s * outer.c2)
+    x = outer.cx + s * outer.tx + height * outer.tz
+    z = outer.cz + s * outer.tz - height * outer.tx
+    # A direction at angle a against the chord turns the other way round in (s, d).
+    turned = np.arctan2(-td, ts) + bent
+    corner = np.stack((x, z), axis=-1)
+    return corner, turned if after else -turned
+
+
+def _joint(
+    a: _Lines,
+    b: _Lines,
+    corner: Array,
+    turned: Array,
+    bounds: Turn,
+    u: Array,
+    box: tuple[Array, Array],
+) -> _Joint:
+    """What each pair of neighbours pays; infinite where they can't be neighbours."""
+    with np.errstate(invalid="ignore"):
+        allowed = (turned >= bounds.least) & (turned <= bounds.most)
+        allowed &= ((corner > box[0]) & (corner < box[1])).all(axis=-1)
+    corner = np.where(allowed[..., None], corner, 1.0)
+    place = np.searchsorted(u, bearing(corner))
+    i, j = np.arange(len(a.paid))[:, None], np.arange(len(b.paid))[None]
+    pay = np.where(allowed, a.paid[i, place] - b.paid[j, place], np.inf)
+    return _Joint(corner, place, pay, a.support[i, place], b.support[j, place])
+
+
+def _fits(before: _Joint, after: _Joint, side: Side) -> NDArray[np.bool_]:
+    """Whether a line can stand between two neighbours, shape (m1, m2, m3)."""
+    span = after.place[None] - before.place[:, :, None]
+    good = after.until[None] - before.since[:, :, None]
+    gap = after.corner[None] - before.corner[:, :, None]
+    length = np.hypot(gap[..., 0], gap[..., 1])
+    fits = (span > 0) & (good >= FEWEST * 0.7) & (good >= LEAST_SHARE * span)
+    return np.asarray(fits & (length > side.shortest) & (length < side.longest))

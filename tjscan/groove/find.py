@@ -9,8 +9,8 @@ import numpy as np
 
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array
+from tjscan.groove.chain import RIVAL_MARGIN, RIVALS, Chain, bearing, best_chains, outer_pairs
 from tjscan.groove.curves import Curve
-from tjscan.groove.matching import Hypothesis, bearing, match
 from tjscan.groove.models import TEE, GrooveModel
 from tjscan.groove.refinement import (
     Outline,
@@ -19,9 +19,8 @@ from tjscan.groove.refinement import (
     noise_of,
     refine,
 )
-from tjscan.groove.roots import RootSearch, find_root
 from tjscan.groove.section import GrooveSection, section_from_points
-from tjscan.groove.segments import Segments, find_segments, thin
+from tjscan.groove.segments import Segments, find_segments
 from tjscan.laser.profile import Profile
 
 
@@ -50,7 +49,7 @@ class GrooveSettings:
     minimum_points: int = 80
     largest_sigma: float = 0.25e-3
     largest_rms: float = 0.15e-3
-    inlier_share: float = 0.25
+    inlier_share: float = 0.1
 
 
 DEFAULT = GrooveSettings()
@@ -64,7 +63,6 @@ class _Candidate:
     """A refined hypothesis."""
 
     outline: Outline
-    root: RootSearch
     price: float
 
 
@@ -86,9 +84,8 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     ValueError
         If the model has no such section.
     """
-    model = settings.model
-    if len(model.sides) != 3 or model.corners[1].root is None or model.corners[1].root.optional:
-        raise ValueError(f"model {model.name!r} has no section of five points")
+    if len(settings.model.sides) != 4:
+        raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row, outline = find_outline(profile, settings)
     return _section(row, outline)
 
@@ -109,60 +106,53 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
     row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
     tolerance = TOLERANCE * settings.noise
     segments = find_segments(row.points, tolerance)
-    hypotheses = match(settings.model, segments, thin(row.points), tolerance)
-    if not hypotheses:
-        raise GrooveNotFound("no bevel", _shape(segments, settings.model), points)
-    candidates = [c for h in hypotheses if (c := _candidate(row, h, settings)) is not None]
-    if not candidates:
-        raise GrooveNotFound(
-            "no bevel", "no sides with a root between them fit the points together", points
+    chains: list[Chain] = []
+    for i, j in outer_pairs(segments, settings.model):
+        chains += best_chains(
+            settings.model,
+            row.points,
+            row.tangents,
+            (_curve(segments, i), _curve(segments, j)),
+            int(segments.last[i]),
+            int(segments.first[j]),
+            tolerance,
         )
+    if not chains:
+        raise GrooveNotFound("no bevel", _shape(segments, settings.model), points)
+    chains.sort(key=lambda c: c.price)
+    chains = [c for c in chains[:RIVALS] if c.price <= chains[0].price + RIVAL_MARGIN]
+    candidates = [c for h in chains if (c := _candidate(row, h, settings)) is not None]
+    if not candidates:
+        raise GrooveNotFound("no bevel", "no sides fit the points together", points)
     best = min(candidates, key=lambda c: c.price)
     _check(row, best, candidates, settings)
     return row, best.outline
 
 
+def _curve(segments: Segments, k: int) -> Curve:
+    """A segment as plain numbers."""
+    return Curve(
+        *(float(v) for v in (*segments.centre[k], *segments.direction[k], *segments.curve[k]))
+    )
+
+
 def _shape(segments: Segments, model: GrooveModel) -> str:
     names = ", ".join(side.name for side in model.sides)
-    return f"{len(segments)} straight stretches, but no {names} that meet one after the other"
+    return f"{len(segments)} long stretches, but no {names} that meet one after the other"
 
 
-def _candidate(row: Row, hypothesis: Hypothesis, settings: GrooveSettings) -> _Candidate | None:
-    """Fit long sides, find the root between them, refine all together."""
-    model = settings.model
+def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
+    """Refine a hypothesis and price it again."""
     tolerance = TOLERANCE * settings.noise
-    sides = [
-        Curve(*(float(v) for v in (*c, *t, *q)))
-        for c, t, q in zip(
-            hypothesis.sides.centre,
-            hypothesis.sides.direction,
-            hypothesis.sides.curve,
-            strict=True,
-        )
-    ]
-    curved = [side.curved for side in model.sides]
-    full, full_curved = [sides[0]], [curved[0]]
-    root = RootSearch(None, np.inf, np.inf)
-    for k, corner in enumerate(model.corners):
-        if corner.root is not None:
-            root = find_root(
-                row.points, row.tangents, sides[k], sides[k + 1], corner.root, tolerance
-            )
-            if root.curve is not None:
-                full.append(root.curve)
-                full_curved.append(False)
-            elif not corner.root.optional:
-                return None
-        full.append(sides[k + 1])
-        full_curved.append(curved[k + 1])
-    outline = refine(row, full, full_curved, tolerance)
+    curved = [side.curved for side in settings.model.sides]
+    outline = refine(row, list(chain.sides), curved, tolerance)
     if outline is None:
         return None
     price = 0.0
     for f in outline.fits:
         scaled = f.residuals / tolerance
         price += float(np.minimum(scaled * scaled, 1).sum())
-    return _Candidate(outline, root, price)
+    return _Candidate(outline, price)
 
 
 def _check(
@@ -175,8 +165,6 @@ def _check(
             raise GrooveNotFound(
                 "ambiguous", f"only {share:.0%} of a side's points lie on it", row.points
             )
-    if best.root.gain < 3:
-        raise GrooveNotFound("ambiguous", f"root explains {best.root.gain:.1f} points", row.points)
 
 
 def _section(row: Row, outline: Outline) -> GrooveSection:

@@ -1,4 +1,4 @@
-"""What a groove looks like: a template of long sides and the corners between them.
+"""What a groove looks like: a template of sides and of the corners between them.
 
 Sides run from the brace's wall (or the first plate) to the leg (or the second plate). A turn is
 positive in a valley and negative on a ridge, as the sensor sees it. A new groove is a new value.
@@ -13,81 +13,76 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """A long side of a groove.
+    """A side of a groove.
 
     Parameters
     ----------
     name : str
         What it is called in messages.
-    shortest : float
-        Shortest length that still counts as seen, in metres.
+    shortest, longest : float
+        Bounds of its length, in metres; the first and the last side may run on.
     curved : bool
         Whether its cross-section may be curved.
     """
 
     name: str
     shortest: float
+    longest: float = 0.2
     curved: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Root:
-    """A narrow face that cuts a valley off, such as a root bead.
-
-    Parameters
-    ----------
-    narrowest, widest : float
-        Bounds of its width, in metres.
-    optional : bool
-        Whether the valley may also be sharp.
-    """
-
-    narrowest: float = 0.8e-3
-    widest: float = 14e-3
-    optional: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Corner:
-    """Where a long side ends and the next one begins.
-
-    Parameters
-    ----------
-    least, most : float
-        Bounds of the turn from one long side to the next, in radians.
-    root : Root, optional
-        The narrow face between the two, if there is one.
-    """
+class Turn:
+    """Bounds of the turn from one side to the next, in radians."""
 
     least: float
     most: float
-    root: Root | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GrooveModel:
-    """A template: long sides and the corners between them, one fewer."""
+    """A template.
+
+    Parameters
+    ----------
+    name : str
+    sides : tuple of Side
+        At least three; the first and the last are the long outer ones.
+    turns : tuple of Turn
+        One fewer: from each side to the next.
+    across : Turn
+        From the first side to the last.
+    """
 
     name: str
     sides: tuple[Side, ...]
-    corners: tuple[Corner, ...]
+    turns: tuple[Turn, ...]
+    across: Turn
 
     def __post_init__(self) -> None:
-        if len(self.sides) < 3 or len(self.corners) != len(self.sides) - 1:
-            raise ValueError("a groove has three long sides or more, and a corner between each two")
+        if len(self.sides) < 3 or len(self.turns) != len(self.sides) - 1:
+            raise ValueError("a groove has three sides or more, and a turn between each two")
 
 
 OPENING_LEAST: Final = radians(20)
 OPENING_MOST: Final = radians(120)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
-_RIDGE = Corner(-radians(80), -radians(8))
-_VALLEY_LEAST, _VALLEY_MOST = radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST
+_RIDGE: Final = Turn(-radians(85), -radians(6))
+_HALF_VALLEY: Final = Turn(radians(8), radians(150))
+_VALLEY: Final = Turn(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
+_ROOT: Final = Side("root", 0.8e-3, 14e-3)
 
 TEE: Final = GrooveModel(
     "tee",
-    (Side("wall", 4e-3, curved=True), Side("bevel", 6e-3), Side("leg", 4e-3, curved=True)),
-    (_RIDGE, Corner(_VALLEY_LEAST, _VALLEY_MOST, Root())),
+    (
+        Side("wall", 4e-3, curved=True),
+        Side("bevel", 4e-3, 80e-3, curved=True),
+        _ROOT,
+        Side("leg", 4e-3, curved=True),
+    ),
+    (_RIDGE, _HALF_VALLEY, _HALF_VALLEY),
+    Turn(radians(8), radians(150)),
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""
 
@@ -95,10 +90,20 @@ BUTT_V: Final = GrooveModel(
     "butt-v",
     (
         Side("plate", 4e-3, curved=True),
-        Side("bevel", 3e-3),
-        Side("other bevel", 3e-3),
+        Side("bevel", 3e-3, 80e-3),
+        _ROOT,
+        Side("other bevel", 3e-3, 80e-3),
         Side("other plate", 4e-3, curved=True),
     ),
-    (_RIDGE, Corner(_VALLEY_LEAST, _VALLEY_MOST, Root(optional=True)), _RIDGE),
+    (_RIDGE, _HALF_VALLEY, _HALF_VALLEY, _RIDGE),
+    Turn(-radians(30), radians(30)),
 )
-"""Butt joint: plate, bevel, root if there is one, bevel, plate; five or six points."""
+"""Butt joint with a root face: plate, bevel, root, bevel, plate; six points."""
+
+BUTT_V_SHARP: Final = GrooveModel(
+    "butt-v-sharp",
+    (BUTT_V.sides[0], BUTT_V.sides[1], BUTT_V.sides[3], BUTT_V.sides[4]),
+    (_RIDGE, _VALLEY, _RIDGE),
+    BUTT_V.across,
+)
+"""Butt joint whose bevels meet in a sharp valley: five points."""

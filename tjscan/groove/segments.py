@@ -1,15 +1,15 @@
-"""Segments in an ordered row of points: many short windows vote, the best stretches are kept.
+"""The long sides of a profile: many short windows vote, the best stretches are kept.
 
 A robust search in the manner of MSAC, but over a fixed set of windows instead of random pairs,
 so that the same profile always gives the same answer. Every window's line is judged by the best
 *stretch* of points it explains: a point on the stretch counts by its distance, an outlier within
 the stretch costs a little, and points before and after it do not count. A few slightly curved
-lines come out, straight from the sides of the groove and from whatever reflections look alike.
+segments come out: the long sides of the groove, and whatever reflections look alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,19 +19,19 @@ from tjscan.frames import Array
 
 Index = NDArray[np.intp]
 
-WINDOWS: Final = (10, 20, 40, 80)
-"""Lengths of the windows, in points."""
+WINDOWS: Final = (48, 24, 12, 6)
+"""Lengths of the windows, in points, each half the one before."""
 
 THINNED: Final = 210
-"""About how many points the search looks at: noise is correlated over more than what it skips."""
+"""About how many points judge a window: noise is correlated over more than what is skipped."""
 
-GAP_COST: Final = 0.15
+GAP_COST: Final = 0.35
 """What an outlier costs a stretch, in points."""
 
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
-KEPT: Final = 20
+KEPT: Final = 8
 """Most segments kept."""
 
 
@@ -49,6 +49,8 @@ class Segments:
         Coefficients c0, c1, c2.
     first, last : ndarray, shape (m,)
         First and last point of the stretch, both inclusive.
+    score : ndarray, shape (m,)
+        What the stretch explains, in points.
     """
 
     centre: Array
@@ -56,6 +58,7 @@ class Segments:
     curve: Array
     first: Index
     last: Index
+    score: Array
 
     def __len__(self) -> int:
         return len(self.centre)
@@ -72,11 +75,10 @@ class Segments:
         d = n @ points.T - (n * self.centre).sum(axis=1)[:, None]
         return s, d
 
-    def distances(self, points: Array) -> Array:
-        """Signed distances of points, shape (n, 2), behind each curve, shape (m, n)."""
-        s, d = self.local(points)
-        c0, c1, c2 = self.curve.T[:, :, None]
-        return np.asarray(d - (c0 + s * (c1 + s * c2)))
+    def inside(self, count: int) -> NDArray[np.bool_]:
+        """Which of `count` points lie within each stretch, shape (m, count)."""
+        index = np.arange(count)
+        return np.asarray((self.first[:, None] <= index) & (index <= self.last[:, None]))
 
 
 def normals(directions: Array) -> Array:
@@ -84,107 +86,130 @@ def normals(directions: Array) -> Array:
     return np.stack((directions[..., 1], -directions[..., 0]), axis=-1)
 
 
-def thin(points: Array) -> Array:
-    """Every k-th point, so that about `THINNED` are left."""
-    return points[:: max(1, round(len(points) / THINNED))]
-
-
 def find_segments(points: Array, tolerance: float) -> Segments:
-    """Find the segments that a row of points is made of.
+    """Find the long segments in a row of points, by falling score.
 
     Parameters
     ----------
     points : ndarray, shape (n, 2)
-        x and z in metres, ordered from wall to leg, thinned.
+        x and z in metres, ordered from wall to leg.
     tolerance : float
         Distance from a segment at which a point stops supporting it, in metres.
+
+    Returns
+    -------
+    Segments
+        Their stretches and scores count all n points.
     """
-    row = thin(points)
+    step = max(1, round(len(points) / THINNED))
+    row = points[::step]
     segments = _windows(points, tolerance)
-    gain = _gains(segments.distances(row), tolerance)
-    segments = _distinct(_stretched(segments, gain), gain)
+    if not len(segments):
+        return segments
+    segments, gain = _stretched(segments, row, tolerance)
+    segments = _distinct(segments, gain)
     for _ in range(2):
-        segments = _refitted(segments, row, tolerance)
-        gain = _gains(segments.distances(row), tolerance)
-        segments, score = _stretched(segments, gain)
-    return _distinct((segments, score), gain)
+        segments, gain = _stretched(_refitted(segments, row, tolerance), row, tolerance)
+    segments = _distinct(segments, gain)
+    return replace(
+        segments,
+        first=segments.first * step,
+        last=np.minimum(segments.last * step + step, len(points)) - 1,
+        score=segments.score * step,
+    )
 
 
 def _windows(points: Array, tolerance: float) -> Segments:
-    """Total least-squares lines through windows of several lengths, where they fit well."""
+    """Total least-squares lines through windows of several lengths, where they fit well.
+
+    A window inside a longer one that fits has nothing to add.
+    """
     n = len(points)
-    lengths = [k for k in WINDOWS if k <= n]
-    first = np.concatenate([np.arange(0, n - k + 1, k // 2) for k in lengths])
-    last = first + np.concatenate([np.full(len(range(0, n - k + 1, k // 2)), k) for k in lengths])
     origin = points.mean(axis=0)
     x, z = (points - origin).T
     sums = np.zeros((5, n + 1))
     np.cumsum((x, z, x * x, x * z, z * z), axis=1, out=sums[:, 1:])
-    mx, mz, xx, xz, zz = (sums[:, last] - sums[:, first]) / (last - first)
-    angle = 0.5 * np.arctan2(2 * (xz - mx * mz), (xx - mx * mx) - (zz - mz * mz))
+    first = np.concatenate([np.arange(0, max(n - k + 1, 0), k // 2) for k in WINDOWS])
+    counts = [len(range(0, n - k + 1, k // 2)) for k in WINDOWS]
+    count = np.repeat(WINDOWS, counts)
+    last = first + count
+    mx, mz, xx, xz, zz = (sums[:, last] - sums[:, first]) / count
+    xx, xz, zz = xx - mx * mx, xz - mx * mz, zz - mz * mz
+    # The smaller eigenvalue of the scatter: mean square distance from the best line.
+    half, apart = 0.5 * (xx + zz), np.hypot(0.5 * (xx - zz), xz)
+    good = half - apart < (tolerance / 2) ** 2
+    new = good.copy()
+    ends = np.cumsum(counts)
+    for k in range(1, len(WINDOWS)):
+        longer = np.zeros(counts[k] // 2 + 2, dtype=bool)
+        above = good[ends[k - 1] - counts[k - 1] : ends[k - 1]]
+        longer[1 : len(above) + 1] = above[: len(longer) - 1]
+        # Windows start at every half of their length: j lies in the longer ones j // 2 and,
+        # if even, the one before.
+        j = np.arange(counts[k])
+        mine = slice(ends[k] - counts[k], ends[k])
+        covered = longer[j // 2 + 1] | (longer[j // 2] & (j % 2 == 0))
+        new[mine] &= ~covered
+        good[mine] |= covered
+    mx, mz, xx, xz, zz, first, last = (v[new] for v in (mx, mz, xx, xz, zz, first, last))
+    angle = 0.5 * np.arctan2(2 * xz, xx - zz)
     direction = np.column_stack((np.cos(angle), np.sin(angle)))
     along = ((points[last - 1] - points[first]) * direction).sum(axis=1)
     direction[along < 0] *= -1
+    m = len(first)
+    nothing = np.zeros(m, dtype=np.intp)
     centre = np.column_stack((mx, mz)) + origin
-    across = direction[:, 1] ** 2 * (xx - mx * mx) + direction[:, 0] ** 2 * (zz - mz * mz)
-    across -= 2 * direction[:, 0] * direction[:, 1] * (xz - mx * mz)
-    good = across < (tolerance / 2) ** 2
-    row = Segments(centre, direction, np.zeros((len(first), 3)), first, last - 1)
-    return row.take(np.flatnonzero(good))
+    return Segments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
-def _gains(distance: Array, tolerance: float) -> Array:
-    """What each point adds to each stretch: one on the line, `-GAP_COST` off it."""
-    scaled = distance / tolerance
-    return np.maximum(1 - scaled * scaled, -GAP_COST)
+def _stretched(segments: Segments, row: Array, tolerance: float) -> tuple[Segments, Array]:
+    """Give each segment the stretch of the row of the highest total gain (Kadane's algorithm).
 
-
-def _stretched(segments: Segments, gain: Array) -> tuple[Segments, Array]:
-    """Give each segment the stretch of points of the highest total gain (Kadane's algorithm)."""
-    rows = np.arange(len(gain))
+    Returns the gains of all points too, shape (m, n): one on the segment, `-GAP_COST` off it.
+    """
+    s, d = segments.local(row)
+    if segments.curve.any():
+        c0, c1, c2 = segments.curve.T[:, :, None]
+        d -= c0 + s * (c1 + s * c2)
+    d *= 1 / tolerance
+    gain = 1 - d * d
+    np.maximum(gain, -GAP_COST, out=gain)
     total = np.cumsum(gain, axis=1)
     lowest = np.minimum(np.minimum.accumulate(total, axis=1), 0)
-    rise = total - lowest + np.maximum(gain, 0) * 0
-    last = rise.argmax(axis=1)
-    score = rise[rows, last]
+    rows = np.arange(len(gain))
+    last = (total - lowest).argmax(axis=1)
     below = lowest[rows, last]
     first = np.where(below < 0, (total == below[:, None]).argmax(axis=1) + 1, 0)
-    return (
-        Segments(
-            segments.centre, segments.direction, segments.curve, first, np.maximum(first, last)
-        ),
-        score,
-    )
+    first = np.minimum(first, last)
+    score = total[rows, last] - below
+    return replace(segments, first=first, last=last, score=score), gain
 
 
-def _distinct(scored: tuple[Segments, Array], gain: Array) -> Segments:
-    """Keep the segments that are the best one over some point."""
-    segments, score = scored
-    index = np.arange(gain.shape[1])
-    over = (segments.first[:, None] <= index) & (index <= segments.last[:, None]) & (gain > 0)
-    winners = np.unique((over * score[:, None]).argmax(axis=0))
-    best = winners[np.argsort(-score[winners], kind="stable")[:KEPT]]
+def _distinct(segments: Segments, gain: Array) -> Segments:
+    """Keep the segments that explain some point better than all others."""
+    over = segments.inside(gain.shape[1]) & (gain > 0)
+    winners = np.unique((over * segments.score[:, None]).argmax(axis=0))
+    best = winners[np.argsort(-segments.score[winners], kind="stable")[:KEPT]]
     return segments.take(best)
 
 
-def _refitted(
-    scored: Segments | tuple[Segments, Array], points: Array, tolerance: float
-) -> Segments:
+def _refitted(segments: Segments, row: Array, tolerance: float) -> Segments:
     """Least-squares parabola through the supporting points of every segment."""
-    segments = scored if isinstance(scored, Segments) else scored[0]
-    index = np.arange(len(points))
-    s, d = segments.local(points)
+    s, d = segments.local(row)
     c0, c1, c2 = segments.curve.T[:, :, None]
-    w = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance).astype(float)
-    w *= (segments.first[:, None] <= index) & (index <= segments.last[:, None])
-    ws = w * s
-    wss = ws * s
-    m0, m1, m2 = w.sum(1), ws.sum(1), wss.sum(1)
-    m3, m4 = (wss * s).sum(1), (wss * s * s).sum(1)
-    b = np.stack(((w * d).sum(1), (ws * d).sum(1), (wss * d).sum(1)), axis=1)
+    w = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.inside(len(row))
+    powers = np.empty((5, *s.shape))
+    powers[0] = w
+    for k in range(4):
+        np.multiply(powers[k], s, out=powers[k + 1])
+    m = powers.sum(axis=2)
+    b = (powers[:3] * d).sum(axis=2)
+    # A pipe's side is nearly straight: this is what a short stretch believes until shown more.
     prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
-    a = np.array([[m0 + 1e-9, m1, m2], [m1, m2 + 1e-15, m3], [m2, m3, m4 + prior]])
-    scale = np.array([1.0, 1e-2, 1e-4])
+    a = np.array(
+        [[m[0] + 1e-9, m[1], m[2]], [m[1], m[2] + 1e-15, m[3]], [m[2], m[3], m[4] + prior]]
+    )
+    scale = np.array([1.0, 1e2, 1e4])  # centimetres: keeps the matrix well conditioned
     a *= scale[:, None, None] * scale[:, None]
-    curve = np.linalg.solve(a.transpose(2, 0, 1), (b * scale)[:, :, None])[:, :, 0] * scale
-    return Segments(segments.centre, segments.direction, curve, segments.first, segments.last)
+    solved = np.linalg.solve(a.transpose(2, 0, 1), (b * scale[:, None]).T[:, :, None])
+    return replace(segments, curve=solved[:, :, 0] * scale)
