@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Message
@@ -29,7 +30,7 @@ def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             yield from _messages(stream)
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
-    except (McapError, ValueError) as error:
+    except (McapError, struct.error, KeyError, ValueError) as error:
         raise RecordingError(f"{file}: is no recording, or is damaged: {error}") from error
 
 
@@ -46,13 +47,21 @@ def read_views(file: Path) -> Iterator[View]:
                 raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
 
 
-def _messages(stream: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _messages(stream: BinaryIO) -> Iterator[tuple[str, dict[str, Any]]]:
     topics: dict[int, str] = {}
-    try:
-        for record in StreamReader(stream).records:
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                yield topics[record.channel_id], json.loads(record.data)
-    except EndOfFile:
-        return  # cut off: what came before is whole
+    records = StreamReader(stream).records
+    while True:
+        try:
+            record = next(records, None)
+            if isinstance(record, Message):
+                content = json.loads(record.data)
+        except (EndOfFile, struct.error, ValueError):
+            if stream.read(1):
+                raise
+            return  # cut off in the middle of this record: those before it are whole
+        if record is None:
+            return
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Message):
+            yield topics[record.channel_id], content
