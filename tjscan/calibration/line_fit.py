@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.calibration.consensus import SCORED, TRIM, ROUGHEST, Mask, best, draws, evenly, settle
+from tjscan.calibration.consensus import ROUGHEST, SCORED, TRIM, Mask, best, draws, evenly, settle
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Line, line_through
 from tjscan.errors import CalibrationRefused

@@ -72,7 +72,9 @@ def see_plane(window: Window, u_s: Array, u0_s: Array) -> SeenLines:
     with np.errstate(divide="ignore", invalid="ignore"):
         to_plane = -(u0_s + u_s[:, 2] * window.apex_z)
         # depth(t) = to_plane / (u_x t + u_z), so t(depth) limits the columns that see near..far.
-        limits = to_plane[:, None] / np.array((window.near - window.apex_z, window.far - window.apex_z))
+        limits = to_plane[:, None] / np.array(
+            (window.near - window.apex_z, window.far - window.apex_z)
+        )
         at = (limits - u_s[:, 2:3]) / u_s[:, :1]
         level = np.abs(u_s[:, 0]) < 1e-12 * np.abs(u_s[:, 2])
         depth_0 = to_plane / u_s[:, 2]

@@ -1,0 +1,89 @@
+"""What every bench prints: one row per bar, as a table or as JSON; it fails when a bar does."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One bar.
+
+    Parameters
+    ----------
+    name : str
+        What is measured, and on what.
+    measured : float
+        What came out; NaN never holds.
+    limit : float
+        The largest value that holds.
+    unit : str
+        Of both.
+    at_least : float, optional
+        The smallest value that holds.
+    """
+
+    name: str
+    measured: float
+    limit: float
+    unit: str = ""
+    at_least: float = -math.inf
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar is met."""
+        return self.at_least <= self.measured <= self.limit
+
+    @property
+    def bound(self) -> str:
+        """The limit in words."""
+        if math.isinf(self.at_least):
+            return f"≤ {self.limit:g}"
+        if math.isinf(self.limit):
+            return f"≥ {self.at_least:g}"
+        return f"{self.at_least:g} to {self.limit:g}"
+
+
+def main(title: str, measure: Callable[[], Sequence[Row]], arguments: list[str]) -> int:
+    """Measure, print, and return the exit code: 0 when every bar holds, 1 when one does not.
+
+    Parameters
+    ----------
+    title : str
+        What the bench is about.
+    measure : callable
+        Gives the rows.
+    arguments : list of str
+        Of the command line; ``--json`` prints JSON instead of a table.
+    """
+    unknown = [word for word in arguments if word != "--json"]
+    if unknown:
+        print(f"unknown option {unknown[0]}; the only one is --json", file=sys.stderr)
+        return 2
+    rows = measure()
+    if "--json" in arguments:
+        # JSON knows no infinity and no NaN.
+        listed = [
+            {
+                k: None if isinstance(v, float) and not math.isfinite(v) else v
+                for k, v in one.items()
+            }
+            for one in ({**asdict(row), "holds": row.holds} for row in rows)
+        ]
+        print(json.dumps({"bench": title, "rows": listed}, indent=2, ensure_ascii=False))
+    else:
+        _print_table(title, rows)
+    return 0 if all(row.holds for row in rows) else 1
+
+
+def _print_table(title: str, rows: Sequence[Row]) -> None:
+    width = max(len(row.name) for row in rows)
+    print(f"\n{title}")
+    for row in rows:
+        measured = f"{row.measured:.3g} {row.unit}".strip()
+        verdict = "holds" if row.holds else "FALLS SHORT"
+        print(f"  {row.name:<{width}}  {measured:>12}  {row.bound + ' ' + row.unit:<16} {verdict}")

@@ -1,0 +1,265 @@
+"""Where to take the next line, and where to take all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.design import (
+    Reachable,
+    Uncertainty,
+    choose,
+    expected,
+    foresee,
+    known_before,
+)
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.window import Window
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, inverse, readonly, unit
+
+MARGIN: Final = 5e-3
+"""Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
+SHORTEST: Final = 0.04
+"""Metres; a planned line is at least this long."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Board:
+    """The rectangle of the plane on which lines may lie, frame b.
+
+    Parameters
+    ----------
+    centre_b : ndarray, shape (3,)
+        Its middle, in metres.
+    axes_b : ndarray, shape (2, 3)
+        Unit vectors along its sides.
+    half_sizes : ndarray, shape (2,)
+        Half the lengths of its sides, in metres.
+    """
+
+    centre_b: Array
+    axes_b: Array
+    half_sizes: Array
+
+    def __post_init__(self) -> None:
+        for name in ("centre_b", "axes_b", "half_sizes"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> Board:
+        """The smallest rectangle along the plane's axes that holds all touched points."""
+        across = (np.asarray(points_b, dtype=float) - target.centre_b) @ target.axes_b.T
+        low, high = across.min(axis=0), across.max(axis=0)
+        centre = target.centre_b + 0.5 * (low + high) @ target.axes_b
+        return cls(centre, target.axes_b, 0.5 * (high - low))
+
+    def holds(self, points_b: Array, margin: float = 0.0) -> Array:
+        """Whether points, shape (..., 3), lie over the board and off its edges; NaN does not."""
+        across = np.abs((points_b - self.centre_b) @ self.axes_b.T)
+        return np.asarray((across <= self.half_sizes - margin).all(axis=-1))
+
+
+@dataclass(frozen=True, slots=True)
+class PoseGrid:
+    """The poses of the sensor over the board among which to choose. Angles in radians.
+
+    Parameters
+    ----------
+    tilts : tuple of float
+        Between central ray and the board's normal. Wide tilts tell most; beyond some 60° of
+        incidence shiny steel shows no line.
+    azimuths : int
+        Directions to tilt towards, evenly spaced.
+    yaws : tuple of float
+        Turns about the board's normal; 0 is how the sensor stands now.
+    depths : tuple of float
+        Where the board lies in the measuring range, 0 nearest, 1 farthest.
+    places : tuple of float
+        Where the central ray meets the board, as shares of its half sizes, along either side.
+    """
+
+    tilts: tuple[float, ...] = tuple(np.radians((0.0, 20.0, 40.0)))
+    azimuths: int = 12
+    yaws: tuple[float, ...] = tuple(np.radians((-90.0, -45.0, 0.0, 45.0, 90.0)))
+    depths: tuple[float, ...] = (0.15, 0.5, 0.85)
+    places: tuple[float, ...] = (-0.4, 0.0, 0.4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suggestion:
+    """The pose to take the next line from, and what it would bring.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose.
+    before, after : Uncertainty
+        Expected without and with that line.
+    """
+
+    T_b_f: Array
+    before: Uncertainty
+    after: Uncertainty
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+
+
+def candidate_poses(
+    T_f_s: Array,
+    target: PlaneTarget,
+    board: Board,
+    window: Window,
+    grid: PoseGrid,
+    x_b: ArrayLike | None = None,
+) -> Array:
+    """Flange poses, shape (n, 4, 4), whose whole laser line should fall on the board.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange, as far as it is known.
+    target : PlaneTarget
+        The plane; its normal points to the sensor's side.
+    board : Board
+        Where on the plane lines may lie.
+    window : Window
+        The sensor's range.
+    grid : PoseGrid
+        What to try.
+    x_b : array_like, shape (3,), optional
+        Direction of x_s at yaw zero, best that of now; along the board's first side if left out.
+    """
+    u = target.plane.u
+    x = board.axes_b[0] if x_b is None else np.asarray(x_b, dtype=float)
+    x = unit(x - (x @ u) * u)
+    upright = np.column_stack((x, np.cross(-u, x), -u))  # z_s into the board
+    turns = [
+        Rotation.from_rotvec(yaw * u) * Rotation.from_rotvec(tilt * axis)
+        for yaw, (tilt, axis) in product(grid.yaws, _tilt_axes(grid, x, np.cross(u, x)))
+    ]
+    R_b_s = np.stack([turn.as_matrix() for turn in turns]) @ upright
+    foot = np.array(
+        [
+            board.centre_b + (np.array(place) * board.half_sizes) @ board.axes_b
+            for place in product(grid.places, repeat=2)
+        ]
+    )
+    depth = window.near + np.array(grid.depths) * (window.far - window.near)
+    origin = foot[None, :, None] - depth[None, None, :, None] * R_b_s[:, None, None, :, 2]
+    T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
+    T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
+    T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse(T_f_s)
+    seen = foresee(T_b_f, T_f_s, target, window, NoiseModel())
+    good = (seen.span >= SHORTEST) & board.holds(seen.ends_b, MARGIN).all(axis=1)
+    return np.asarray(T_b_f[good])
+
+
+def _tilt_axes(grid: PoseGrid, x: Array, y: Array) -> list[tuple[float, Array]]:
+    """Tilts and the axes in the board to tilt about; no tilt counts once."""
+    azimuths = np.arange(grid.azimuths) * 2 * np.pi / grid.azimuths
+    axes = [np.cos(a) * x + np.sin(a) * y for a in azimuths]
+    return [(tilt, axis) for tilt in grid.tilts for axis in (axes if tilt else axes[:1])]
+
+
+def default_poses(
+    T_f_s: Array,
+    target: PlaneTarget,
+    board: Board,
+    window: Window,
+    noise: NoiseModel,
+    *,
+    count: int = 12,
+    grid: PoseGrid | None = None,
+    x_b: ArrayLike | None = None,
+    reachable: Reachable | None = None,
+) -> list[Array]:
+    """The flange poses whose lines together fix T_f_s best, the most telling first.
+
+    Parameters
+    ----------
+    T_f_s, target, board, window, grid, x_b
+        As in `candidate_poses`.
+    noise : NoiseModel
+        What lines and poses err by.
+    count : int
+        Lines to plan.
+    reachable : callable, optional
+        Says whether the arm can take its flange to T_b_f without touching anything.
+
+    Raises
+    ------
+    CalibrationRefused
+        If fewer than `count` poses can be reached with the line on the board.
+    """
+    candidates = candidate_poses(T_f_s, target, board, window, grid or PoseGrid(), x_b)
+    chosen: list[int] = []
+    if len(candidates):
+        seen = foresee(candidates, T_f_s, target, window, noise)
+        chosen = choose(list(candidates), seen.information, known_before(target), count, reachable)
+    if len(chosen) < count:
+        raise CalibrationRefused(
+            "too few poses within reach",
+            f"{count} poses are wanted, {len(chosen)} of {len(candidates)} candidates can be "
+            "reached; move the board to where the arm can tilt the sensor over it, or take a "
+            "larger board",
+        )
+    return [readonly(candidates[k]) for k in chosen]
+
+
+def suggest_pose(
+    candidates: Sequence[Array],
+    taken: Sequence[Array],
+    T_f_s: Array,
+    target: PlaneTarget,
+    window: Window,
+    noise: NoiseModel,
+    *,
+    reachable: Reachable | None = None,
+) -> Suggestion:
+    """The candidate whose line shrinks the uncertainty most, given the lines taken already.
+
+    Parameters
+    ----------
+    candidates : sequence of ndarray, shape (4, 4)
+        Flange poses to choose from, such as `candidate_poses` gives.
+    taken : sequence of ndarray, shape (4, 4)
+        Flange poses of the lines there are.
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange, as far as it is known.
+    target, window, noise, reachable
+        As in `default_poses`.
+
+    Raises
+    ------
+    CalibrationRefused
+        If no candidate sees the plane within reach.
+    """
+    poses = np.reshape(np.array(candidates, dtype=float), (-1, 4, 4))
+    so_far = np.reshape(np.array(taken, dtype=float), (-1, 4, 4))
+    chosen: list[int] = []
+    if len(poses):
+        known = known_before(target)
+        if len(so_far):
+            known = known + foresee(so_far, T_f_s, target, window, noise).information.sum(axis=0)
+        seen = foresee(poses, T_f_s, target, window, noise)
+        chosen = choose(list(poses), seen.information, known, 1, reachable)
+    if not chosen:
+        raise CalibrationRefused(
+            "no pose to suggest",
+            f"none of {len(poses)} candidates sees the plane within reach; offer others",
+        )
+    best = poses[chosen[0]]
+    return Suggestion(
+        best,
+        expected(so_far, T_f_s, target, window, noise),
+        expected(np.concatenate((so_far, best[None])), T_f_s, target, window, noise),
+    )

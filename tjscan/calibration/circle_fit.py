@@ -1,0 +1,165 @@
+"""The laser line on a ball: an arc, robustly fitted, with its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from tjscan.calibration.consensus import (
+    ROUGHEST,
+    SCORED,
+    TRIM,
+    Mask,
+    best,
+    draws,
+    evenly,
+    settle,
+)
+from tjscan.calibration.noise import NoiseModel
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, readonly
+from tjscan.laser.profile import Profile
+
+FEWEST: Final = 20
+"""An arc has at least so many points."""
+SHARE: Final = 0.15
+"""At least this share of a profile's points lies on the arc: a ball fills less of it than a
+board does."""
+NARROWEST: Final = float(np.radians(30.0))
+"""Radians; a shorter arc hardly tells its radius from its centre."""
+LARGEST: Final = 1.0
+"""Metres; a larger circle is a straight line."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcFit:
+    """A circle in the laser plane, frame s.
+
+    Parameters
+    ----------
+    centre_s : ndarray, shape (3,)
+        y = 0, in metres.
+    radius : float
+        Metres.
+    covariance : ndarray, shape (3, 3)
+        Of centre x, centre z and radius, square metres.
+    scatter : float
+        RMS distance of its points from it, in metres.
+    inlier : ndarray of bool, shape (columns,)
+        Which columns of the profile lie on the arc.
+    """
+
+    centre_s: Array
+    radius: float
+    covariance: Array
+    scatter: float
+    inlier: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre_s", readonly(self.centre_s))
+        object.__setattr__(self, "covariance", readonly(self.covariance))
+        self.inlier.flags.writeable = False
+
+    @property
+    def count(self) -> int:
+        """Number of points on the arc."""
+        return int(self.inlier.sum())
+
+
+def fit_circle(profile: Profile, noise: NoiseModel, largest: float = LARGEST) -> ArcFit:
+    """Fit the circle, no larger than `largest` metres in radius, that most points lie on.
+
+    Raises
+    ------
+    CalibrationRefused
+        If too few points lie on one circle, or their arc is too short.
+    """
+    valid = profile.valid
+    points = np.column_stack((profile.x_s[valid], profile.z_s[valid]))
+    if len(points) < FEWEST:
+        raise CalibrationRefused(
+            "no arc seen",
+            f"the profile holds {len(points)} points, an arc needs {FEWEST}; bring the ball "
+            "into the sensor's range",
+        )
+    inlier = _start(points, noise.range, largest)
+    if inlier.sum() >= FEWEST:
+        inlier = settle(lambda m: _distances(points, _algebraic(points[m])), inlier, noise.range)
+    if inlier.sum() < max(FEWEST, SHARE * len(points)):
+        raise CalibrationRefused(
+            "no arc seen",
+            f"only {inlier.sum()} of {len(points)} points lie on one circle within "
+            f"{1e3 * TRIM * ROUGHEST * noise.range:.2f} mm; let the line cross the ball nearer to "
+            "its middle",
+        )
+    return _describe(points, inlier, valid, noise, largest)
+
+
+def _start(points: Array, sigma: float, largest: float) -> Mask:
+    """Points close to the circle through three of them that most of them are close to."""
+    tolerance = 2 * TRIM * sigma
+    triple = points[draws(len(points), 3)]
+    # Circumcentre: both chords from the first point are bisected.
+    chord = triple[:, 1:] - triple[:, :1]
+    half = 0.5 * np.einsum("kij,kij->ki", chord, chord)
+    twice_area = chord[:, 0, 0] * chord[:, 1, 1] - chord[:, 0, 1] * chord[:, 1, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (half[:, 0] * chord[:, 1, 1] - half[:, 1] * chord[:, 0, 1]) / twice_area
+        z = (half[:, 1] * chord[:, 0, 0] - half[:, 0] * chord[:, 1, 0]) / twice_area
+    radius = np.hypot(x, z)
+    round_enough = radius <= largest
+    if not round_enough.any():
+        return np.zeros(len(points), dtype=bool)
+    circles = np.column_stack((triple[:, 0] + np.column_stack((x, z)), radius))[round_enough]
+    few = points[evenly(len(points), SCORED)]
+    away = np.linalg.norm(few[None] - circles[:, None, :2], axis=2) - circles[:, 2:]
+    return np.abs(_distances(points, circles[best(away, tolerance)])) < tolerance
+
+
+def _distances(points: Array, circle: Array) -> Array:
+    """Signed distances of points from a circle (x, z, radius)."""
+    return np.asarray(np.hypot(*(points - circle[:2]).T) - circle[2])
+
+
+def _algebraic(points: Array) -> Array:
+    """Circle (x, z, radius) by linear least squares (Kåsa 1976): a start, and quick."""
+    middle = points.mean(axis=0)
+    p = points - middle
+    A = np.column_stack((2 * p, np.ones(len(p))))
+    (x, z, c), *_ = np.linalg.lstsq(A, np.einsum("ij,ij->i", p, p), rcond=None)
+    return np.array((x + middle[0], z + middle[1], np.sqrt(c + x * x + z * z)))
+
+
+def _describe(
+    points: Array, inlier: Mask, valid: Mask, noise: NoiseModel, largest: float
+) -> ArcFit:
+    kept = points[inlier]
+
+    def jacobian(circle: Array) -> Array:
+        away = circle[:2] - kept
+        return np.column_stack((away / np.hypot(*away.T)[:, None], -np.ones(len(kept))))
+
+    found = least_squares(lambda c: _distances(kept, c), _algebraic(kept), jacobian, method="lm")
+    circle = found.x
+    towards = (kept - circle[:2]) @ -np.array((0.0, 1.0))
+    angle = np.arctan2(kept[:, 0] - circle[0], towards)  # zero on the sensor's side
+    if circle[2] > largest or np.ptp(angle) < NARROWEST:
+        raise CalibrationRefused(
+            "no arc seen",
+            f"the arc spans {np.degrees(np.ptp(angle)):.0f}° of a circle of "
+            f"{1e3 * circle[2]:.1f} mm, too little to tell its centre; "
+            f"{np.degrees(NARROWEST):.0f}° are needed",
+        )
+    J = found.jac
+    scatter = float(np.sqrt(found.fun @ found.fun / (len(kept) - 3)))
+    # Range errors act along z; steep flanks of the ball move less. Taking them as square to the
+    # arc everywhere is on the safe side.
+    covariance = noise.inflation * max(noise.range, scatter) ** 2 * np.linalg.inv(J.T @ J)
+    columns = np.zeros(len(valid), dtype=bool)
+    columns[np.flatnonzero(valid)[inlier]] = True
+    centre = np.array((circle[0], 0.0, circle[1]))
+    return ArcFit(centre, float(circle[2]), covariance, scatter, columns)

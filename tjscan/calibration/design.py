@@ -1,0 +1,201 @@
+"""Which poses tell most about the sensor's place: D-optimal choice among candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.closed_form import LineBundle
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.refine import inverse_information
+from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.window import Window, see_plane
+from tjscan.frames import Array, readonly
+
+Reachable = Callable[[Array], bool]
+"""Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
+
+MOUNT_POSITION: Final = 0.05
+MOUNT_ROTATION: Final = float(np.radians(10.0))
+"""How well the sensor's place is known before any line: metres and radians, as for a drawing of
+the bracket. An assumption; it only keeps the first choices finite."""
+EXCHANGES: Final = 3
+"""Rounds in which each chosen pose may be exchanged for a better one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertainty:
+    """How far T_f_s is expected to be off.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+        Of translation (metres) and small rotation (radians), both in the axes of f.
+    """
+
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", readonly(self.covariance))
+
+    @property
+    def position(self) -> float:
+        """RMS length of the translation error, in metres."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+    @property
+    def rotation(self) -> float:
+        """RMS angle of the rotation error, in radians."""
+        return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foresight:
+    """What a line from each of n poses would tell, before it is taken.
+
+    Parameters
+    ----------
+    information : ndarray, shape (n, 9, 9)
+        About T_f_s (translation, rotation in the axes of f) and the plane (tilt, tilt, height).
+        Zero where the board is out of the window.
+    ends_b : ndarray, shape (n, 2, 3)
+        Where the line would lie on the plane, frame b; NaN where the board is out of the window.
+    span : ndarray, shape (n,)
+        Its length, in metres.
+    """
+
+    information: Array
+    ends_b: Array
+    span: Array
+
+
+def foresee(
+    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
+) -> Foresight:
+    """Foresee the lines that a sensor at about T_f_s takes of a plane from poses (n, 4, 4)."""
+    T_b_s = T_b_f @ T_f_s
+    u_s = target.plane.u @ T_b_s[:, :3, :3]
+    u0_s = T_b_s[:, :3, 3] @ target.plane.u + target.plane.u0
+    seen = see_plane(window, u_s, u0_s)
+    there = seen.span > 0
+    ends_s = np.where(there[:, None, None], seen.ends_s, np.array(((-1.0, 0, 0), (1.0, 0, 0))))
+    along = ends_s[:, 1] - ends_s[:, 0]
+    direction = along / np.linalg.norm(along, axis=1, keepdims=True)
+    count = np.maximum(seen.columns, 2)
+    # Points evenly spread over a length have a variance of a twelfth of its square.
+    sigma = np.sqrt(noise.inflation / count) * noise.range * np.abs(direction[:, 0])
+    sigma_angle = sigma * np.sqrt(12) / np.where(there, seen.span, 1.0)
+    lines = LineBundle(T_b_f[:, :3, :3], T_b_f[:, :3, 3], ends_s.mean(axis=1), direction)
+    found = PlaneModel(lines, sigma, sigma_angle, target, noise).linearise(T_f_s, np.zeros(3))
+    J = np.concatenate((found.by_pose, found.by_target), axis=2)
+    information = J.transpose(0, 2, 1) @ np.linalg.solve(found.covariance, J)
+    ends_b = np.einsum("nij,nkj->nki", T_b_s[:, :3, :3], seen.ends_s) + T_b_s[:, None, :3, 3]
+    return Foresight(np.where(there[:, None, None], information, 0.0), ends_b, seen.span)
+
+
+def known_before(target: PlaneTarget) -> Array:
+    """Information before any line, shape (9, 9): the mount roughly, the plane as touched."""
+    information = np.zeros((9, 9))
+    information[:3, :3] = np.eye(3) / MOUNT_POSITION**2
+    information[3:6, 3:6] = np.eye(3) / MOUNT_ROTATION**2
+    information[6:, 6:] = target.information
+    if not target.known:
+        # Unknown, yet no determinant may vanish: half a turn and a metre.
+        information[6:, 6:] = np.diag((np.pi**-2, np.pi**-2, 1.0))
+    return information
+
+
+def expected(
+    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
+) -> Uncertainty:
+    """How far a calibration with lines from these poses, shape (n, 4, 4), would be off.
+
+    It falls with every pose, also before there are enough of them to solve; n may be zero.
+    """
+    information = known_before(target)
+    if len(T_b_f):
+        information = information + foresee(T_b_f, T_f_s, target, window, noise).information.sum(0)
+    return Uncertainty(inverse_information(information)[:6, :6])
+
+
+def gain(before: Array, information: Array) -> Array:
+    """Log-determinant of what is known of T_f_s, the plane's errors allowed for, shape (n,).
+
+    Parameters
+    ----------
+    before : ndarray, shape (9, 9) or (n, 9, 9)
+        What is known already.
+    information : ndarray, shape (n, 9, 9)
+        What each candidate adds.
+    """
+    total = before + information
+    # The determinant of a Schur complement is the quotient of two determinants.
+    return np.asarray(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[:, 6:, 6:])[1])
+
+
+def choose(
+    candidates: Sequence[Array],
+    information: Array,
+    before: Array,
+    count: int,
+    reachable: Reachable | None = None,
+) -> list[int]:
+    """Indices of the candidates that together tell most, the most telling first.
+
+    Each is chosen greedily, then exchanged while that helps (Fedorov 1972). A pose may be chosen
+    more than once only when nothing else is left. `reachable` is asked about the poses that are
+    about to be chosen, not about all.
+
+    Returns
+    -------
+    list of int
+        Fewer than `count` where fewer are reachable.
+    """
+    allowed = np.abs(information).max(axis=(1, 2)) > 0
+    asked: dict[int, bool] = {}
+
+    def best(known: Array, taken: list[int]) -> int | None:
+        score = gain(known, information)
+        score[~allowed] = -np.inf
+        score[taken] = -np.inf
+        for k in np.argsort(-score):
+            if not np.isfinite(score[k]):
+                return None
+            k = int(k)
+            if k not in asked:
+                asked[k] = reachable is None or reachable(candidates[k])
+            if asked[k]:
+                return k
+        return None
+
+    chosen: list[int] = []
+    while len(chosen) < count:
+        k = best(before + information[chosen].sum(axis=0), chosen)
+        if k is None:
+            return chosen
+        chosen.append(k)
+    for _ in range(EXCHANGES):
+        old = list(chosen)
+        for i in range(count):
+            rest = chosen[:i] + chosen[i + 1 :]
+            k = best(before + information[rest].sum(axis=0), rest)
+            if k is not None:
+                chosen[i] = k
+        if chosen == old:
+            break
+    return _most_telling_first(chosen, information, before)
+
+
+def _most_telling_first(chosen: list[int], information: Array, before: Array) -> list[int]:
+    left, order = list(chosen), list[int]()
+    known = before
+    while left:
+        k = left[int(np.argmax(gain(known, information[left])))]
+        order.append(k)
+        left.remove(k)
+        known = known + information[k]
+    return order

@@ -1,0 +1,183 @@
+"""``calibration.toml``: a calibration as it is kept, in millimetres and degrees."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import tomli_w
+from pydantic import Field, field_validator
+
+from tjscan.calibration.hand_eye import HandEye, Residual
+from tjscan.calibration.noise import NoiseModel
+from tjscan.config import FileModel, read_toml, validate
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, from_rounded
+from tjscan.result.files import whole
+
+Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
+
+IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
+"""From metres and radians to the file's millimetres and degrees."""
+
+
+class NoiseTable(FileModel):
+    """The noise that lines and poses were weighed by."""
+
+    range_mm: float = Field(gt=0)
+    correlation_columns: float = Field(ge=0)
+    position_mm: float = Field(gt=0)
+    rotation_deg: float = Field(gt=0)
+    touch_mm: float = Field(gt=0)
+
+
+class ResidualTable(FileModel):
+    """One line; see `tjscan.calibration.hand_eye.Residual`."""
+
+    name: str
+    used: bool
+    offset_mm: float
+    tilt_deg: float | None = None
+    misfit: float
+    shift_mm: float
+    turn_deg: float
+
+
+class CalibrationFile(FileModel):
+    """One calibration.
+
+    `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees.
+    """
+
+    arm: str
+    laser: str
+    date: datetime
+    method: str
+    lines: int = Field(ge=1)
+    T_f_s_mm: Annotated[tuple[Row4, Row4, Row4, Row4], Field(strict=False)]
+    covariance: Annotated[tuple[Row6, Row6, Row6, Row6, Row6, Row6], Field(strict=False)]
+    sigma_position_mm: float = Field(ge=0)
+    sigma_rotation_deg: float = Field(ge=0)
+    condition: float = Field(gt=0)
+    excess: float = Field(ge=1)
+    noise: NoiseTable
+    residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
+
+    @field_validator("T_f_s_mm")
+    @classmethod
+    def _is_a_pose(cls, rows: Any) -> Any:
+        from_rounded(rows)
+        return rows
+
+    @property
+    def T_f_s(self) -> Array:
+        """Pose of the sensor in the flange frame, shape (4, 4), metres."""
+        T = np.array(self.T_f_s_mm)
+        T[:3, 3] *= 1e-3
+        return from_rounded(T)
+
+    @property
+    def covariance_si(self) -> Array:
+        """Of translation and small rotation in the axes of f, shape (6, 6), metres and radians."""
+        return np.array(self.covariance) / np.outer(IN_FILE, IN_FILE)
+
+
+def to_file(
+    result: HandEye, noise: NoiseModel, *, arm: str, laser: str, date: datetime
+) -> CalibrationFile:
+    """Put a calibration into the words of the file.
+
+    Parameters
+    ----------
+    result : HandEye
+        What was found.
+    noise : NoiseModel
+        The noise it was found under.
+    arm, laser : str
+        Which devices it holds for; `read_calibration` refuses it for others.
+    date : datetime
+        When the lines were taken.
+    """
+    T = result.T_f_s.copy()
+    T[:3, 3] *= 1e3
+    sure = result.uncertainty
+    data = {
+        "arm": arm,
+        "laser": laser,
+        "date": date,
+        "method": result.method,
+        "lines": sum(residual.used for residual in result.residuals),
+        "T_f_s_mm": T.tolist(),
+        "covariance": (result.covariance * np.outer(IN_FILE, IN_FILE)).tolist(),
+        "sigma_position_mm": 1e3 * sure.position,
+        "sigma_rotation_deg": float(np.degrees(sure.rotation)),
+        "condition": result.condition,
+        "excess": result.excess,
+        "noise": NoiseTable(
+            range_mm=1e3 * noise.range,
+            correlation_columns=noise.correlation,
+            position_mm=1e3 * noise.position,
+            rotation_deg=float(np.degrees(noise.rotation)),
+            touch_mm=1e3 * noise.touch,
+        ),
+        "residuals": [_residual(residual) for residual in result.residuals],
+    }
+    return validate(CalibrationFile, data)
+
+
+def _residual(residual: Residual) -> ResidualTable:
+    return ResidualTable(
+        name=residual.name,
+        used=residual.used,
+        offset_mm=1e3 * residual.offset,
+        tilt_deg=None if residual.tilt is None else float(np.degrees(residual.tilt)),
+        misfit=residual.misfit,
+        shift_mm=1e3 * residual.shift,
+        turn_deg=float(np.degrees(residual.turn)),
+    )
+
+
+def write_calibration(file: Path, calibration: CalibrationFile) -> None:
+    """Write ``calibration.toml``: whole, or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be written; what stood there before then still does.
+    """
+    text = tomli_w.dumps(calibration.model_dump(exclude_none=True))
+    with whole(file) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
+def read_calibration(
+    file: Path, *, arm: str | None = None, laser: str | None = None
+) -> CalibrationFile:
+    """Read ``calibration.toml``.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    arm, laser : str, optional
+        The devices at hand; a calibration of others is refused.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or belongs to another arm or laser.
+    """
+    calibration = validate(CalibrationFile, read_toml(file), file)
+    for key, wanted in (("arm", arm), ("laser", laser)):
+        found = getattr(calibration, key)
+        if wanted is not None and wanted != found:
+            raise ConfigurationError(
+                f"was calibrated on {found!r}, but this cell has {wanted!r}: a calibration holds "
+                "for one sensor on one hand; calibrate again",
+                file=file,
+                key=key,
+            )
+    return calibration

@@ -1,0 +1,470 @@
+"""Hand-eye calibration: where the laser sits on the flange, how sure that is, or a refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from tjscan.calibration.circle_fit import ArcFit
+from tjscan.calibration.closed_form import (
+    ClosedForm,
+    bundle,
+    in_front,
+    rotation_matrix_A,
+    solve_closed_form,
+)
+from tjscan.calibration.design import Uncertainty
+from tjscan.calibration.line_fit import LineFit
+from tjscan.calibration.model import Model
+from tjscan.calibration.motion import check_motion, refuse_condition
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.plucker import Plane
+from tjscan.calibration.refine import Estimate, Mask, deletions, refine
+from tjscan.calibration.snooping import FALSE_ALARM, drop_bad
+from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
+from tjscan.calibration.targets import PlaneTarget, SphereTarget
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, readonly, transform
+
+FEWEST: Final = 5
+"""Eq. (20) needs five lines in general position."""
+WORST_CONDITION: Final = 100.0
+"""Beyond it, errors of a line grow into millimetres."""
+WORST_SCATTER: Final = 3.0
+"""Residuals so many times larger than stated are not what the noise model describes. Smaller
+excess, where it is significant, widens the covariance."""
+LOOSEST_POSITION: Final = 20e-3
+LOOSEST_ROTATION: Final = float(np.radians(5.0))
+"""Metres and radians RMS; a drawing of the bracket tells more than a calibration less certain."""
+FINE_POSITION: Final = 0.5e-3
+FINE_ROTATION: Final = float(np.radians(0.1))
+"""Metres and radians RMS; what a weld groove is to be measured to."""
+STARTS: Final = 12
+"""Starts refined for an unknown plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineSample:
+    """A line on the board, and where the flange was.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose, as the arm read it.
+    fit : LineFit
+        The line, frame s.
+    """
+
+    name: str
+    T_b_f: Array
+    fit: LineFit
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcSample:
+    """An arc on the ball, and where the flange was; see `LineSample`."""
+
+    name: str
+    T_b_f: Array
+    fit: ArcFit
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """What one line says against the result, and what it did to it.
+
+    Parameters
+    ----------
+    name : str
+        Of the sample.
+    used : bool
+        False for a bad pose: the result does without it.
+    offset : float
+        Distance of the line's centroid from the plane, in metres; of an arc, the distance of
+        the ball's centre from where it should be, in the laser plane.
+    tilt : float or None
+        Angle of the line out of the plane, in radians; none for an arc.
+    misfit : float
+        Both together, against what the noise model lets one expect, in standard deviations
+        (RMS per residual); about one for a good line.
+    shift : float
+        Metres by which the sensor's position would move without this line.
+    turn : float
+        Radians by which its rotation would.
+    """
+
+    name: str
+    used: bool
+    offset: float
+    tilt: float | None
+    misfit: float
+    shift: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEye:
+    """A calibration that can be trusted.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange.
+    joint_covariance : ndarray, shape (6 + m, 6 + m)
+        Of its translation (metres), a small rotation on top of it (radians), both in the axes of
+        f, and the target's parameters; widened by `excess` squared.
+    method : str
+        What it rests on: ``plane touched``, ``plane unknown``, ``sphere of known radius`` or
+        ``sphere of unknown radius``.
+    residuals : tuple of Residual
+        One per sample, in their order.
+    condition : float
+        Of eq. (21), first over fifth singular value; for a sphere, of the scaled normal
+        equations.
+    chi2, freedom : float, int
+        Weighted sum of squares that is left, and its expectation under the noise model.
+    excess : float
+        By how much residuals are larger than stated, where that is significant; else one.
+    board : PlaneTarget or None
+        The board, frame b, as it came out; none for a sphere.
+    centre_b : ndarray, shape (3,), or None
+        The ball's centre; none for a plane.
+    radius : float or None
+        The ball's radius; none for a plane.
+    closed_form : ClosedForm or None
+        What eq. (20)-(25) gave, with all lines; none without a touched plane.
+    """
+
+    T_f_s: Array
+    joint_covariance: Array
+    method: str
+    residuals: tuple[Residual, ...]
+    condition: float
+    chi2: float
+    freedom: int
+    excess: float
+    board: PlaneTarget | None = None
+    centre_b: Array | None = None
+    radius: float | None = None
+    closed_form: ClosedForm | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_f_s", readonly(self.T_f_s))
+        object.__setattr__(self, "joint_covariance", readonly(self.joint_covariance))
+
+    @property
+    def covariance(self) -> Array:
+        """Of T_f_s alone, shape (6, 6): translation and small rotation in the axes of f."""
+        return self.joint_covariance[:6, :6]
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How far T_f_s is expected to be off."""
+        return Uncertainty(self.covariance)
+
+    @property
+    def bad(self) -> tuple[str, ...]:
+        """Names of the samples that contradict the others; the result does without them."""
+        return tuple(r.name for r in self.residuals if not r.used)
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What a user should know before relying on it; empty for a good calibration."""
+        said = []
+        if self.bad:
+            said.append(f"left out as contradicting the others: {', '.join(self.bad)}")
+        if self.excess > 1:
+            said.append(
+                f"residuals are {self.excess:.1f} times larger than stated; the uncertainty has "
+                "been widened by as much"
+            )
+        sure = self.uncertainty
+        if sure.position > FINE_POSITION or sure.rotation > FINE_ROTATION:
+            said.append(
+                f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
+                f"{np.degrees(sure.rotation):.2f}° only; add lines that are tilted further"
+            )
+        return tuple(said)
+
+
+def calibrate(
+    samples: Sequence[LineSample],
+    target: PlaneTarget | None,
+    noise: NoiseModel,
+    *,
+    T_f_s_guess: Array | None = None,
+) -> HandEye:
+    """Find the sensor's place on the flange from lines on one plane.
+
+    Parameters
+    ----------
+    samples : sequence of LineSample
+        Five lines or more.
+    target : PlaneTarget or None
+        The plane as touched, see `fit_plane`; none where it is to be found together with the
+        sensor.
+    noise : NoiseModel
+        What lines and poses err by.
+    T_f_s_guess : ndarray, shape (4, 4), optional
+        About how the sensor sits, for instance from the bracket's drawing. Not needed; it lets
+        refusals name the sensor's axes, and is one more start for an unknown plane.
+
+    Raises
+    ------
+    CalibrationRefused
+        If the result could not be trusted: too few lines, a missing motion, too many bad poses,
+        or residuals that the noise model doesn't explain.
+
+    Notes
+    -----
+    Cibicik et al. 2022, appendix, for the closed form. The refinement minimises offset and tilt
+    of each line, weighed by their covariance under range noise and pose noise, over T_f_s and
+    the plane, which its touched points hold in place.
+    """
+    T_b_f = _poses(samples)
+    fits = [sample.fit for sample in samples]
+    R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
+    check_motion(T_b_f, None if target is None else target.plane.u, R_guess)
+    closed = None
+    if target is None:
+        target, T_f_s = _find_plane(T_b_f, fits, noise, T_f_s_guess)
+    else:
+        closed = solve_closed_form(bundle(T_b_f, fits), target.plane)
+        T_f_s = closed.T_f_s
+    model = PlaneModel.of(T_b_f, fits, target, noise)
+    every = np.ones(len(fits), dtype=bool)
+    estimate = drop_bad(model, refine(model, T_f_s, np.zeros(3), every))
+
+    plane = target.moved(estimate.target)
+    condition = _condition(model, plane, estimate.used)
+    if condition > WORST_CONDITION:
+        # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
+        R = R_guess if R_guess is not None or condition > 1e4 else estimate.T_f_s[:3, :3]
+        normals = plane.u @ T_b_f[estimate.used, :3, :3]
+        raise refuse_condition(condition, WORST_CONDITION, normals, R)
+    method = "plane touched" if target.known else "plane unknown"
+    board = replace(target, plane=plane, information=np.linalg.inv(estimate.covariance[6:, 6:]))
+    return _accept(samples, estimate, method, condition, board=board, closed_form=closed)
+
+
+def calibrate_on_sphere(
+    samples: Sequence[ArcSample],
+    sphere: SphereTarget,
+    noise: NoiseModel,
+    *,
+    T_f_s_guess: Array | None = None,
+) -> HandEye:
+    """Find the sensor's place on the flange from arcs on one ball that stays where it is.
+
+    Parameters
+    ----------
+    samples : sequence of ArcSample
+        Five arcs or more, at different heights of the ball.
+    sphere : SphereTarget
+        The ball; where it lies is found together with the sensor.
+    noise : NoiseModel
+        What arcs and poses err by.
+    T_f_s_guess : ndarray, shape (4, 4), optional
+        About how the sensor sits.
+
+    Raises
+    ------
+    CalibrationRefused
+        As `calibrate` does.
+    """
+    T_b_f = _poses(samples)
+    check_motion(T_b_f, None, None if T_f_s_guess is None else T_f_s_guess[:3, :3])
+    model = SphereModel.of(T_b_f, [sample.fit for sample in samples], sphere, noise)
+    starts = sphere_starts(model)
+    if T_f_s_guess is not None:
+        centres = [
+            transform(T @ T_f_s_guess, c) for T, c in zip(T_b_f, model.centres_s, strict=True)
+        ]
+        starts.append((T_f_s_guess, sphere_target(model, np.mean(centres, axis=0))))
+    every = np.ones(len(samples), dtype=bool)
+    estimate = min((refine(model, *start, every) for start in starts), key=lambda e: e.chi2)
+    estimate = drop_bad(model, estimate)
+    condition = _scaled_condition(estimate)
+    if condition > WORST_CONDITION:
+        raise CalibrationRefused(
+            "ill-conditioned",
+            f"the condition number is {condition:.0f}, the limit {WORST_CONDITION:.0f}; see the "
+            "ball from more directions and at different heights",
+        )
+    known = sphere.radius is not None
+    method = "sphere of known radius" if known else "sphere of unknown radius"
+    radius = sphere.radius if sphere.radius is not None else float(estimate.target[3])
+    centre = readonly(estimate.target[:3])
+    return _accept(samples, estimate, method, condition, centre_b=centre, radius=radius)
+
+
+def points_rms(result: HandEye, samples: Sequence[LineSample]) -> float:
+    """RMS distance from the plane of all line points that the result rests on, in metres.
+
+    Raises
+    ------
+    ValueError
+        For a calibration on a sphere.
+    """
+    if result.board is None:
+        raise ValueError("a calibration on a sphere has no plane")
+    squares, count = 0.0, 0
+    for sample, residual in zip(samples, result.residuals, strict=True):
+        if not residual.used or residual.tilt is None:
+            continue
+        fit = sample.fit
+        u_s = result.board.plane.u @ (sample.T_b_f @ result.T_f_s)[:3, :3]
+        # Scatter lies in the laser plane, square to the line; points are spread along it evenly.
+        scatter = float(np.cross(u_s, fit.direction_s)[1]) * fit.scatter
+        spread = residual.tilt * fit.span / np.sqrt(12)
+        squares += fit.count * (residual.offset**2 + spread**2 + scatter**2)
+        count += fit.count
+    return float(np.sqrt(squares / count))
+
+
+def _poses(samples: Sequence[LineSample] | Sequence[ArcSample]) -> Array:
+    if len(samples) < FEWEST:
+        raise CalibrationRefused(
+            "too few lines",
+            f"{len(samples)} were taken, at least {FEWEST} are needed and twelve are good; take "
+            "more, each with another tilt of the sensor",
+        )
+    return np.stack([sample.T_b_f for sample in samples])
+
+
+def _find_plane(
+    T_b_f: Array, fits: list[LineFit], noise: NoiseModel, guess: Array | None
+) -> tuple[PlaneTarget, Array]:
+    """Plane and sensor that fit the lines best, from many starts."""
+    lines = bundle(T_b_f, fits)
+    starts = plane_starts(lines, STARTS)
+    if guess is not None:
+        points = np.stack(
+            [transform(T, p) for T, p in zip(T_b_f @ guess, lines.points_s, strict=True)]
+        )
+        centre = points.mean(axis=0)
+        u = np.linalg.svd(points - centre)[2][2]
+        starts.append((guess, Plane(u, -float(u @ centre))))
+    every = np.ones(len(fits), dtype=bool)
+    found = []
+    for T_f_s, plane in starts:
+        near = (T_b_f[0] @ T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
+        target = PlaneTarget.unknown(plane, near)
+        estimate = refine(PlaneModel.of(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every)
+        behind = in_front(lines, target.moved(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
+        found.append((behind, estimate.chi2, target, estimate))
+    _, _, target, estimate = min(found, key=lambda one: one[:2])
+    near = (T_b_f[0] @ estimate.T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
+    plane = target.moved(estimate.target)
+    if plane.distance(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
+        plane = Plane(-plane.u, -plane.u0)
+    return PlaneTarget.unknown(plane, near), estimate.T_f_s
+
+
+def _condition(model: PlaneModel, plane: Plane, used: Mask) -> float:
+    """First over fifth singular value of A, eq. (21), of the lines in use."""
+    singular = np.linalg.svd(rotation_matrix_A(model.lines, plane.u)[used], compute_uv=False)
+    return float(singular[0] / max(singular[4], 1e-300))
+
+
+def _scaled_condition(estimate: Estimate) -> float:
+    """Of the pose's normal equations, each parameter in units of its own certainty."""
+    covariance = estimate.covariance[:6, :6]
+    sigma = np.sqrt(np.diag(covariance))
+    values = np.linalg.eigvalsh(covariance / np.outer(sigma, sigma))
+    return float(np.sqrt(values[-1] / max(values[0], 1e-300)))
+
+
+def _accept(
+    samples: Sequence[LineSample] | Sequence[ArcSample],
+    estimate: Estimate,
+    method: str,
+    condition: float,
+    *,
+    board: PlaneTarget | None = None,
+    centre_b: Array | None = None,
+    radius: float | None = None,
+    closed_form: ClosedForm | None = None,
+) -> HandEye:
+    """Report what was found, unless the residuals or their lack of certainty speak against it."""
+    residuals = _residuals([sample.name for sample in samples], estimate)
+    excess = _excess(estimate, residuals)
+    covariance = excess**2 * estimate.covariance
+    sure = Uncertainty(covariance[:6, :6])
+    if sure.position > LOOSEST_POSITION or sure.rotation > LOOSEST_ROTATION:
+        raise CalibrationRefused(
+            "too uncertain",
+            f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
+            f"{np.degrees(sure.rotation):.2f}° only; take more lines, tilted further, and turned "
+            "about the board's normal",
+        )
+    return HandEye(
+        estimate.T_f_s,
+        covariance,
+        method,
+        residuals,
+        condition,
+        estimate.chi2,
+        estimate.freedom,
+        excess,
+        board,
+        centre_b,
+        radius,
+        closed_form,
+    )
+
+
+def _residuals(names: list[str], estimate: Estimate) -> tuple[Residual, ...]:
+    deletion = deletions(estimate)
+    r = estimate.linearised.residuals
+    arcs = r.shape[1] == 3
+    offset = np.hypot(r[:, 0], r[:, 1]) if arcs else r[:, 0]
+    misfit = np.sqrt(deletion.chi2 / r.shape[1])
+    return tuple(
+        Residual(
+            names[i],
+            bool(estimate.used[i]),
+            float(offset[i]),
+            None if arcs else float(r[i, 1]),
+            float(misfit[i]),
+            float(np.linalg.norm(deletion.step[i, :3])),
+            float(np.linalg.norm(deletion.step[i, 3:])),
+        )
+        for i in range(len(names))
+    )
+
+
+def _excess(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
+    """By how much residuals exceed the noise model: one unless that is significant."""
+    if estimate.freedom <= 0 or estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.freedom):
+        return 1.0
+    excess = float(np.sqrt(estimate.chi2 / estimate.freedom))
+    if excess <= WORST_SCATTER:
+        return excess
+    worst = sorted(residuals, key=lambda one: -one.misfit)[:3]
+    shown = ", ".join(
+        f"{one.name} ({1e3 * one.offset:+.2f} mm"
+        + ("" if one.tilt is None else f", {np.degrees(one.tilt):+.2f}°")
+        + ")"
+        for one in worst
+    )
+    raise CalibrationRefused(
+        "residuals that the noise model can't explain",
+        f"they are {excess:.1f} times larger than stated range and pose noise allow; worst are "
+        f"{shown}. Check the sensor's own calibration, that board and sensor sit tight and that "
+        "each line belongs to its pose; or state the noise that this cell really has",
+    )

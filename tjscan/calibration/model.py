@@ -1,0 +1,43 @@
+"""What every target tells the refinement: residuals, their derivatives and their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tjscan.frames import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """n profiles with k residuals each, seen from one guess of the sensor and the target.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n, k)
+        Zero where everything fits.
+    by_pose : ndarray, shape (n, k, 6)
+        Derivative by a step of T_f_s: translation and small rotation, both in the axes of f.
+    by_target : ndarray, shape (n, k, m)
+        Derivative by the target's parameters.
+    covariance : ndarray, shape (n, k, k)
+        Of the residuals: range noise and the arm's pose noise, the target's not.
+    """
+
+    residuals: Array
+    by_pose: Array
+    by_target: Array
+    covariance: Array
+
+
+class Model(Protocol):
+    """Profiles of one target."""
+
+    @property
+    def prior(self) -> Array:
+        """Inverse covariance of the target's parameters about zero, shape (m, m)."""
+        ...
+
+    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+        """Residuals at T_f_s, shape (4, 4), and target parameters, shape (m,)."""
+        ...

@@ -1,0 +1,143 @@
+"""Whether the arm moved enough to tell where the sensor sits, and which motion is missing."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, unit
+
+LEAST_TURN: Final = float(np.radians(2.0))
+"""Radians RMS; smaller turns are as good as none."""
+WANTED: Final = 20
+"""Degrees to tilt by, in the advice: what brings the condition number well below its limit."""
+
+
+def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
+    """Refuse poses that can't fix a hand-eye transform whatever the lines say.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+    u_b : ndarray, shape (3,), optional
+        Normal of the board, where it is known.
+    R_f_s : ndarray, shape (3, 3), optional
+        About how the sensor sits on the flange: lets the advice speak of the sensor's axes
+        instead of the flange's.
+
+    Raises
+    ------
+    CalibrationRefused
+        With the motion that is missing.
+    """
+    R = T_b_f[:, :3, :3]
+    turns = Rotation.from_matrix(R[0].T @ R).as_rotvec()
+    _, singular, axes = np.linalg.svd(turns, full_matrices=True)
+    spread = singular / np.sqrt(len(turns))
+    if spread[0] < LEAST_TURN:
+        both = "x and y axes" if R_f_s is not None else "axes that lie along the board"
+        whose = "the sensor's" if R_f_s is not None else "the flange's"
+        raise CalibrationRefused(
+            "only translations",
+            f"the poses differ in orientation by {np.degrees(spread[0]):.1f}°; tilt by {WANTED}° "
+            f"or more, both ways, about {whose} {both}",
+        )
+    if spread[1] < LEAST_TURN:
+        _refuse_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)
+    if u_b is not None:
+        _check_normals(u_b @ R, R_f_s)
+
+
+def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> None:
+    """Name the axis turned about, and the one to tilt about: square to it, along the board."""
+    if u_f is None and R_f_s is not None:
+        u_f = -R_f_s[:, 2]  # the sensor looks at the board
+    turned = name_axis(axis_f, R_f_s)
+    if u_f is None:
+        advice = f"turn about an axis square to it by {WANTED}° or more, both ways"
+    elif abs(axis_f @ u_f) > 0.9:
+        advice = "that is about the board's normal, which shows nothing new; " + advise_tilts(
+            [np.asarray(a) for a in _across(u_f, R_f_s)], R_f_s
+        )
+    else:
+        advice = advise_tilts([np.cross(u_f, axis_f)], R_f_s)
+    raise CalibrationRefused(
+        "turns about one axis only", f"all poses differ by turns about {turned}; {advice}"
+    )
+
+
+def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
+    """The normals seen from the flange, shape (n, 3), must lean two ways."""
+    spread, axes = tilt_spread(u_f)
+    missing = [axis for axis, s in zip(axes, spread, strict=True) if s < LEAST_TURN]
+    if missing:
+        singular = np.linalg.svd(u_f, compute_uv=False) / np.sqrt(len(u_f))
+        shown = ", ".join(f"{s:.4f}" for s in singular)
+        raise CalibrationRefused(
+            "plane normals do not span space",
+            "seen from the flange, the board's normals lean one way only (singular values "
+            f"{shown}); {advise_tilts(missing, R_f_s)}",
+        )
+
+
+def refuse_condition(
+    condition: float, limit: float, u_f: Array, R_f_s: Array | None
+) -> CalibrationRefused:
+    """Refusal of poses that tilt too little, with how much they tilt about which axis."""
+    spread, axes = tilt_spread(u_f)
+    shown = " and ".join(
+        f"{np.degrees(s):.1f}° about {name_axis(axis, R_f_s)}"
+        for s, axis in zip(spread, axes, strict=True)
+    )
+    # About equally little both ways: both are missing.
+    weak = axes if spread[1] > 0.5 * spread[0] else axes[1:]
+    return CalibrationRefused(
+        "ill-conditioned",
+        f"the condition number is {condition:.0f}, the limit {limit:.0f}; the tilts have an RMS "
+        f"of {shown}; {advise_tilts(list(weak), R_f_s)}",
+    )
+
+
+def tilt_spread(u_f: Array) -> tuple[Array, Array]:
+    """How far the normals lean about two axes of the flange, the larger first.
+
+    Returns
+    -------
+    spread : ndarray, shape (2,)
+        RMS tilts in radians.
+    axes : ndarray, shape (2, 3)
+        Unit vectors in frame f to tilt about.
+    """
+    mean = unit(u_f.sum(axis=0))
+    across = u_f - np.outer(u_f @ mean, mean)
+    _, singular, lean = np.linalg.svd(across, full_matrices=True)
+    # Turning about w moves the normal along w × mean.
+    return singular[:2] / np.sqrt(len(u_f)), np.cross(mean, lean[:2])
+
+
+def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
+    """Say about which axes to tilt."""
+    names = " and ".join(sorted({name_axis(axis, R_f_s) for axis in axes_f}))
+    return f"missing: tilt about {names}, by {WANTED}° or more, both ways"
+
+
+def name_axis(axis_f: Array, R_f_s: Array | None) -> str:
+    """Name an axis: one of the sensor's, or of the flange's where the sensor's are unknown."""
+    whose, axis = ("flange", axis_f) if R_f_s is None else ("sensor", R_f_s.T @ axis_f)
+    axis = unit(axis)
+    k = int(np.argmax(np.abs(axis)))
+    if abs(axis[k]) > 0.85:
+        return f"the {whose}'s {'xyz'[k]} axis"
+    x, y, z = axis * np.sign(axis[k])
+    return f"the {whose}'s direction ({x:.2f}, {y:.2f}, {z:.2f})"
+
+
+def _across(u_f: Array, R_f_s: Array | None) -> Array:
+    """Two axes along the board: the sensor's x and y where they are known."""
+    if R_f_s is not None:
+        return R_f_s[:, :2].T
+    return np.asarray(np.linalg.svd(u_f[None])[2][1:])

@@ -1,0 +1,98 @@
+"""Lines on a plane: offset and tilt of each, and what their errors come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from tjscan.calibration.closed_form import LineBundle, bundle
+from tjscan.calibration.line_fit import LineFit
+from tjscan.calibration.model import Linearised
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.targets import PlaneTarget
+from tjscan.frames import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneModel:
+    """The distance of each line's centroid from the plane, and the sine of its tilt out of it.
+
+    Both are all that eq. (17) asks of a line. The target's parameters are those of
+    `PlaneTarget.moved`.
+
+    Parameters
+    ----------
+    lines : LineBundle
+        Poses and lines.
+    sigma_offset, sigma_angle : ndarray, shape (n,)
+        Range errors of each line, in metres and radians.
+    target : PlaneTarget
+        The board.
+    noise : NoiseModel
+        For the arm's errors.
+    """
+
+    lines: LineBundle
+    sigma_offset: Array
+    sigma_angle: Array
+    target: PlaneTarget
+    noise: NoiseModel
+
+    @classmethod
+    def of(cls, T_b_f: Array, fits: list[LineFit], target: PlaneTarget, noise: NoiseModel) -> Self:
+        """Model of lines `fits` seen from poses T_b_f, shape (n, 4, 4)."""
+        return cls(
+            bundle(T_b_f, fits),
+            np.array([fit.sigma_offset for fit in fits]),
+            np.array([fit.sigma_angle for fit in fits]),
+            target,
+            noise,
+        )
+
+    @property
+    def prior(self) -> Array:
+        """Inverse covariance of (tilt, tilt, height), shape (3, 3)."""
+        return self.target.information
+
+    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+        """Offsets in metres and tilts in radians, k = 2, with derivatives and covariance."""
+        R_b_f, R, p = self.lines.R_b_f, T_f_s[:3, :3], T_f_s[:3, 3]
+        lever_f, a_f = self.lines.points_s @ R.T, self.lines.directions_s @ R.T
+        x_b = _turn(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b
+        a_b = _turn(R_b_f, a_f)
+        tilted = self.target.plane.u + target[:2] @ self.target.axes_b
+        length = np.linalg.norm(tilted)
+        u = tilted / length
+        by_tilt = (self.target.axes_b - np.outer(self.target.axes_b @ u, u)) / length
+        arm_b = x_b + self.lines.p_b_f - self.target.centre_b
+        residuals = np.stack((arm_b @ u + target[2], a_b @ u), axis=1)
+
+        u_f = u @ R_b_f  # (n, 3): the normal as each flange sees it
+        by_pose = np.zeros((len(x_b), 2, 6))
+        by_pose[:, 0, :3] = u_f
+        by_pose[:, 0, 3:] = np.cross(lever_f, u_f)
+        by_pose[:, 1, 3:] = np.cross(a_f, u_f)
+        by_target = np.zeros((len(x_b), 2, 3))
+        by_target[:, 0, :2], by_target[:, 0, 2] = arm_b @ by_tilt.T, 1.0
+        by_target[:, 1, :2] = a_b @ by_tilt.T
+        return Linearised(residuals, by_pose, by_target, self._covariance(R, u_f, x_b, a_b, u))
+
+    def _covariance(self, R: Array, u_f: Array, x_b: Array, a_b: Array, u: Array) -> Array:
+        """Of offset and tilt, shape (n, 2, 2): first the line's own errors, then the arm's."""
+        a = self.lines.directions_s
+        across_f = np.stack((-a[:, 2], a[:, 1], a[:, 0]), axis=1) @ R.T
+        # A line's errors lie in the laser plane; this much of them points at the board.
+        share = np.einsum("ni,ni->n", across_f, u_f)
+        covariance = np.zeros((len(x_b), 2, 2))
+        covariance[:, 0, 0] = (share * self.sigma_offset) ** 2 + self.noise.position**2
+        covariance[:, 1, 1] = (share * self.sigma_angle) ** 2
+        # A small turn of the flange moves all points of the line together.
+        turn = np.stack((np.cross(x_b, u), np.cross(a_b, u)), axis=1)
+        return covariance + self.noise.rotation**2 * (turn @ turn.transpose(0, 2, 1))
+
+
+def _turn(R: Array, v: Array) -> Array:
+    """Rows of v, shape (n, 3), each turned by its own R, shape (n, 3, 3)."""
+    return np.asarray(np.einsum("nij,nj->ni", R, v))

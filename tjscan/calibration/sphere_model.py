@@ -1,0 +1,102 @@
+"""Arcs on a ball: where the laser plane cuts it, and what the errors come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from tjscan.calibration.circle_fit import ArcFit
+from tjscan.calibration.model import Linearised
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plucker import skew
+from tjscan.calibration.targets import SphereTarget
+from tjscan.frames import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SphereModel:
+    """The ball's centre against each arc's: in x, in z, and by what the arc's radius says of y.
+
+    The target's parameters are the centre in b and, where it is unknown, the radius; metres.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+    centres_s : ndarray, shape (n, 3)
+        Of the arcs, y = 0.
+    radii : ndarray, shape (n,)
+        Of the arcs.
+    covariances : ndarray, shape (n, 3, 3)
+        Of centre x, centre z and radius of each arc.
+    sphere : SphereTarget
+        The ball.
+    noise : NoiseModel
+        For the arm's errors.
+    """
+
+    T_b_f: Array
+    centres_s: Array
+    radii: Array
+    covariances: Array
+    sphere: SphereTarget
+    noise: NoiseModel
+
+    @classmethod
+    def of(cls, T_b_f: Array, fits: list[ArcFit], sphere: SphereTarget, noise: NoiseModel) -> Self:
+        """Model of arcs `fits` seen from poses T_b_f, shape (n, 4, 4)."""
+        return cls(
+            T_b_f,
+            np.stack([fit.centre_s for fit in fits]),
+            np.array([fit.radius for fit in fits]),
+            np.stack([fit.covariance for fit in fits]),
+            sphere,
+            noise,
+        )
+
+    @property
+    def prior(self) -> Array:
+        """Nothing is known of the centre or an unknown radius: zeros, shape (m, m)."""
+        m = 3 if self.sphere.radius is not None else 4
+        return np.zeros((m, m))
+
+    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+        """Residuals in metres, k = 3: centre along x_s, along z_s, and the ball's radius."""
+        radius = self.sphere.radius if self.sphere.radius is not None else float(target[3])
+        R_b_f, p_b_f = self.T_b_f[:, :3, :3], self.T_b_f[:, :3, 3]
+        R, n = T_f_s[:3, :3], len(self.radii)
+        centre_f = np.einsum("nji,nj->ni", R_b_f, target[:3] - p_b_f)
+        lever_f = centre_f - T_f_s[:3, 3]
+        centre_s = lever_f @ R
+        # The laser plane cuts the ball |y| from its centre: y² + r² = R².
+        slant = np.hypot(centre_s[:, 1], self.radii)
+        residuals = np.column_stack(
+            (
+                centre_s[:, 0] - self.centres_s[:, 0],
+                centre_s[:, 2] - self.centres_s[:, 2],
+                slant - radius,
+            )
+        )
+        by_centre = np.zeros((n, 3, 3))
+        by_centre[:, 0, 0] = by_centre[:, 1, 2] = 1.0
+        by_centre[:, 2, 1] = centre_s[:, 1] / slant
+        in_flange = by_centre @ R.T
+        by_pose = np.concatenate((-in_flange, in_flange @ skew(lever_f)), axis=2)
+        by_target = in_flange @ R_b_f.transpose(0, 2, 1)
+        if self.sphere.radius is None:
+            by_radius = np.zeros((n, 3, 1))
+            by_radius[:, 2] = -1.0
+            by_target = np.concatenate((by_target, by_radius), axis=2)
+
+        by_arc = np.zeros((n, 3, 3))
+        by_arc[:, 0, 0] = by_arc[:, 1, 1] = -1.0
+        by_arc[:, 2, 2] = self.radii / slant
+        turn = in_flange @ skew(centre_f)  # a small turn of the flange moves the ball in f
+        covariance = (
+            by_arc @ self.covariances @ by_arc.transpose(0, 2, 1)
+            + self.noise.position**2 * (in_flange @ in_flange.transpose(0, 2, 1))
+            + self.noise.rotation**2 * (turn @ turn.transpose(0, 2, 1))
+        )
+        return Linearised(residuals, by_pose, by_target, covariance)

@@ -1,0 +1,86 @@
+"""Starts for the refinement where no closed form leads there: unknown plane, sphere."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.closed_form import LineBundle, in_front, rotation_matrix_A, rotations
+from tjscan.calibration.plucker import Plane
+from tjscan.calibration.sphere_model import SphereModel
+from tjscan.frames import Array, pose
+
+NORMALS: Final = 300
+"""Directions tried for an unknown normal: one in every 8°."""
+OFFSET: Final = 1e-3
+TILT: Final = float(np.radians(0.5))
+"""Metres and radians: how misfits in distance and in tilt are compared among starts."""
+
+
+def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
+    """The `count` most promising pairs of T_f_s and plane, the best first.
+
+    For each of many normals over a half sphere, eq. (21) gives the rotation; position and the
+    plane's distance then follow linearly from the lines' centroids.
+    """
+    u = half_sphere(NORMALS)
+    both, _ = rotations(rotation_matrix_A(lines, u))  # (g, 2, 3, 3)
+    u_f = np.einsum("nji,gj->gni", lines.R_b_f, u)
+    centroid_f = np.einsum("gkij,nj->gkni", both, lines.points_s)
+    a_f = np.einsum("gkij,nj->gkni", both, lines.directions_s)
+    tilt = np.einsum("gni,gkni->gkn", u_f, a_f)
+    known = np.einsum("gni,gkni->gkn", u_f, centroid_f) + (lines.p_b_f @ u.T).T[:, None]
+    A = np.concatenate((u_f, np.ones((*u_f.shape[:2], 1))), axis=2)
+    solution = -np.einsum("gij,gkj->gki", np.linalg.pinv(A), known)  # p_f_s and u0
+    offset = known + np.einsum("gnj,gkj->gkn", A, solution)
+    cost = (offset / OFFSET) ** 2 + (tilt / TILT) ** 2
+    order = np.argsort(cost.sum(axis=2), axis=None)
+    found = []
+    for g, k in zip(*np.unravel_index(order, cost.shape[:2]), strict=True):
+        plane = Plane(u[g], solution[g, k, 3])
+        # A sensor behind the board that its hand stands before is a mirror image.
+        if in_front(lines, plane, solution[g, k, :3]) > 0.5:
+            found.append((pose(both[g, k], solution[g, k, :3]), plane))
+        if len(found) == count:
+            break
+    return found
+
+
+def half_sphere(count: int) -> Array:
+    """Unit vectors with z ≥ 0, evenly spread (Fibonacci lattice), shape (count, 3)."""
+    k = np.arange(count)
+    z = (k + 0.5) / count
+    turn = k * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z**2)
+    return np.column_stack((r * np.cos(turn), r * np.sin(turn), z))
+
+
+def sphere_starts(model: SphereModel) -> list[tuple[Array, Array]]:
+    """Pairs of T_f_s and target parameters: one for each way to turn a cube.
+
+    With the rotation given, the sensor's position and the ball's centre follow linearly from
+    the arcs' centres.
+    """
+    R_b_f, p_b_f = model.T_b_f[:, :3, :3], model.T_b_f[:, :3, 3]
+    n = len(R_b_f)
+    found = []
+    for R in Rotation.create_group("O").as_matrix():
+        axes_f = R[:, [0, 2]]  # x_s and z_s in f
+        # axis · (R_b_f^T (C - p_b_f) - p_f_s) = centre of the arc along that axis
+        by_centre = np.einsum("ia,nji->naj", axes_f, R_b_f)
+        by_sensor = -np.broadcast_to(axes_f.T, (n, 2, 3))
+        A = np.concatenate((by_centre, by_sensor), axis=2).reshape(-1, 6)
+        known = np.einsum("naj,nj->na", by_centre, p_b_f) + model.centres_s[:, [0, 2]]
+        x, *_ = np.linalg.lstsq(A, known.ravel(), rcond=None)
+        T_f_s = pose(R, x[3:])
+        found.append((T_f_s, sphere_target(model, x[:3])))
+    return found
+
+
+def sphere_target(model: SphereModel, centre_b: Array) -> Array:
+    """Target parameters for a ball about `centre_b`; the largest arc starts its radius."""
+    if model.sphere.radius is not None:
+        return centre_b
+    return np.append(centre_b, 1.05 * model.radii.max())

@@ -1,0 +1,156 @@
+"""What the laser looks at while it is calibrated: a plane, touched or unknown, or a sphere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, readonly, unit
+
+FEWEST_TOUCHES: Final = 3
+SLIMMEST: Final = 0.1
+"""Touched points whose pattern is narrower than this share of its length count as collinear."""
+LOOSEST: Final = float(np.radians(0.2))
+"""Radians; a touched plane whose normal is less certain would spoil any calibration."""
+IMPROBABLE: Final = 1e-4
+"""Touches less probable than this under the stated noise are refused."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneTarget:
+    """A flat board in frame b, with what is known about where it is.
+
+    A nearby plane is written as (tilt, tilt, height): its normal is ``u + tilts @ axes_b``,
+    scaled to length one, and `centre_b` lies at the signed distance `height` from it.
+
+    Parameters
+    ----------
+    plane : Plane
+        The board, frame b.
+    centre_b : ndarray, shape (3,)
+        The point on it that heights count from, in metres.
+    axes_b : ndarray, shape (2, 3)
+        Two unit vectors in the plane, the long side of the touched pattern first.
+    information : ndarray, shape (3, 3)
+        Inverse covariance of (tilt, tilt, height), radians and metres; zero where nothing is
+        known.
+    residuals : ndarray, shape (n,)
+        Distances of the touched points from the plane, in metres; empty where none was touched.
+    singular_values : ndarray, shape (3,)
+        Of the touched points about their centroid, in metres: length, width and thickness of
+        the pattern, times the root of the number of points.
+    """
+
+    plane: Plane
+    centre_b: Array
+    axes_b: Array
+    information: Array
+    residuals: Array
+    singular_values: Array
+
+    def __post_init__(self) -> None:
+        for name in ("centre_b", "axes_b", "information", "residuals", "singular_values"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def unknown(cls, plane: Plane, near_b: ArrayLike) -> Self:
+        """A plane of which nothing is known; `plane` and the point `near_b` are only a start."""
+        near = np.asarray(near_b, dtype=float)
+        foot = near - float(plane.distance(near)) * plane.u
+        axes = np.linalg.svd(plane.u[None])[2][1:]
+        return cls(plane, foot, axes, np.zeros((3, 3)), np.zeros(0), np.zeros(3))
+
+    @property
+    def known(self) -> bool:
+        """Whether it was touched."""
+        return bool(self.information.any())
+
+    def moved(self, by: Array) -> Plane:
+        """The plane at (tilt, tilt, height) `by`, shape (3,), from this one."""
+        u = unit(self.plane.u + by[:2] @ self.axes_b)
+        return plane_through(self.centre_b - by[2] * u, u)
+
+
+def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None) -> PlaneTarget:
+    """Fit the plane through points touched with the arm's probe tip.
+
+    Parameters
+    ----------
+    points_b : array_like, shape (n, 3)
+        Where the tip touched, frame b, in metres; n ≥ 3.
+    sigma : float
+        Standard deviation of a touched point in each axis, in metres.
+    side_b : array_like, shape (3,), optional
+        A point on the side of the plane that its normal shall point to, such as the flange.
+
+    Raises
+    ------
+    CalibrationRefused
+        If the points are too few, collinear or too close together to fix a plane, or do not
+        lie on one within the stated noise.
+    """
+    points = np.asarray(points_b, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ValueError(f"touched points are finite and of shape (n, 3), not {points.shape}")
+    if len(points) < FEWEST_TOUCHES:
+        raise CalibrationRefused(
+            "too few touched points", f"{len(points)} were touched, a plane needs three or more"
+        )
+    centre = points.mean(axis=0)
+    _, singular, axes = np.linalg.svd(points - centre, full_matrices=len(points) < 4)
+    u = axes[2]
+    if side_b is not None and u @ (np.asarray(side_b, dtype=float) - centre) < 0:
+        u = -u
+    residuals = (points - centre) @ u
+    _check_pattern(singular, sigma)
+    _check_flatness(residuals, sigma)
+    information = np.diag((singular[0] ** 2, singular[1] ** 2, len(points))) / sigma**2
+    return PlaneTarget(plane_through(centre, u), centre, axes[:2], information, residuals, singular)
+
+
+def _check_pattern(singular: Array, sigma: float) -> None:
+    tilt = sigma / max(singular[1], 1e-12)
+    if singular[1] > SLIMMEST * singular[0] and tilt < LOOSEST:
+        return
+    shown = ", ".join(f"{1e3 * s:.2f}" for s in singular)
+    raise CalibrationRefused(
+        "touched points nearly on one line",
+        f"their singular values are {shown} mm and leave the plane's normal uncertain by "
+        f"{min(np.degrees(tilt), 90):.2f}°; touch points that span a wide triangle or rectangle",
+    )
+
+
+def _check_flatness(residuals: Array, sigma: float) -> None:
+    freedom = len(residuals) - 3
+    if freedom == 0 or chi2.sf(residuals @ residuals / sigma**2, freedom) > IMPROBABLE:
+        return
+    shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
+    worst = int(np.argmax(np.abs(residuals))) + 1
+    raise CalibrationRefused(
+        "touched points not on one plane",
+        f"their distances from the best plane are {shown} mm, more than {1e3 * sigma:.3f} mm of "
+        f"noise explain; touch number {worst} again first, then check that the board is flat",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SphereTarget:
+    """A ball that stays where it is, somewhere in frame b.
+
+    Parameters
+    ----------
+    radius : float, optional
+        Metres, where it is known.
+    """
+
+    radius: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.radius is not None and not 0 < self.radius < np.inf:
+            raise ValueError("a sphere's radius is positive and finite")

@@ -1,0 +1,72 @@
+"""One more line, taken to see whether a calibration foretells it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from tjscan.calibration.hand_eye import HandEye, LineSample
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plane_model import PlaneModel
+
+FALSE_ALARM: Final = 1e-3
+"""Probability to reject a good calibration."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """How well a fresh line fits.
+
+    Parameters
+    ----------
+    offset, sigma_offset : float
+        Distance of its centroid from the plane, and what it may be, in metres.
+    tilt, sigma_tilt : float
+        Angle out of the plane, and what it may be, in radians.
+    misfit : float
+        Both together, in standard deviations (RMS of the two).
+    limit : float
+        The largest misfit that chance explains.
+    """
+
+    offset: float
+    sigma_offset: float
+    tilt: float
+    sigma_tilt: float
+    misfit: float
+    limit: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the line is as the calibration foretells."""
+        return self.misfit <= self.limit
+
+
+def verify(result: HandEye, fresh: LineSample, noise: NoiseModel) -> Verification:
+    """Compare a line that took no part in a calibration with what that foretells.
+
+    Raises
+    ------
+    ValueError
+        If the calibration was made on a sphere.
+    """
+    if result.board is None:
+        raise ValueError("only a calibration on a plane can be verified with a line")
+    model = PlaneModel.of(fresh.T_b_f[None], [fresh.fit], result.board, noise)
+    found = model.linearise(result.T_f_s, np.zeros(3))
+    J = np.concatenate((found.by_pose, found.by_target), axis=2)[0]
+    covariance = result.excess**2 * found.covariance[0] + J @ result.joint_covariance @ J.T
+    r = found.residuals[0]
+    sigma = np.sqrt(np.diag(covariance))
+    misfit = np.sqrt(r @ np.linalg.solve(covariance, r) / 2)
+    return Verification(
+        float(r[0]),
+        float(sigma[0]),
+        float(r[1]),
+        float(sigma[1]),
+        float(misfit),
+        float(np.sqrt(chi2.isf(FALSE_ALARM, 2) / 2)),
+    )
