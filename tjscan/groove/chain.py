@@ -143,7 +143,7 @@ def best_chains(
         _Lines(np.zeros((1, 2)), np.zeros((1, 2)), *_running(d[None, lo:hi]))
         for d in (d_first, d_last)
     ]
-    lines, scaled = _proposals(region, *(d[lo:hi] for d in (d_first, d_last)), tolerance)
+    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance)
     if not len(lines):
         return []
     inner = len(model.sides) - 2

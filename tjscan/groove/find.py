@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from tjscan.groove.refinement import (
     coefficient_covariances,
     noise_of,
     refine,
+    spread_of,
 )
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.segments import Segments, find_segments
@@ -87,7 +87,7 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     if len(settings.model.sides) != 4:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row, outline = find_outline(profile, settings)
-    return _section(row, outline)
+    return _section(row, outline, settings.model)
 
 
 def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, Outline]:
@@ -144,81 +144,74 @@ def _shape(segments: Segments, model: GrooveModel) -> str:
 def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
     """Refine a hypothesis and price it again."""
     tolerance = TOLERANCE * settings.noise
-    curved = [side.curved for side in settings.model.sides]
-    outline = refine(row, list(chain.sides), curved, tolerance)
+    outline = refine(row, chain.sides, settings.model.sides, tolerance)
     if outline is None:
         return None
-    price = 0.0
-    for f in outline.fits:
-        scaled = f.residuals / tolerance
-        price += float(np.minimum(scaled * scaled, 1).sum())
-    return _Candidate(outline, price)
+    scaled = outline.residuals / tolerance
+    return _Candidate(outline, float(np.minimum(scaled * scaled, 1).sum()))
 
 
 def _check(
     row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
 ) -> None:
     """Refuse what is not convincing."""
-    for f, (s0, s1) in zip(best.outline.fits, pairwise(best.outline.edges), strict=True):
-        share = np.count_nonzero(f.keep) / max(s1 - s0, 1)
+    for side, share in zip(settings.model.sides, best.outline.shares, strict=True):
         if share < settings.inlier_share:
             raise GrooveNotFound(
-                "ambiguous", f"only {share:.0%} of a side's points lie on it", row.points
+                "ambiguous",
+                f"only {share:.0%} of the points of the {side.name} lie on it",
+                row.points,
             )
 
 
-def _section(row: Row, outline: Outline) -> GrooveSection:
+def _section(row: Row, outline: Outline, model: GrooveModel) -> GrooveSection:
     """Section of an outline of four sides."""
-    wall, leg = outline.fits[0], outline.fits[-1]
-    first = wall.curve.at(float(wall.basis[1][wall.keep].min()))
-    last = leg.curve.at(float(leg.basis[1][leg.keep].max()))
+    wall, leg = outline.curves[0], outline.curves[-1]
+    on_wall = outline.along[outline.keep & (outline.owner == 0)]
+    on_leg = outline.along[outline.keep & (outline.owner == len(outline.curves) - 1)]
     points = np.zeros((5, 3))
-    points[0, [0, 2]] = first
+    points[0, [0, 2]] = wall.at(float(on_wall.min()))
     points[1:4, [0, 2]] = outline.corners
-    points[4, [0, 2]] = last
-    t1 = wall.curve.tangent(outline.places[0][0])
-    t4 = leg.curve.tangent(outline.places[-1][1])
-    residuals = np.concatenate([f.residuals[f.keep] for f in outline.fits])
+    points[4, [0, 2]] = leg.at(float(on_leg.max()))
+    t1 = wall.tangent(outline.places[0][0])
+    t4 = leg.tangent(outline.places[-1][1])
     return section_from_points(
         points,
         wall_s=(t1[0], 0.0, t1[1]),
         leg_s=(t4[0], 0.0, t4[1]),
-        rms=float(np.sqrt(np.mean(residuals**2))),
-        covariance=_covariance(row, outline),
+        rms=float(np.sqrt(np.mean(outline.residuals[outline.keep] ** 2))),
+        covariance=corner_covariance(row, outline, model),
     )
 
 
-def _covariance(row: Row, outline: Outline) -> Array:
-    """Covariance of corners and end tangents, shape (2 k, 2 k) for k sides.
+def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
+    """Covariance of corners and of both end tangents' angles, shape (2 k, 2 k) for k sides.
 
     Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
     normal there and b the derivatives of its height by its coefficients c.
     """
-    noise = noise_of(row, outline)
-    spread = coefficient_covariances(row, outline, noise)
-    starts = np.cumsum([0] + [len(c) for c in spread])
-    sigma = np.zeros((starts[-1], starts[-1]))
-    for k, c in enumerate(spread):
-        sigma[starts[k] : starts[k + 1], starts[k] : starts[k + 1]] = c
-    corners = len(outline.corners)
-    jacobian = np.zeros((2 * corners + 2, starts[-1]))
-    for k, (sa, sb) in enumerate(outline.places):
-        m, rhs = np.empty((2, 2)), np.zeros((2, starts[-1]))
-        for row_, (side, s) in enumerate(((k, sa), (k + 1, sb))):
-            curve = outline.fits[side].curve
+    spread = coefficient_covariances(row, outline, noise_of(row, outline), spread_of(model.sides))
+    k = len(outline.curves)
+    sigma = np.zeros((4 * k, 4 * k))
+    for i in range(k):
+        sigma[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = spread[i]
+    jacobian = np.zeros((2 * k, 4 * k))
+    for i, place in enumerate(outline.places):
+        m, rhs = np.empty((2, 2)), np.zeros((2, 4 * k))
+        for j, s in enumerate(place):
+            curve = outline.curves[i + j]
             _, slope = curve.height(s)
-            m[row_] = (curve.tz - slope * curve.tx, -curve.tx - slope * curve.tz)
-            rhs[row_, starts[side] : starts[side + 1]] = (1.0, s, s * s)[: len(spread[side])]
-        jacobian[2 * k : 2 * k + 2] = np.linalg.solve(m, rhs)
-    for end, (side, k, s) in enumerate(
-        ((0, 0, outline.places[0][0]), (len(outline.fits) - 1, corners - 1, outline.places[-1][1]))
-    ):
-        curve = outline.fits[side].curve
-        # The slope turns the tangent from t towards the normal (tz, -tx): against atan2(z, x).
+            m[j] = curve.tz - slope * curve.tx, -curve.tx - slope * curve.tz
+            rhs[j, 4 * (i + j) : 4 * (i + j) + 4] = 1.0, s, s * s, s * s * s
+        jacobian[2 * i : 2 * i + 2] = np.linalg.inv(m) @ rhs
+    ends = ((0, 0, outline.places[0][0]), (k - 1, k - 2, outline.places[-1][1]))
+    for row_, (side, corner, s) in enumerate(ends, start=2 * k - 2):
+        curve = outline.curves[side]
         _, slope = curve.height(s)
-        scale = -1.0 / (1.0 + slope * slope)
-        bend = 2 * curve.c2 * np.array([curve.tx, curve.tz])
-        at = slice(starts[side], starts[side + 1])
-        jacobian[2 * corners + end, at] = scale * np.array((0.0, 1.0, 2 * s))[: len(spread[side])]
-        jacobian[2 * corners + end] += scale * bend @ jacobian[2 * k : 2 * k + 2]
+        # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
+        turned = -1.0 / (1.0 + slope * slope)
+        jacobian[row_, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
+        bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
+        step = bend * np.array((curve.tx, curve.tz))
+        jacobian[row_] += step @ jacobian[2 * corner : 2 * corner + 2]
     return np.asarray(jacobian @ sigma @ jacobian.T)

@@ -21,14 +21,16 @@ class Side:
         What it is called in messages.
     shortest, longest : float
         Bounds of its length, in metres; the first and the last side may run on.
-    curved : bool
-        Whether its cross-section may be curved.
+    bend, twist : float
+        How far its cross-section ``c2 s² + c3 s³`` may be from straight: standard deviations of
+        c2, in 1/m, and of c3, in 1/m². A pipe of radius R cut across has c2 = 1 / (2 R).
     """
 
     name: str
     shortest: float
     longest: float = 0.2
-    curved: bool = False
+    bend: float = 0.0
+    twist: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +78,10 @@ _ROOT: Final = Side("root", 0.8e-3, 14e-3)
 TEE: Final = GrooveModel(
     "tee",
     (
-        Side("wall", 4e-3, curved=True),
-        Side("bevel", 4e-3, 80e-3, curved=True),
+        Side("wall", 4e-3, bend=0.15),
+        Side("bevel", 4e-3, 80e-3, bend=0.25),
         _ROOT,
-        Side("leg", 4e-3, curved=True),
+        Side("leg", 4e-3, bend=3.0, twist=2.0),
     ),
     (_RIDGE, _HALF_VALLEY, _HALF_VALLEY),
     Turn(radians(8), radians(150)),
@@ -89,11 +91,11 @@ TEE: Final = GrooveModel(
 BUTT_V: Final = GrooveModel(
     "butt-v",
     (
-        Side("plate", 4e-3, curved=True),
+        Side("plate", 4e-3, bend=0.3),
         Side("bevel", 3e-3, 80e-3),
         _ROOT,
         Side("other bevel", 3e-3, 80e-3),
-        Side("other plate", 4e-3, curved=True),
+        Side("other plate", 4e-3, bend=0.3),
     ),
     (_RIDGE, _HALF_VALLEY, _HALF_VALLEY, _RIDGE),
     Turn(-radians(30), radians(30)),

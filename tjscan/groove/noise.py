@@ -13,13 +13,13 @@ from tjscan.groove.segments import Index
 LONGEST: Final = 24
 """Lag in columns beyond which noise is taken as independent."""
 
-FAINT: Final = 0.08
+FAINT: Final = 0.05
 """A correlation below this ends the search: what follows is chance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
-    """Correlation of the noise of columns, as the spectrum that a fast convolution needs.
+    """Correlation of the noise of columns.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Correlation:
     spectrum : ndarray
         Its power spectrum over `size` columns, nowhere negative.
     size : int
-        Columns, padded.
+        Columns, padded for a fast convolution.
     """
 
     lags: Array
@@ -59,39 +59,33 @@ def correlation(scaled: Array, columns: Index, count: int) -> Correlation:
     power = np.abs(np.fft.rfft(grid)) ** 2
     product, pairs = np.fft.irfft(power)[:, :LONGEST]
     rho = product / np.maximum(pairs, 1.0)
-    rho = rho / max(rho[0], 1e-30)
+    rho = rho / max(float(rho[0]), 1e-30)
     faint = rho < FAINT
     end = int(faint.argmax()) if faint.any() else LONGEST
-    lags = np.clip(rho[:end], 0, 1)
+    lags = np.clip(rho[: max(end, 1)], 0, 1)
     kernel = np.zeros(size)
-    kernel[:end] = lags
-    kernel[size - end + 1 :] = lags[:0:-1]
-    spectrum = np.maximum(np.fft.rfft(kernel).real, 0.0)
-    return Correlation(lags, spectrum, size)
+    kernel[: len(lags)] = lags
+    kernel[size - len(lags) + 1 :] = lags[:0:-1]
+    return Correlation(lags, np.maximum(np.fft.rfft(kernel).real, 0.0), size)
 
 
-def covariances(
-    correlation: Correlation,
-    bases: list[Array],
-    inverses: list[Array],
-    sigmas: list[float],
-    columns: list[Index],
-) -> list[Array]:
-    """Covariance of the coefficients of least-squares fits to correlated points.
+def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Index) -> Array:
+    """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
 
-    ``inverse (B R Bᵀ) inverse sigma²``, with R the correlation of the columns.
+    Parameters
+    ----------
+    basis : ndarray, shape (p, n)
+        Derivatives of a side's height by its coefficients, at its own points.
+    owner : ndarray of int, shape (n,)
+        The side of each point, rising.
+    columns : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (k, p, p)
     """
-    rows = sum(len(b) for b in bases)
-    grid = np.zeros((rows, correlation.size))
-    k = 0
-    for basis, where in zip(bases, columns, strict=True):
-        grid[k : k + len(basis), where] = basis
-        k += len(basis)
-    smooth = np.fft.irfft(np.fft.rfft(grid) * correlation.spectrum, n=correlation.size)
-    found, k = [], 0
-    for basis, inverse, sigma in zip(bases, inverses, sigmas, strict=True):
-        m = len(basis)
-        meat = grid[k : k + m] @ smooth[k : k + m].T
-        found.append(sigma**2 * inverse @ meat @ inverse)
-        k += m
-    return found
+    k, p = int(owner[-1]) + 1, len(basis)
+    grid = np.zeros((k, p, noise.size))
+    grid[owner, :, columns] = basis.T
+    smooth = np.fft.irfft(np.fft.rfft(grid) * noise.spectrum, n=noise.size)
+    return np.asarray(grid @ smooth.transpose(0, 2, 1))

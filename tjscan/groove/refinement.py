@@ -1,18 +1,23 @@
-"""From a hypothesis to the most likely outline: sides straight or curved, corners, covariance."""
+"""From a chain to the most likely outline: sides straight or curved, corners, covariance.
+
+All sides are fitted to the points that their corners leave them, over and over until nothing
+moves. A side's section is a straight line or a shallow cubic whose bend and twist are those of
+pipes and bevels, whichever the points make the likelier.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import log
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.frames import Array
-from tjscan.groove.curves import Curve, Fit, fit, meet
-from tjscan.groove.noise import Correlation, correlation, covariances
+from tjscan.groove.curves import Curve, meet
+from tjscan.groove.models import Side
+from tjscan.groove.noise import Correlation, correlated_sums, correlation
 from tjscan.groove.segments import Index
 
 CUT: Final = 3.3
@@ -25,13 +30,28 @@ SHADOW: Final = 0.7
 """Behind the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
 
 SHADOW_RUN: Final = 3
+"""Outliers that make a run."""
 
-SETTLED: Final = 1e-7
+FEWEST: Final = 3
+"""Points that a side can be fitted to."""
+
+LEANING: Final = 20
+"""A side of few points can't tell its own noise: it leans on all by as many points as this."""
+
+SETTLED: Final = 1e-6
 """Corners that move less from one round to the next are final, in metres."""
 
-MOST_ROUNDS: Final = 8
+MOST_ROUNDS: Final = 9
+UNDECIDED_ROUNDS: Final = 4
+"""Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
+REBASED_ROUNDS: Final = 4
+"""Rounds after each of which the chords become tangents again; later they lean too little."""
+
+_UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
+_GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
+_STIFF: Final = 1e12  # weight of a coefficient that has to be zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,97 +78,196 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """Fitted sides and the corners between them.
+    """k fitted sides and the corners between them.
 
     Parameters
     ----------
-    fits : tuple of Fit
-        k sides, from the wall.
-    edges : tuple of int
-        Points ``edges[i]`` up to ``edges[i + 1]`` belong to side i; k + 1 numbers.
+    curves : tuple of Curve
+        From the wall.
     places : tuple of (float, float)
         s of corner i on side i and on side i + 1; k - 1 pairs.
     corners : ndarray, shape (k - 1, 2)
-    sigmas : tuple of float
-        Standard deviation of the residuals of each side, in metres.
+        x and z in metres.
+    owner : ndarray of int, shape (n,)
+        Side that each point of the row belongs to.
+    along : ndarray, shape (n,)
+        Its s there.
+    residuals : ndarray, shape (n,)
+        Distance behind it, in metres.
+    keep : ndarray of bool, shape (n,)
+        Points the fit rests on.
+    sigmas : ndarray, shape (k,)
+        Standard deviation of each side's residuals, in metres.
+    curved : ndarray of bool, shape (k,)
+        Which sides are curved.
+    inverse : ndarray, shape (k, 4, 4)
+        Inverses of the normal matrices, in powers of s / 20 mm.
+    weight : ndarray, shape (k, 4)
+        What the prior added to their diagonals.
     """
 
-    fits: tuple[Fit, ...]
-    edges: tuple[int, ...]
+    curves: tuple[Curve, ...]
     places: tuple[tuple[float, float], ...]
     corners: Array
-    sigmas: tuple[float, ...]
+    owner: Index
+    along: Array
+    residuals: Array
+    keep: NDArray[np.bool_]
+    sigmas: Array
+    curved: NDArray[np.bool_]
+    inverse: Array
+    weight: Array
+
+    @property
+    def middles(self) -> list[float]:
+        """Mean s of the points that each side's fit rests on."""
+        owner = self.owner[self.keep]
+        k = len(self.curves)
+        sums = np.bincount(owner, self.along[self.keep], minlength=k)
+        middles: list[float] = (sums / np.bincount(owner, minlength=k)).tolist()
+        return middles
+
+    @property
+    def shares(self) -> Array:
+        """Share of each side's points that the fit rests on, shape (k,)."""
+        k = len(self.curves)
+        return np.asarray(self.counts / np.bincount(self.owner, minlength=k))
+
+    @property
+    def counts(self) -> Index:
+        """Number of points that each side's fit rests on, shape (k,)."""
+        return np.bincount(self.owner[self.keep], minlength=len(self.curves))
 
 
-def refine(row: Row, sides: list[Curve], curved: list[bool], tolerance: float) -> Outline | None:
-    """Fit all sides to the points that their corners leave them, over and over until it settles.
-
-    A side that may be curved starts as a parabola and stays one if that is the likelier model
-    by the Bayesian information criterion, counting correlated points as fewer.
+def refine(
+    row: Row, sides: tuple[Curve, ...], model: tuple[Side, ...], tolerance: float
+) -> Outline | None:
+    """Find the most likely outline near a chain; None where there is none.
 
     Parameters
     ----------
     row : Row
-    sides : list of Curve
-        A hypothesis, from the wall.
-    curved : list of bool
-        Which sides may be curved.
+    sides : tuple of Curve
+        A chain, from the wall.
+    model : tuple of Side
+        What its sides are like.
     tolerance : float
-        Distance from the hypothesis within which points belong to it, in metres.
+        Distance from the chain within which points belong to it, in metres.
     """
-    degrees = [2 if c else 1 for c in curved]
-    limits = [tolerance] * len(sides)
-    outline = None
-    decided = False
-    for round_ in range(MOST_ROUNDS):
-        last = outline
-        outline = _round(row, sides, degrees, limits)
+    spread = spread_of(model)
+    curved = spread[:, 0] > 0
+    inflation = _GUESSED_INFLATION
+    limits = np.full(len(sides), tolerance)
+    sigmas = np.full(len(sides), tolerance / 4)
+    outline, decided = None, False
+    for count in range(MOST_ROUNDS):
+        before = outline
+        weight = _weights(spread, curved, sigmas, inflation)
+        if outline is not None and count < REBASED_ROUNDS:
+            sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
+        outline = _round(row, sides, limits, weight, curved)
         if outline is None:
             return None
-        sides = [f.curve for f in outline.fits]
-        limits = [min(max(CUT * s, CUT * LEAST_NOISE), tolerance) for s in outline.sigmas]
-        moved = np.inf if last is None else float(np.abs(outline.corners - last.corners).max())
+        sides, sigmas = outline.curves, outline.sigmas
+        limits = np.clip(CUT * sigmas, CUT * LEAST_NOISE, tolerance)
+        moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
         if decided and moved < SETTLED:
             break
-        if not decided and ((moved < 0.2 * tolerance and round_ >= 2) or round_ == MOST_ROUNDS - 3):
+        if not decided and (moved < 0.1 * tolerance or count + 1 == UNDECIDED_ROUNDS):
             decided = True
-            degrees = _evidence(row, outline, degrees)
+            noise = noise_of(row, outline)
+            inflation = noise.inflation
+            curved = _evidence(row, outline, noise, spread)
     return outline
 
 
-def _round(row: Row, sides: list[Curve], degrees: list[int], limits: list[float]) -> Outline | None:
+def _weights(spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation: float) -> Array:
+    """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
+    weight = np.zeros((len(spread), 4))
+    variance = inflation * np.maximum(sigmas, LEAST_NOISE) ** 2
+    tight = (spread == 0) | ~curved[:, None]
+    weight[:, 2:] = np.where(tight, _STIFF, variance[:, None] / np.where(tight, 1.0, spread) ** 2)
+    return weight
+
+
+def _round(
+    row: Row,
+    sides: tuple[Curve, ...],
+    limits: Array,
+    weight: Array,
+    curved: NDArray[np.bool_],
+) -> Outline | None:
     """Corners, who owns which point, outliers, fits, corners again."""
     met = _corners(sides)
     if met is None:
         return None
     corners, _ = met
-    edges = [0, *np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]), len(row.points)]
-    fits, sigmas = [], []
-    for k, side in enumerate(sides):
-        own = slice(int(edges[k]), int(edges[k + 1]))
-        points = row.points[own]
-        if len(points) < 3:
-            return None
-        residuals = side.distances(points)
-        keep = _unshadowed(residuals, np.abs(residuals) < limits[k], limits[k] / CUT)
-        fitted = fit(points, keep, side, degrees[k])
-        if fitted is None:
-            return None
-        fits.append(fitted)
-        sigmas.append(_TO_SIGMA * float(np.median(np.abs(fitted.residuals[keep]))))
-    met = _corners([f.curve for f in fits])
+    n, k = len(row.points), len(sides)
+    edges = np.concatenate(
+        ([0], np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]), [n])
+    )
+    sizes = np.diff(edges)
+    if sizes.min() < FEWEST:
+        return None
+    owner = np.repeat(np.arange(k), sizes)
+    frames = np.array([(c.cx, c.cz, c.tx, c.tz, c.c0, c.c1, c.c2, c.c3) for c in sides])
+    cx, cz, tx, tz, c0, c1, c2, c3 = np.repeat(frames.T, sizes, axis=1)
+    x, z = row.points[:, 0] - cx, row.points[:, 1] - cz
+    s, d = x * tx + z * tz, x * tz - z * tx
+    residuals = d - (c0 + s * (c1 + s * (c2 + s * c3)))
+    keep = np.abs(residuals) < np.repeat(limits, sizes)
+    keep = _unshadowed(residuals / np.repeat(limits / CUT, sizes), keep)
+
+    u = s / _UNIT
+    terms = np.empty((11, n))
+    terms[0] = keep
+    for j in range(6):
+        np.multiply(terms[j], u, out=terms[j + 1])
+    np.multiply(terms[:4], d, out=terms[7:])
+    sums = np.add.reduceat(terms, edges[:-1], axis=1)
+    if sums[0].min() < FEWEST:
+        return None
+    normal = sums[_HANKEL].transpose(2, 0, 1).copy()
+    normal[:, _DIAGONAL, _DIAGONAL] += weight
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return None
+    c = (inverse @ sums[7:].T[:, :, None])[:, :, 0]
+    c0, c1, c2, c3 = np.repeat(c.T, sizes, axis=1)
+    residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
+    sigmas = _sigmas(residuals, keep, edges)
+    c = c / _POWERS
+    fitted = tuple(
+        Curve(f[0], f[1], f[2], f[3], *q) for f, q in zip(frames.tolist(), c.tolist(), strict=True)
+    )
+    met = _corners(fitted)
     if met is None:
         return None
-    pooled = float(np.average(sigmas, weights=[np.count_nonzero(f.keep) for f in fits]))
-    # A side of few points can't tell its own noise well: lean on the others by 20 points.
-    shared = [
-        (np.count_nonzero(f.keep) * s + 20 * pooled) / (np.count_nonzero(f.keep) + 20)
-        for f, s in zip(fits, sigmas, strict=True)
-    ]
-    return Outline(tuple(fits), tuple(int(e) for e in edges), met[1], met[0], tuple(shared))
+    return Outline(
+        fitted, met[1], met[0], owner, s, residuals, keep, sigmas, curved, inverse, weight
+    )
 
 
-def _corners(sides: list[Curve]) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
+_POWERS: Final = _UNIT ** np.arange(4)
+_HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
+_DIAGONAL: Final = np.arange(4)
+
+
+def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: Index) -> Array:
+    """Robust standard deviation of each side's residuals, shape (k,)."""
+    found, counts = [], []
+    for a, b in pairwise(edges.tolist()):
+        r = np.abs(residuals[a:b][keep[a:b]])
+        half = len(r) // 2
+        found.append(_TO_SIGMA * float(np.partition(r, half)[half]))
+        counts.append(len(r))
+    sigma, count = np.array(found), np.array(counts)
+    pooled = (sigma * count).sum() / count.sum()
+    return np.asarray((count * sigma + LEANING * pooled) / (count + LEANING))
+
+
+def _corners(sides: tuple[Curve, ...]) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
     """Where neighbours meet, shape (k - 1, 2), and where on both."""
     places, corners = [], []
     for a, b in pairwise(sides):
@@ -160,50 +279,56 @@ def _corners(sides: list[Curve]) -> tuple[Array, tuple[tuple[float, float], ...]
     return np.array(corners), tuple(places)
 
 
-def _unshadowed(residuals: Array, keep: NDArray[np.bool_], sigma: float) -> NDArray[np.bool_]:
+def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections behind it."""
-    out = ~keep
-    if np.count_nonzero(out) < SHADOW_RUN:
-        return keep
-    behind = np.concatenate(([0], residuals > SHADOW * sigma, [0])).astype(np.int8)
+    behind = np.zeros(len(keep) + 2, dtype=np.int8)
+    behind[1:-1] = scaled > SHADOW
     bounds = np.flatnonzero(np.diff(behind))
+    outliers = np.zeros(len(keep) + 1, dtype=np.intp)
+    np.cumsum(~keep, out=outliers[1:])
     first, last = bounds[::2], bounds[1::2]
-    outliers = np.concatenate(([0], np.cumsum(out)))
     ghost = outliers[last] - outliers[first] >= SHADOW_RUN
     keep = keep.copy()
-    for a, b in zip(first[ghost], last[ghost], strict=True):
+    for a, b in zip(first[ghost].tolist(), last[ghost].tolist(), strict=True):
         keep[a:b] = False
     return keep
 
 
 def noise_of(row: Row, outline: Outline) -> Correlation:
     """Correlation of the noise, pooled over all sides."""
-    scaled, columns = [], []
-    for k, f in enumerate(outline.fits):
-        scaled.append(f.residuals[f.keep] / max(outline.sigmas[k], 1e-9))
-        columns.append(row.columns[outline.edges[k] : outline.edges[k + 1]][f.keep])
-    return correlation(np.concatenate(scaled), np.concatenate(columns), row.count)
+    keep = outline.keep
+    scaled = outline.residuals[keep] / np.maximum(outline.sigmas, 1e-9)[outline.owner[keep]]
+    return correlation(scaled, row.columns[keep], row.count)
 
 
-def coefficient_covariances(row: Row, outline: Outline, noise: Correlation) -> list[Array]:
-    """Covariance of the coefficients of each side."""
-    fits = outline.fits
-    columns = [
-        row.columns[outline.edges[k] : outline.edges[k + 1]][f.keep] for k, f in enumerate(fits)
-    ]
-    bases = [f.basis[:, f.keep] for f in fits]
-    return covariances(noise, bases, [f.inverse for f in fits], list(outline.sigmas), columns)
+def coefficient_covariances(row: Row, outline: Outline, noise: Correlation, spread: Array) -> Array:
+    """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
+
+    Noise enters through the points, the unknown bend and twist through the prior:
+    ``inverse (sigma² B R Bᵀ + W S W) inverse``.
+    """
+    keep = outline.keep
+    u = outline.along[keep] / _UNIT
+    basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
+    meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
+    meat *= (outline.sigmas**2)[:, None, None]
+    doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
+    meat[:, (2, 3), (2, 3)] += doubt**2
+    scale = 1 / _POWERS
+    return np.asarray((outline.inverse @ meat @ outline.inverse) * scale[:, None] * scale)
 
 
-def _evidence(row: Row, outline: Outline, degrees: list[int]) -> list[int]:
-    """Degree of each side by the Bayesian information criterion."""
-    noise = noise_of(row, outline)
-    spread = coefficient_covariances(row, outline, noise)
-    chosen = []
-    for f, degree, cov in zip(outline.fits, degrees, spread, strict=True):
-        if degree == 1:
-            chosen.append(1)
-            continue
-        effective = max(np.count_nonzero(f.keep) / noise.inflation, 3.0)
-        chosen.append(2 if f.curve.c2**2 > cov[2, 2] * log(effective) else 1)
-    return chosen
+def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> NDArray[np.bool_]:
+    """Which sides are likelier curved than straight (Savage–Dickey density ratio)."""
+    cov = coefficient_covariances(row, outline, noise, spread)
+    variance = np.maximum(cov[:, 2, 2], 1e-30)
+    bend = np.array([c.c2 for c in outline.curves])
+    prior = spread[:, 0] / _UNIT**2
+    with np.errstate(divide="ignore"):
+        straight = np.log(np.maximum(prior, 1e-30) / np.sqrt(variance)) - bend**2 / (2 * variance)
+    return np.asarray(outline.curved & (straight < 0))
+
+
+def spread_of(model: tuple[Side, ...]) -> Array:
+    """Prior standard deviations of bend and twist in powers of s / 20 mm, shape (k, 2)."""
+    return np.array([[side.bend * _UNIT**2, side.twist * _UNIT**3] for side in model])
