@@ -143,7 +143,10 @@ def _describe(
         away = circle[:2] - kept
         return np.column_stack((away / np.hypot(*away.T)[:, None], -np.ones(len(kept))))
 
-    found = least_squares(lambda c: _distances(kept, c), _algebraic(kept), jacobian, method="lm")
+    def residuals(circle: Array) -> Array:
+        return _distances(kept, circle)
+
+    found = least_squares(residuals, _algebraic(kept), jacobian, method="lm")
     circle = found.x
     towards = (kept - circle[:2]) @ -np.array((0.0, 1.0))
     angle = np.arctan2(kept[:, 0] - circle[0], towards)  # zero on the sensor's side
@@ -154,11 +157,13 @@ def _describe(
             f"{1e3 * circle[2]:.1f} mm, too little to tell its centre; "
             f"{np.degrees(NARROWEST):.0f}° are needed",
         )
-    J = found.jac
+    J = jacobian(circle)
     scatter = float(np.sqrt(found.fun @ found.fun / (len(kept) - 3)))
     # Range errors act along z; steep flanks of the ball move less. Taking them as square to the
     # arc everywhere is on the safe side.
-    covariance = noise.inflation * max(noise.range, scatter) ** 2 * np.linalg.inv(J.T @ J)
+    covariance = (
+        noise.inflation * max(noise.range, scatter) ** 2 * np.asarray(np.linalg.inv(J.T @ J))
+    )
     columns = np.zeros(len(valid), dtype=bool)
     columns[np.flatnonzero(valid)[inlier]] = True
     centre = np.array((circle[0], 0.0, circle[1]))

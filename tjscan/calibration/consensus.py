@@ -31,7 +31,7 @@ def evenly(count: int, wanted: int) -> NDArray[np.intp]:
 def draws(count: int, size: int) -> NDArray[np.intp]:
     """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time."""
     anchors = evenly(count, ANCHORS)
-    return anchors[np.array(list(combinations(range(len(anchors)), size)))]
+    return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
 def best(distances: Array, tolerance: float) -> int:

@@ -14,8 +14,8 @@ from tjscan.calibration.hand_eye import HandEye, Residual
 from tjscan.calibration.noise import NoiseModel
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
+from tjscan.files import drafted
 from tjscan.frames import Array, from_rounded
-from tjscan.result.files import whole
 
 Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -149,8 +149,8 @@ def write_calibration(file: Path, calibration: CalibrationFile) -> None:
         If it can't be written; what stood there before then still does.
     """
     text = tomli_w.dumps(calibration.model_dump(exclude_none=True))
-    with whole(file) as draft:
-        draft.write_text(text, encoding="utf-8")
+    with drafted(file.parent) as draft:
+        (draft / file.name).write_text(text, encoding="utf-8")
 
 
 def read_calibration(

@@ -19,7 +19,6 @@ from tjscan.calibration.closed_form import (
 )
 from tjscan.calibration.design import Uncertainty
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.model import Model
 from tjscan.calibration.motion import check_motion, refuse_condition
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
@@ -257,7 +256,9 @@ def calibrate(
         normals = plane.u @ T_b_f[estimate.used, :3, :3]
         raise refuse_condition(condition, WORST_CONDITION, normals, R)
     method = "plane touched" if target.known else "plane unknown"
-    board = replace(target, plane=plane, information=np.linalg.inv(estimate.covariance[6:, 6:]))
+    board = replace(
+        target, plane=plane, information=np.asarray(np.linalg.inv(estimate.covariance[6:, 6:]))
+    )
     return _accept(samples, estimate, method, condition, board=board, closed_form=closed)
 
 

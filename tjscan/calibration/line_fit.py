@@ -135,7 +135,7 @@ def _residuals(points: Array, inlier: Mask) -> Array:
 
 
 def _describe(points: Array, inlier: Mask, valid: Mask, noise: NoiseModel) -> LineFit:
-    """Offset, angle and their errors. Neighbouring columns err alike, so n points count as fewer."""
+    """Offset, angle and their errors. Neighbours err alike: n points count as fewer."""
     kept = points[inlier]
     centre, direction = _axes(kept)
     along = (kept - centre) @ direction

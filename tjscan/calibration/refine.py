@@ -1,4 +1,4 @@
-"""Maximum-likelihood refinement: each profile weighs as much as its errors, and the arm's, allow."""
+"""Maximum-likelihood refinement: a profile weighs as much as its and the arm's errors allow."""
 
 from __future__ import annotations
 
@@ -110,8 +110,7 @@ def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
         found = least_squares(
             residuals, start, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14
         )
-        J = found.jac
-        moved = np.linalg.norm(J @ (found.x - start))
+        moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
         base, start = stepped(base, found.x), np.concatenate((np.zeros(6), found.x[6:]))
         if moved < SETTLED:
             break

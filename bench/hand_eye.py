@@ -1,0 +1,298 @@
+"""How well the hand-eye calibration holds what it promises: Monte Carlo on a simulated hand."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from _table import Row, main
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.advice import Board, default_poses
+from tjscan.calibration.closed_form import bundle, solve_closed_form
+from tjscan.calibration.design import Uncertainty, expected
+from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate, points_rms
+from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.calibration.simulated import SimulatedHand
+from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.window import Window
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, from_rounded, inverse, pose
+from tjscan.laser.model import LaserModel
+from tjscan.laser.profile import Profile
+
+MM: Final = 1e-3
+LINES: Final = 12
+RUNS: Final = 1000
+SPOILED_RUNS: Final = 240
+SPOILED_BY: Final = 2 * MM
+HALF_BOARD: Final = (0.15, 0.15)
+"""Half the sides of the touched pattern, 3 x 3 points, in metres."""
+DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data" / "openlmd-lines"
+
+T_F_S: Final = from_rounded(  # the paper's eq. (26), in metres
+    [
+        [0.9999, -0.0129, -0.0002, -0.000749],
+        [0.0129, 0.9999, 0.0082, -0.114845],
+        [0.0001, -0.0082, 1.0, 0.167616],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+NOISE: Final = NoiseModel(
+    range=0.03 * MM, position=0.05 * MM, rotation=float(np.radians(0.01)), touch=0.05 * MM
+)
+OPENLMD_NOISE: Final = NoiseModel(range=0.15 * MM, correlation=60.0)
+"""Assumption for those data: the lens was never calibrated, so errors vary slowly along a line."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """A board, nine places to touch it, and the default poses above it."""
+
+    plane: Plane
+    window: Window
+    places_b: Array
+    target: PlaneTarget
+    poses: Array
+
+    @classmethod
+    def set_up(cls) -> Stage:
+        """The board that every run uses."""
+        laser = LaserModel()
+        window = Window(laser.near, laser.far, laser.emitter_z, laser.half_angle, laser.columns)
+        centre = np.array((0.8, 0.1, 0.05))
+        plane = plane_through(centre, (0.05, 0.02, 1.0))
+        axes = PlaneTarget.unknown(plane, centre).axes_b
+        grid = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * HALF_BOARD
+        places = centre + grid @ axes
+        target = fit_plane(places, NOISE.touch, centre + plane.u)
+        board = Board.touched(places, target)
+        poses = np.stack(default_poses(T_F_S, target, board, window, NOISE, count=LINES))
+        return cls(plane, window, places, target, poses)
+
+    def touched(self, hand: SimulatedHand, rng: np.random.Generator) -> PlaneTarget:
+        """The board as touched by a hand with errors."""
+        return fit_plane(hand.touches(self.places_b, rng), NOISE.touch, self.poses[0, :3, 3])
+
+    def profiles(self, hand: SimulatedHand, rng: np.random.Generator) -> list[Profile]:
+        """One profile from each pose."""
+        return [hand.profile(T_b_f, rng) for T_b_f in self.poses]
+
+
+def samples(poses: Array, profiles: list[Profile], noise: NoiseModel = NOISE) -> list[LineSample]:
+    return [
+        LineSample(f"line {i + 1}", T_b_f, fit_line(profile, noise))
+        for i, (T_b_f, profile) in enumerate(zip(poses, profiles, strict=True))
+    ]
+
+
+def error(T_f_s: Array) -> Array:
+    """Truth minus result, translation and rotation vector in the axes of f, shape (6,)."""
+    turn = Rotation.from_matrix(T_F_S[:3, :3] @ T_f_s[:3, :3].T).as_rotvec()
+    return np.concatenate((T_F_S[:3, 3] - T_f_s[:3, 3], turn))
+
+
+def rms(errors: list[Array]) -> tuple[float, float]:
+    """RMS length of the translation error in metres, and RMS angle in radians."""
+    e = np.array(errors)
+    position, rotation = (np.sqrt((part**2).sum(axis=1).mean()) for part in (e[:, :3], e[:, 3:]))
+    return float(position), float(rotation)
+
+
+def noise_free(stage: Stage) -> list[Row]:
+    rng = np.random.default_rng(1)
+    hand = SimulatedHand(T_F_S, stage.plane, stage.window)
+    taken = samples(stage.poses, stage.profiles(hand, rng))
+    result = calibrate(taken, stage.target, NOISE)
+    closed = solve_closed_form(bundle(stage.poses, [s.fit for s in taken]), stage.target.plane)
+    return [
+        Row("noise free, closed form: largest entry", worst(closed.T_f_s), 1e-9),
+        Row("noise free, refined: largest entry", worst(result.T_f_s), 1e-9),
+    ]
+
+
+def worst(T_f_s: Array) -> float:
+    return float(np.abs(T_f_s - T_F_S).max())
+
+
+def monte_carlo(stage: Stage) -> list[Row]:
+    rng = np.random.default_rng(2)
+    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    bound: Uncertainty = expected(stage.poses, T_F_S, stage.target, stage.window, NOISE)
+    refined, closed, squares = [], [], []
+    for _ in range(RUNS):
+        target = stage.touched(hand, rng)
+        result = calibrate(samples(stage.poses, stage.profiles(hand, rng)), target, NOISE)
+        refined.append(error(result.T_f_s))
+        closed.append(error(closed_form_of(result)))
+        squares.append(refined[-1] @ np.linalg.solve(result.covariance, refined[-1]) / 6)
+    position, rotation = rms(refined)
+    svd_position, svd_rotation = rms(closed)
+    return [
+        Row("RMS position error", position / MM, 0.12, "mm"),
+        Row("RMS rotation error", float(np.degrees(rotation)), 0.03, "°"),
+        Row("the same over the Cramér–Rao bound, position", position / bound.position, 1.2),
+        Row("the same over the Cramér–Rao bound, rotation", rotation / bound.rotation, 1.2),
+        Row("refined over closed form, position", position / svd_position, 1.0),
+        Row("refined over closed form, rotation", rotation / svd_rotation, 1.0),
+        Row("normalised error squared, 1,000 runs", float(np.mean(squares)), 1.1, "", 0.9),
+        *spoiled(stage, hand, rng, position, rotation),
+    ]
+
+
+def closed_form_of(result: HandEye) -> Array:
+    if result.closed_form is None:
+        raise ValueError("a touched plane has a closed form")
+    return result.closed_form.T_f_s
+
+
+def spoiled(
+    stage: Stage, hand: SimulatedHand, rng: np.random.Generator, position: float, rotation: float
+) -> list[Row]:
+    """Move one line of twelve along z and see whether it is found."""
+    errors, named = [], 0
+    for i in range(SPOILED_RUNS):
+        target, taken = stage.touched(hand, rng), stage.profiles(hand, rng)
+        k = i % LINES
+        taken[k] = Profile(taken[k].x_s, taken[k].z_s + SPOILED_BY * (-1) ** (i // LINES))
+        result = calibrate(samples(stage.poses, taken), target, NOISE)
+        named += result.bad == (f"line {k + 1}",)
+        errors.append(error(result.T_f_s))
+    p, r = rms(errors)
+    return [
+        Row(
+            "one line off by 2 mm: it, and only it, named", 100 * named / SPOILED_RUNS, 100, "%", 99
+        ),
+        Row("the same: position error over the clean one", p / position, 1.5),
+        Row("the same: rotation error over the clean one", r / rotation, 1.5),
+    ]
+
+
+def timing(stage: Stage) -> list[Row]:
+    rng = np.random.default_rng(3)
+    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    target, profiles = stage.touched(hand, rng), stage.profiles(hand, rng)
+    closed, whole = [], []
+    for _ in range(30):
+        start = perf_counter()
+        fits = [fit_line(profile, NOISE) for profile in profiles]
+        solve_closed_form(bundle(stage.poses, fits), target.plane)
+        closed.append(perf_counter() - start)
+        start = perf_counter()
+        calibrate(samples(stage.poses, profiles), target, NOISE)
+        whole.append(perf_counter() - start)
+    return [
+        Row(
+            "closed form, 12 lines of 640 points, line fits included",
+            1e3 * float(np.median(closed)),
+            5,
+            "ms",
+        ),
+        Row("with refinement, line fits included", 1e3 * float(np.median(whole)), 100, "ms"),
+    ]
+
+
+def refusals(stage: Stage) -> list[Row]:
+    """Poses that can't work, and what the refusal must say."""
+    rng = np.random.default_rng(4)
+    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    upright = upright_pose(stage)
+    angles = np.radians(np.linspace(-25, 25, LINES))
+    cases = {
+        "only translations": (
+            [moved(upright, 0.01 * rng.standard_normal(3), np.zeros(3)) for _ in angles],
+            "only translations",
+            "the sensor's x and y axes",
+        ),
+        "turns about y_s only": (
+            [moved(upright, np.zeros(3), (0, a, 0)) for a in angles],
+            "turns about one axis only",
+            "tilt about the sensor's x axis",
+        ),
+        "turns about x_s only": (
+            [moved(upright, np.zeros(3), (a, 0, 0)) for a in angles],
+            "turns about one axis only",
+            "tilt about the sensor's y axis",
+        ),
+        "turns about the board's normal only": (
+            [moved(upright, np.zeros(3), (0, 0, 3 * a)) for a in angles],
+            "turns about one axis only",
+            "tilt about the sensor's x axis and the sensor's y axis",
+        ),
+    }
+    rows = []
+    for name, (poses, reason, advice) in cases.items():
+        profiles = [hand.profile(T_b_f, rng) for T_b_f in poses]
+        taken = samples(np.stack(poses), profiles)
+        said = False
+        try:
+            calibrate(taken, stage.touched(hand, rng), NOISE, T_f_s_guess=T_F_S)
+        except CalibrationRefused as refusal:
+            said = refusal.reason == reason and advice in refusal.evidence
+        rows.append(Row(f"{name}: refused, missing motion named", float(said), 1, "", 1))
+    return rows
+
+
+def upright_pose(stage: Stage) -> Array:
+    """Sensor pose T_b_s that looks straight at the middle of the board."""
+    u, x = stage.plane.u, stage.target.axes_b[0]
+    depth = 0.5 * (stage.window.near + stage.window.far)
+    R = np.column_stack((x, np.cross(-u, x), -u))
+    return pose(R, stage.target.centre_b + depth * u)
+
+
+def moved(T_b_s: Array, by_b: Array, turn_s: tuple[float, float, float] | Array) -> Array:
+    """Flange pose after a shift in b and a turn of the sensor about the line it sees."""
+    depth = np.array((0, 0, 0.24))
+    pivot = pose(None, depth) @ pose(Rotation.from_rotvec(turn_s).as_matrix()) @ pose(None, -depth)
+    return np.asarray(pose(None, by_b) @ T_b_s @ pivot @ inverse(T_F_S))
+
+
+def recorded() -> list[Row]:
+    """Real lines of openlmd/etna, where they lie beside the checkout."""
+    if not DATA.is_dir():
+        print(f"left out: no recorded lines at {DATA}", file=sys.stderr)
+        return []
+    root = openlmd("root")
+    rms_root = points_rms(calibrate(root, None, OPENLMD_NOISE), root) / MM
+    refused = False
+    try:
+        calibrate(openlmd("calib4"), None, OPENLMD_NOISE)
+    except CalibrationRefused:
+        refused = True
+    return [
+        Row("openlmd root, plane unknown: plane RMS", rms_root, 0.19, "mm"),
+        Row("openlmd calib4: flagged as not to be trusted", float(refused), 1, "", 1),
+    ]
+
+
+def openlmd(name: str) -> list[LineSample]:
+    lines = np.loadtxt(DATA / f"{name}_profiles.csv", delimiter=",")
+    found = []
+    for frame, x, y, z, *quaternion in np.loadtxt(DATA / f"{name}_poses.csv", delimiter=","):
+        rows = lines[lines[:, 0] == frame]
+        profile = Profile(MM * rows[:, 4], MM * rows[:, 3])
+        T_b_f = pose(Rotation.from_quat(quaternion).as_matrix(), MM * np.array((x, y, z)))
+        found.append(LineSample(f"frame {frame:.0f}", T_b_f, fit_line(profile, OPENLMD_NOISE)))
+    return found
+
+
+def measure() -> list[Row]:
+    stage = Stage.set_up()
+    return [
+        *noise_free(stage),
+        *monte_carlo(stage),
+        *timing(stage),
+        *refusals(stage),
+        *recorded(),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main("Hand-eye calibration of the laser", measure, sys.argv[1:]))
