@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.cell import open_cell
+from tjscan.cell import Cell, open_cell
 from tjscan.errors import TjscanError
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile
@@ -19,7 +19,7 @@ from tjscan.result.write import write_results
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
-from tjscan.scanning.scanner import Scanner
+from tjscan.scanning.scanner import Scanner, ScanResult
 from tjscan.scanning.target import Direction
 
 
@@ -67,6 +67,17 @@ def check_job(job: JobFile, job_file: Path) -> None:
             cell.arm.check(taught.T)
 
 
+def scan_in(cell: Cell, job: JobFile, journal: Journal) -> ScanResult:
+    """Connect a cell and scan in it as a job says; raises as `Scanner.run` does."""
+    with cell:
+        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, find_groove, plan_of(job), journal)
+        try:
+            return scanner.run(job.scan.first.T, job.scan.second.T)
+        except TjscanError as error:
+            journal.event("failed", str(error))
+            raise
+
+
 def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Summary:
     """Scan as a job says and leave a run directory behind.
 
@@ -87,15 +98,9 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     joint = joint_of(job, job_file)
-    plan, cell = plan_of(job), open_cell(job, joint and joint[1])
+    cell = open_cell(job, joint and joint[1])
     make_directory(directory, job, joint and joint[0])
-    with Recording(directory / "scan.mcap") as recording, cell:
-        journal = Journals(recording, watch)
-        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, find_groove, plan, journal)
-        try:
-            result = scanner.run(job.scan.first.T, job.scan.second.T)
-        except TjscanError as error:
-            journal.event("failed", str(error))
-            raise
+    with Recording(directory / "scan.mcap") as recording:
+        result = scan_in(cell, job, Journals(recording, watch))
     frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)
-    return write_results(directory, result, plan, frame, joint and joint[1])
+    return write_results(directory, result, plan_of(job), frame, joint and joint[1])
