@@ -21,13 +21,16 @@ from tjscan.groove.curves import Curve
 from tjscan.groove.models import GrooveModel, Side, Turn
 from tjscan.groove.segments import Index, Segments, normals
 
-IN_FRONT: Final = 1.5
+IN_FRONT: Final = 2.5
 """Price of a point before the surface, in outliers: reflections lie behind it, seldom before."""
 
 LAGS: Final = (2, 4, 7, 12, 20, 33)
 """How many points apart the pairs are that propose a line."""
 
-MOST_PROPOSALS: Final = 420
+PAIRS: Final = 3
+"""Most pairs of outer sides that are tried."""
+
+MOST_PROPOSALS: Final = 360
 
 POOL: Final = 20
 """Most lines that the template is laid over."""
@@ -93,18 +96,23 @@ def bearing(points: Array) -> Array:
     return np.asarray(-points[..., 0] / points[..., 1])
 
 
-def outer_pairs(segments: Segments, model: GrooveModel, most: int = 3) -> list[tuple[int, int]]:
-    """Pairs of segments that may be the first and the last side, likeliest first."""
+def outer_pairs(segments: Segments, model: GrooveModel, count: int) -> list[tuple[int, int]]:
+    """Pairs of segments that may be the first and the last side, likeliest first.
+
+    A pair is the better the more points it explains, and the fewer of the `count` points lie
+    outside it: those no side can explain.
+    """
     t = segments.direction
     sin = t[:, None, 0] * t[None, :, 1] - t[:, None, 1] * t[None, :, 0]
     turned = np.arctan2(sin, t @ t.T)
     middle = segments.first + segments.last
     allowed = (turned >= model.across.least) & (turned <= model.across.most)
     allowed &= middle[:, None] < middle[None, :]
-    score = np.where(allowed, segments.score[:, None] + segments.score[None, :], -1.0)
-    order = np.argsort(-score, axis=None, kind="stable")[:most]
-    pairs = [divmod(int(k), len(segments)) for k in order if score.flat[k] > 0]
-    return [p for p in pairs if score[p] > 0.6 * score[pairs[0]]]
+    first = segments.score - segments.first
+    last = segments.score - (count - 1 - segments.last)
+    score = np.where(allowed, first[:, None] + last[None, :], -np.inf)
+    order = np.argsort(-score, axis=None, kind="stable")[:PAIRS]
+    return [divmod(int(k), len(segments)) for k in order if np.isfinite(score.flat[k])]
 
 
 def best_chains(
@@ -217,31 +225,36 @@ def _pool(
 
     A line next to an outer side is judged by its best stretch that begins at their corner.
     """
-    gain = np.maximum(1 - scaled * scaled, -GAP_COST)
+    n = scaled.shape[1]
     keep = np.ones(len(lines), dtype=bool)
-    score = np.maximum(gain, 0).sum(axis=1)
-    over = gain > 0.2
-    for neighbour, following in ((before, True), (after, False)):
+    bounds = [np.zeros(len(lines), dtype=np.intp), np.full(len(lines), n)]
+    for i, (neighbour, following) in enumerate(((before, True), (after, False))):
         if neighbour is None:
             continue
-        side, bounds = neighbour
+        side, allowed = neighbour
         corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
         with np.errstate(invalid="ignore"):
-            ok = (turned >= bounds.least) & (turned <= bounds.most)
-            ok &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
-        place = np.searchsorted(u, bearing(np.where(ok[:, None], corner, 1.0)))
-        index = np.arange(len(u))
-        mine = index >= place[:, None] if following else index < place[:, None]
-        stretch = np.where(mine, gain, 0)
-        total = np.cumsum(stretch if following else stretch[:, ::-1], axis=1)
-        score = total.max(axis=1)
-        keep &= ok & (score > 0)
-        over &= mine
+            keep &= (turned >= allowed.least) & (turned <= allowed.most)
+            keep &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
+        bounds[i] = np.searchsorted(u, bearing(np.where(keep[:, None], corner, 1.0)))
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
-    best = np.unique((over[which] * score[which, None]).argmax(axis=0))
-    best = which[best[np.argsort(-score[which[best]], kind="stable")[:POOL]]]
+    lines, scaled = lines[which], scaled[which]
+    index = np.arange(n)
+    mine = (index >= bounds[0][which, None]) & (index < bounds[1][which, None])
+    gain = 1 - scaled * scaled
+    np.maximum(gain, -GAP_COST, out=gain)
+    gain *= mine
+    if before is not None:
+        score = np.cumsum(gain, axis=1).max(axis=1)
+    elif after is not None:
+        score = np.cumsum(gain[:, ::-1], axis=1).max(axis=1)
+    else:
+        score = np.maximum(gain, 0).sum(axis=1)
+    best = np.unique(((gain > 0.2) * score[:, None]).argmax(axis=0))
+    best = best[np.argsort(-score[best], kind="stable")[:POOL]]
+    best = best[score[best] > 0]
     return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]))
 
 

@@ -8,7 +8,15 @@ import numpy as np
 
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array
-from tjscan.groove.chain import RIVAL_MARGIN, RIVALS, Chain, bearing, best_chains, outer_pairs
+from tjscan.groove.chain import (
+    IN_FRONT,
+    RIVAL_MARGIN,
+    RIVALS,
+    Chain,
+    bearing,
+    best_chains,
+    outer_pairs,
+)
 from tjscan.groove.curves import Curve
 from tjscan.groove.models import TEE, GrooveModel
 from tjscan.groove.refinement import (
@@ -54,6 +62,15 @@ class GrooveSettings:
 
 DEFAULT = GrooveSettings()
 
+FEWEST = 4
+"""Fewest points on a side."""
+
+MOST_BEFORE = 6
+"""Most points before the surface: a few fly at corners, reflections lie behind it."""
+
+EXPLAINED = 0.08
+"""A chain that leaves no greater share of the points over needs no other outer sides."""
+
 TOLERANCE = 4.0
 """Points within this many expected standard deviations of a hypothesis support it."""
 
@@ -64,6 +81,7 @@ class _Candidate:
 
     outline: Outline
     price: float
+    before: int
 
 
 def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveSection:
@@ -107,7 +125,7 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
     tolerance = TOLERANCE * settings.noise
     segments = find_segments(row.points, tolerance)
     chains: list[Chain] = []
-    for i, j in outer_pairs(segments, settings.model):
+    for i, j in outer_pairs(segments, settings.model, len(row.points)):
         chains += best_chains(
             settings.model,
             row.points,
@@ -117,6 +135,9 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
             int(segments.first[j]),
             tolerance,
         )
+        # Other outer sides would leave a long side unexplained.
+        if chains and chains[0].price < EXPLAINED * len(row.points):
+            break
     if not chains:
         raise GrooveNotFound("no bevel", _shape(segments, settings.model), points)
     chains.sort(key=lambda c: c.price)
@@ -125,7 +146,7 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
     if not candidates:
         raise GrooveNotFound("no bevel", "no sides fit the points together", points)
     best = min(candidates, key=lambda c: c.price)
-    _check(row, best, candidates, settings)
+    _check(row, best, settings)
     return row, best.outline
 
 
@@ -148,20 +169,29 @@ def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate |
     if outline is None:
         return None
     scaled = outline.residuals / tolerance
-    return _Candidate(outline, float(np.minimum(scaled * scaled, 1).sum()))
+    price = np.minimum(scaled * scaled, 1)
+    price[scaled < -1] = IN_FRONT
+    return _Candidate(outline, float(price.sum()), int(np.count_nonzero(scaled < -1.5)))
 
 
-def _check(
-    row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
-) -> None:
-    """Refuse what is not convincing."""
-    for side, share in zip(settings.model.sides, best.outline.shares, strict=True):
-        if share < settings.inlier_share:
-            raise GrooveNotFound(
-                "ambiguous",
-                f"only {share:.0%} of the points of the {side.name} lie on it",
-                row.points,
+def _check(row: Row, best: _Candidate, settings: GrooveSettings) -> None:
+    """Refuse an outline that its points don't bear out."""
+    outline = best.outline
+
+    def doubt(detail: str) -> GrooveNotFound:
+        return GrooveNotFound("ambiguous", detail, row.points)
+
+    sides = zip(settings.model.sides, outline.counts, outline.shares, strict=True)
+    for side, count, share in sides:
+        if share < settings.inlier_share or count < FEWEST:
+            raise doubt(
+                f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
             )
+    if best.before > MOST_BEFORE:
+        raise doubt(f"{best.before} points lie before the surface, where nothing can be seen")
+    rms = float(np.sqrt(np.mean(outline.residuals[outline.keep] ** 2)))
+    if rms > settings.largest_rms:
+        raise doubt(f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them")
 
 
 def _section(row: Row, outline: Outline, model: GrooveModel) -> GrooveSection:

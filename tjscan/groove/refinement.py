@@ -48,6 +48,9 @@ UNDECIDED_ROUNDS: Final = 4
 REBASED_ROUNDS: Final = 4
 """Rounds after each of which the chords become tangents again; later they lean too little."""
 
+CLEARLY: Final = 1.1
+"""Log of the odds from which a side is straight: a factor of 3, for few points don't tell."""
+
 _UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
@@ -326,7 +329,7 @@ def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> 
     prior = spread[:, 0] / _UNIT**2
     with np.errstate(divide="ignore"):
         straight = np.log(np.maximum(prior, 1e-30) / np.sqrt(variance)) - bend**2 / (2 * variance)
-    return np.asarray(outline.curved & (straight < 0))
+    return np.asarray(outline.curved & (straight < CLEARLY))
 
 
 def spread_of(model: tuple[Side, ...]) -> Array:
