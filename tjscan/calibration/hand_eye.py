@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
 
 from tjscan.calibration.circle_fit import ArcFit
 from tjscan.calibration.closed_form import (
@@ -19,12 +18,12 @@ from tjscan.calibration.closed_form import (
 )
 from tjscan.calibration.design import Uncertainty
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.motion import check_motion, refuse_condition
+from tjscan.calibration.motion import check_motion, check_tilts_vary, refuse_condition
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import Plane
 from tjscan.calibration.refine import Estimate, Mask, deletions, refine
-from tjscan.calibration.snooping import FALSE_ALARM, drop_bad
+from tjscan.calibration.snooping import agrees, drop_bad
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
 from tjscan.calibration.targets import PlaneTarget, SphereTarget
@@ -255,6 +254,8 @@ def calibrate(
         R = R_guess if R_guess is not None or condition > 1e4 else estimate.T_f_s[:3, :3]
         normals = plane.u @ T_b_f[estimate.used, :3, :3]
         raise refuse_condition(condition, WORST_CONDITION, normals, R)
+    if not target.known:
+        check_tilts_vary(plane.u @ T_b_f[estimate.used, :3, :3], estimate.T_f_s[:3, :3])
     method = "plane touched" if target.known else "plane unknown"
     board = replace(
         target, plane=plane, information=np.asarray(np.linalg.inv(estimate.covariance[6:, 6:]))
@@ -451,7 +452,7 @@ def _residuals(names: list[str], estimate: Estimate) -> tuple[Residual, ...]:
 
 def _excess(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
     """By how much residuals exceed the noise model: one unless that is significant."""
-    if estimate.freedom <= 0 or estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.freedom):
+    if agrees(estimate):
         return 1.0
     excess = float(np.sqrt(estimate.chi2 / estimate.freedom))
     if excess <= WORST_SCATTER:

@@ -12,6 +12,8 @@ from tjscan.frames import Array, unit
 
 LEAST_TURN: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""
+LEAST_VARIETY: Final = 5e-3
+"""RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
 WANTED: Final = 20
 """Degrees to tilt by, in the advice: what brings the condition number well below its limit."""
 
@@ -81,6 +83,28 @@ def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
             "plane normals do not span space",
             "seen from the flange, the board's normals lean one way only (singular values "
             f"{shown}); {advise_tilts(missing, R_f_s)}",
+        )
+
+
+def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
+    """Refuse normals on one cone, shape (n, 3): with the plane unknown, its height is then free.
+
+    All poses tilted alike can't tell a board farther away from a sensor further out.
+
+    Raises
+    ------
+    CalibrationRefused
+        With the motion that is missing.
+    """
+    _, singular, axes = np.linalg.svd(u_f - u_f.mean(axis=0))
+    spread = singular[2] / np.sqrt(len(u_f))
+    if spread < LEAST_VARIETY:
+        raise CalibrationRefused(
+            "all tilts alike",
+            f"the board is unknown, and every pose is tilted alike about "
+            f"{name_axis(axes[2], R_f_s)} (the cosines differ by {spread:.4f} RMS, "
+            f"{LEAST_VARIETY:g} is needed); missing: tilts of other sizes, some of them with the "
+            "sensor square to the board",
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,11 @@ FEWEST_LEFT: Final = 5
 """Profiles that are never taken out."""
 MOST_BAD: Final = 1 / 3
 """If a larger share were bad, the others could not say which."""
+LARGEST_SET: Final = 3
+MOST_SETS: Final = 3000
+"""Bad profiles looked for together, and sets tried: three among 26."""
+RIDGE: Final = 1e-6
+"""Keeps sets solvable without which nothing could be found; they leave no residual anyway."""
 
 
 def threshold(estimate: Estimate, left: float, freedom: int) -> float:
@@ -42,20 +48,66 @@ def drop_bad(model: Model, estimate: Estimate) -> Estimate:
 
     The worst one is taken out, again and again; the last that stood out tells how many are
     bad, since bad ones may hide one another (generalised ESD, Rosner 1983,
-    doi:10.1080/00401706.1983.10487848).
+    doi:10.1080/00401706.1983.10487848). Where bad ones even put the blame on good ones, and
+    what is left contradicts itself, small sets are tried whole.
     """
+    found = _one_by_one(model, estimate)
+    if agrees(found):
+        return found
+    together = _together(model, estimate)
+    return found if together is None else together
+
+
+def agrees(estimate: Estimate) -> bool:
+    """Whether what is left is as small as stated errors explain."""
+    if estimate.freedom <= 0:
+        return True
+    return bool(estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.freedom))
+
+
+def _together(model: Model, estimate: Estimate) -> Estimate | None:
+    """Solve without the smallest set whose absence makes the others agree, if there is one."""
+    lin = estimate.linearised
+    n, k = lin.residuals.shape
+    whiten = np.linalg.inv(np.linalg.cholesky(lin.covariance))
+    r = np.einsum("nij,nj->ni", whiten, lin.residuals)
+    J = whiten @ np.concatenate((lin.by_pose, lin.by_target), axis=2)
+    # What the fit leaves of errors in the residuals, block by block.
+    left = np.eye(n * k) - J.reshape(n * k, -1) @ estimate.covariance @ J.reshape(n * k, -1).T
+    blocks = left.reshape(n, k, n, k).transpose(0, 2, 1, 3)
+    for size in range(2, min(LARGEST_SET, _most(n)) + 1):
+        sets = np.array(list(combinations(range(n), size)))
+        if len(sets) > MOST_SETS:
+            break
+        inner = blocks[sets[:, :, None], sets[:, None, :]].transpose(0, 1, 3, 2, 4)
+        inner = inner.reshape(len(sets), size * k, size * k) + RIDGE * np.eye(size * k)
+        r_set = r[sets].reshape(len(sets), size * k, 1)
+        drop = (r_set * np.linalg.solve(inner, r_set)).sum(axis=(1, 2))
+        used = np.ones(n, dtype=bool)
+        used[sets[int(np.argmax(drop))]] = False
+        found = refine(model, estimate.T_f_s, estimate.target, used)
+        if agrees(found):
+            return found
+    return None
+
+
+def _most(n: int) -> int:
+    """How many of n profiles may be bad."""
+    return min(int(MOST_BAD * n), n - FEWEST_LEFT)
+
+
+def _one_by_one(model: Model, estimate: Estimate) -> Estimate:
     n, k = estimate.linearised.residuals.shape[:2]
-    most = min(int(MOST_BAD * n), n - FEWEST_LEFT)
     chain, bad = [estimate], 0
-    for i in range(most):
+    for i in range(_most(n)):
         now = chain[-1]
         misfit = np.where(now.used, deletions(now).chi2, 0.0)
         worst = int(np.argmax(misfit))
         left, freedom = now.chi2 - misfit[worst], now.freedom - k
         if misfit[worst] > threshold(now, left, freedom):
             bad = i + 1
-        elif now.chi2 <= chi2.isf(FALSE_ALARM, now.freedom):
-            break  # what is left agrees with itself
+        elif agrees(now):
+            break
         used = now.used.copy()
         used[worst] = False
         chain.append(refine(model, now.T_f_s, now.target, used))
