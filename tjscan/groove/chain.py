@@ -28,6 +28,7 @@ LAGS: Final = (2, 4, 7, 12, 20, 33)
 """How many points apart the pairs are that propose a line."""
 
 PAIRS: Final = 3
+PATIENT_PAIRS: Final = 8
 """Most pairs of outer sides that are tried."""
 
 MOST_PROPOSALS: Final = 360
@@ -96,7 +97,9 @@ def bearing(points: Array) -> Array:
     return np.asarray(-points[..., 0] / points[..., 1])
 
 
-def outer_pairs(segments: Segments, model: GrooveModel, count: int) -> list[tuple[int, int]]:
+def outer_pairs(
+    segments: Segments, model: GrooveModel, count: int, most: int = PAIRS
+) -> list[tuple[int, int]]:
     """Pairs of segments that may be the first and the last side, likeliest first.
 
     A pair is the better the more points it explains, and the fewer of the `count` points lie
@@ -111,7 +114,7 @@ def outer_pairs(segments: Segments, model: GrooveModel, count: int) -> list[tupl
     first = segments.score - segments.first
     last = segments.score - (count - 1 - segments.last)
     score = np.where(allowed, first[:, None] + last[None, :], -np.inf)
-    order = np.argsort(-score, axis=None, kind="stable")[:PAIRS]
+    order = np.argsort(-score, axis=None, kind="stable")[:most]
     return [divmod(int(k), len(segments)) for k in order if np.isfinite(score.flat[k])]
 
 

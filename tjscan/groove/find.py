@@ -9,7 +9,10 @@ import numpy as np
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array
 from tjscan.groove.chain import (
+    DISTINCT,
     IN_FRONT,
+    PAIRS,
+    PATIENT_PAIRS,
     RIVAL_MARGIN,
     RIVALS,
     Chain,
@@ -55,7 +58,7 @@ class GrooveSettings:
     model: GrooveModel = TEE
     noise: float = 0.05e-3
     minimum_points: int = 80
-    largest_sigma: float = 0.25e-3
+    largest_sigma: float = 0.4e-3
     largest_rms: float = 0.15e-3
     inlier_share: float = 0.1
 
@@ -65,8 +68,15 @@ DEFAULT = GrooveSettings()
 FEWEST = 4
 """Fewest points on a side."""
 
-MOST_BEFORE = 6
-"""Most points before the surface: a few fly at corners, reflections lie behind it."""
+MOST_BEFORE = 2
+BEFORE_SHARE = 0.05
+"""Most points before a side, and more for every point on it: spatter, but no reflections."""
+
+CORNER = 1e-3
+"""Points fly within this distance of a corner, in metres."""
+
+LEAST_LEAD = 3.0
+"""By how many points a reading has to be better than any other."""
 
 EXPLAINED = 0.08
 """A chain that leaves no greater share of the points over needs no other outer sides."""
@@ -81,7 +91,6 @@ class _Candidate:
 
     outline: Outline
     price: float
-    before: int
 
 
 def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveSection:
@@ -105,7 +114,16 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     if len(settings.model.sides) != 4:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row, outline = find_outline(profile, settings)
-    return _section(row, outline, settings.model)
+    section = _section(row, outline, settings.model)
+    sigma = float(np.sqrt(np.diag(section.covariance_s).max()))
+    if sigma > settings.largest_sigma:
+        raise GrooveNotFound(
+            "ambiguous",
+            f"a corner is known to {1e3 * sigma:.2f} mm (one standard deviation) only: too little "
+            "of its sides is seen. Look at the groove more squarely.",
+            row.points,
+        )
+    return section
 
 
 def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, Outline]:
@@ -123,22 +141,12 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
     order = np.argsort(tangents, kind="stable")
     row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
     tolerance = TOLERANCE * settings.noise
-    segments = find_segments(row.points, tolerance)
-    chains: list[Chain] = []
-    for i, j in outer_pairs(segments, settings.model, len(row.points)):
-        chains += best_chains(
-            settings.model,
-            row.points,
-            row.tangents,
-            (_curve(segments, i), _curve(segments, j)),
-            int(segments.last[i]),
-            int(segments.first[j]),
-            tolerance,
-        )
-        # Other outer sides would leave a long side unexplained.
-        if chains and chains[0].price < EXPLAINED * len(row.points):
+    for patient in (False, True):
+        segments = find_segments(row.points, tolerance, patient=patient)
+        chains = _chains(row, segments, settings, PATIENT_PAIRS if patient else PAIRS)
+        if chains:
             break
-    if not chains:
+    else:
         raise GrooveNotFound("no bevel", _shape(segments, settings.model), points)
     chains.sort(key=lambda c: c.price)
     chains = [c for c in chains[:RIVALS] if c.price <= chains[0].price + RIVAL_MARGIN]
@@ -146,8 +154,27 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
     if not candidates:
         raise GrooveNotFound("no bevel", "no sides fit the points together", points)
     best = min(candidates, key=lambda c: c.price)
-    _check(row, best, settings)
+    _check(row, best, candidates, settings)
     return row, best.outline
+
+
+def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
+    """Chains between the likeliest outer sides."""
+    chains: list[Chain] = []
+    for i, j in outer_pairs(segments, settings.model, len(row.points), most):
+        chains += best_chains(
+            settings.model,
+            row.points,
+            row.tangents,
+            (_curve(segments, i), _curve(segments, j)),
+            int(segments.last[i]),
+            int(segments.first[j]),
+            TOLERANCE * settings.noise,
+        )
+        # Other outer sides would leave a long side unexplained.
+        if chains and chains[0].price < EXPLAINED * len(row.points):
+            break
+    return chains
 
 
 def _curve(segments: Segments, k: int) -> Curve:
@@ -171,24 +198,45 @@ def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate |
     scaled = outline.residuals / tolerance
     price = np.minimum(scaled * scaled, 1)
     price[scaled < -1] = IN_FRONT
-    return _Candidate(outline, float(price.sum()), int(np.count_nonzero(scaled < -1.5)))
+    return _Candidate(outline, float(price.sum()))
 
 
-def _check(row: Row, best: _Candidate, settings: GrooveSettings) -> None:
+def _before(row: Row, outline: Outline, tolerance: float) -> list[int]:
+    """Number of points clearly before each side."""
+    before = outline.residuals < -1.5 * tolerance
+    for corner in outline.corners:
+        before &= np.abs(row.points - corner).max(axis=1) > CORNER
+    counts: list[int] = np.bincount(outline.owner[before], minlength=len(outline.curves)).tolist()
+    return counts
+
+
+def _check(
+    row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
+) -> None:
     """Refuse an outline that its points don't bear out."""
     outline = best.outline
 
     def doubt(detail: str) -> GrooveNotFound:
         return GrooveNotFound("ambiguous", detail, row.points)
 
-    sides = zip(settings.model.sides, outline.counts, outline.shares, strict=True)
-    for side, count, share in sides:
+    before = _before(row, outline, TOLERANCE * settings.noise)
+    sides = zip(settings.model.sides, outline.counts, outline.shares, before, strict=True)
+    for side, count, share, front in sides:
         if share < settings.inlier_share or count < FEWEST:
             raise doubt(
                 f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
             )
-    if best.before > MOST_BEFORE:
-        raise doubt(f"{best.before} points lie before the surface, where nothing can be seen")
+        if front > MOST_BEFORE + BEFORE_SHARE * count:
+            raise doubt(
+                f"{front} points lie before the {side.name}, which {count} points lie on: "
+                "it may be a reflection"
+            )
+    for rival in candidates:
+        apart = float(np.abs(rival.outline.corners - outline.corners).max())
+        if apart > DISTINCT and rival.price < best.price + LEAST_LEAD:
+            raise doubt(
+                f"another reading, {1e3 * apart:.1f} mm away, explains the points about as well"
+            )
     rms = float(np.sqrt(np.mean(outline.residuals[outline.keep] ** 2)))
     if rms > settings.largest_rms:
         raise doubt(f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them")

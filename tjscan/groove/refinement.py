@@ -38,11 +38,14 @@ FEWEST: Final = 3
 LEANING: Final = 20
 """A side of few points can't tell its own noise: it leans on all by as many points as this."""
 
+ANNEALED: Final = (4.0, 2.0)
+"""Tolerance of the first rounds: a side known from one end only must find its other end."""
+
 SETTLED: Final = 1e-6
 """Corners that move less from one round to the next are final, in metres."""
 
-MOST_ROUNDS: Final = 9
-UNDECIDED_ROUNDS: Final = 4
+MOST_ROUNDS: Final = 10
+UNDECIDED_ROUNDS: Final = 5
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
 REBASED_ROUNDS: Final = 4
@@ -160,7 +163,7 @@ def refine(
     spread = spread_of(model)
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
-    limits = np.full(len(sides), tolerance)
+    limits = np.full(len(sides), ANNEALED[0] * tolerance)
     sigmas = np.full(len(sides), tolerance / 4)
     outline, decided = None, False
     for count in range(MOST_ROUNDS):
@@ -168,15 +171,18 @@ def refine(
         weight = _weights(spread, curved, sigmas, inflation)
         if outline is not None and count < REBASED_ROUNDS:
             sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
-        outline = _round(row, sides, limits, weight, curved)
+        outline = _round(row, sides, limits, weight, curved, shadows=count >= len(ANNEALED))
         if outline is None:
             return None
         sides, sigmas = outline.curves, outline.sigmas
         limits = np.clip(CUT * sigmas, CUT * LEAST_NOISE, tolerance)
+        if count + 1 < len(ANNEALED):
+            limits = np.full(len(sides), ANNEALED[count + 1] * tolerance)
         moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
         if decided and moved < SETTLED:
             break
-        if not decided and (moved < 0.1 * tolerance or count + 1 == UNDECIDED_ROUNDS):
+        settling = count >= len(ANNEALED) and moved < 0.1 * tolerance
+        if not decided and (settling or count + 1 == UNDECIDED_ROUNDS):
             decided = True
             noise = noise_of(row, outline)
             inflation = noise.inflation
@@ -199,6 +205,8 @@ def _round(
     limits: Array,
     weight: Array,
     curved: NDArray[np.bool_],
+    *,
+    shadows: bool,
 ) -> Outline | None:
     """Corners, who owns which point, outliers, fits, corners again."""
     met = _corners(sides)
@@ -219,7 +227,8 @@ def _round(
     s, d = x * tx + z * tz, x * tz - z * tx
     residuals = d - (c0 + s * (c1 + s * (c2 + s * c3)))
     keep = np.abs(residuals) < np.repeat(limits, sizes)
-    keep = _unshadowed(residuals / np.repeat(limits / CUT, sizes), keep)
+    if shadows:
+        keep = _unshadowed(residuals / np.repeat(limits / CUT, sizes), keep)
 
     u = s / _UNIT
     terms = np.empty((11, n))

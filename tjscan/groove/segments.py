@@ -26,12 +26,14 @@ THINNED: Final = 210
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 GAP_COST: Final = 0.35
-"""What an outlier costs a stretch, in points."""
+PATIENT_GAP_COST: Final = 0.12
+"""What an outlier costs a stretch, in points; less where reflections hide most of a side."""
 
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
 KEPT: Final = 8
+PATIENT_KEPT: Final = 16
 """Most segments kept."""
 
 
@@ -86,7 +88,7 @@ def normals(directions: Array) -> Array:
     return np.stack((directions[..., 1], -directions[..., 0]), axis=-1)
 
 
-def find_segments(points: Array, tolerance: float) -> Segments:
+def find_segments(points: Array, tolerance: float, *, patient: bool = False) -> Segments:
     """Find the long segments in a row of points, by falling score.
 
     Parameters
@@ -95,6 +97,8 @@ def find_segments(points: Array, tolerance: float) -> Segments:
         x and z in metres, ordered from wall to leg.
     tolerance : float
         Distance from a segment at which a point stops supporting it, in metres.
+    patient : bool
+        Whether to look for long sides of which little is left.
 
     Returns
     -------
@@ -103,14 +107,16 @@ def find_segments(points: Array, tolerance: float) -> Segments:
     """
     step = max(1, round(len(points) / THINNED))
     row = points[::step]
+    gap_cost = PATIENT_GAP_COST if patient else GAP_COST
+    most = PATIENT_KEPT if patient else KEPT
     segments = _windows(points, tolerance)
     if not len(segments):
         return segments
-    segments, gain = _stretched(segments, row, tolerance)
-    segments = _distinct(segments, gain)
+    segments, gain = _stretched(segments, row, tolerance, gap_cost)
+    segments = _distinct(segments, gain, most)
     for _ in range(2):
-        segments, gain = _stretched(_refitted(segments, row, tolerance), row, tolerance)
-    segments = _distinct(segments, gain)
+        segments, gain = _stretched(_refitted(segments, row, tolerance), row, tolerance, gap_cost)
+    segments = _distinct(segments, gain, most)
     return replace(
         segments,
         first=segments.first * step,
@@ -162,10 +168,12 @@ def _windows(points: Array, tolerance: float) -> Segments:
     return Segments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
-def _stretched(segments: Segments, row: Array, tolerance: float) -> tuple[Segments, Array]:
+def _stretched(
+    segments: Segments, row: Array, tolerance: float, gap_cost: float
+) -> tuple[Segments, Array]:
     """Give each segment the stretch of the row of the highest total gain (Kadane's algorithm).
 
-    Returns the gains of all points too, shape (m, n): one on the segment, `-GAP_COST` off it.
+    Returns the gains of all points too, shape (m, n): one on the segment, `-gap_cost` off it.
     """
     s, d = segments.local(row)
     if segments.curve.any():
@@ -173,7 +181,7 @@ def _stretched(segments: Segments, row: Array, tolerance: float) -> tuple[Segmen
         d -= c0 + s * (c1 + s * c2)
     d *= 1 / tolerance
     gain = 1 - d * d
-    np.maximum(gain, -GAP_COST, out=gain)
+    np.maximum(gain, -gap_cost, out=gain)
     total = np.cumsum(gain, axis=1)
     lowest = np.minimum(np.minimum.accumulate(total, axis=1), 0)
     rows = np.arange(len(gain))
@@ -185,11 +193,11 @@ def _stretched(segments: Segments, row: Array, tolerance: float) -> tuple[Segmen
     return replace(segments, first=first, last=last, score=score), gain
 
 
-def _distinct(segments: Segments, gain: Array) -> Segments:
+def _distinct(segments: Segments, gain: Array, most: int) -> Segments:
     """Keep the segments that explain some point better than all others."""
     over = segments.inside(gain.shape[1]) & (gain > 0)
     winners = np.unique((over * segments.score[:, None]).argmax(axis=0))
-    best = winners[np.argsort(-segments.score[winners], kind="stable")[:KEPT]]
+    best = winners[np.argsort(-segments.score[winners], kind="stable")[:most]]
     return segments.take(best)
 
 
