@@ -84,7 +84,7 @@ def test_the_corrected_sensor_looks_from_the_middle_of_the_opening_at_the_stando
     result = scan_example(FAULTLESS)
     for scan in result.sections[3:]:
         origin_s = scan.groove.T_s_g[:3, 3]
-        assert origin_s == pytest.approx((0, 0, 0.240), abs=3e-3)  # a section on, a little else
+        assert origin_s == pytest.approx((-0.015, 0, 0.230), abs=3e-3)
         y_g, z_s = scan.groove.T_s_g[:3, 1], np.array((0, 0, 1))
         assert np.arcsin(-y_g @ z_s) == pytest.approx(scan.groove.work_angle, abs=0.06)
 

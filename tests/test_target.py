@@ -11,13 +11,14 @@ from tjscan.scanning.target import Direction, target_in_sensor
 EXACT = 1e-12
 angles = st.floats(-1.2, 1.2)
 
+P_S_T = (0.0, 0.0, 0.24)
 T_B_G = pose()  # the groove as base frame: x counterclockwise, y up the brace, z out of the joint
 
 
 def sensor_on_groove(beta: float, alpha: float, direction: Direction) -> np.ndarray:
     """T_b_s when frame t lies on the groove, turned round for the clockwise scan."""
     T_b_t = T_B_G if direction is Direction.COUNTERCLOCKWISE else T_B_G @ pose(rot_y(np.pi))
-    return T_b_t @ inverse(target_in_sensor(beta, alpha, 0.24, direction))
+    return T_b_t @ inverse(target_in_sensor(beta, alpha, P_S_T, direction))
 
 
 @pytest.mark.parametrize("direction", Direction)
@@ -52,5 +53,5 @@ def test_x_of_the_sensor_points_up_the_brace(direction: Direction) -> None:
 
 
 def test_the_large_rotation_is_rz_90_rx_180() -> None:
-    T_s_t = target_in_sensor(0.0, 0.0, 0.24, Direction.COUNTERCLOCKWISE)
+    T_s_t = target_in_sensor(0.0, 0.0, P_S_T, Direction.COUNTERCLOCKWISE)
     np.testing.assert_allclose(T_s_t[:3, :3], [[0, 1, 0], [1, 0, 0], [0, 0, -1]], atol=EXACT)

@@ -38,7 +38,8 @@ class ScanTable(FileModel):
     step_mm: float = Field(default=40.0, ge=1, le=300)
     prediction_case: Literal[1, 2, 3, 4] = 3
     pull_angle_deg: float = Field(default=10.0, ge=-45, le=45)
-    standoff_mm: float = Field(default=240.0, ge=10, le=2000)
+    standoff_mm: float = Field(default=230.0, ge=10, le=2000)
+    view_offset_mm: float = Field(default=-15.0, ge=-500, le=500)
     length_mm: float | None = Field(default=None, gt=0)
     sections: int | None = Field(default=None, ge=3)
     first: PoseTable

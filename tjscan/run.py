@@ -32,6 +32,7 @@ def plan_of(job: JobFile) -> ScanPlan:
         direction=Direction(table.direction),
         pull_angle=float(np.radians(table.pull_angle_deg)),
         standoff=1e-3 * table.standoff_mm,
+        offset=1e-3 * table.view_offset_mm,
         length=None if table.length_mm is None else 1e-3 * table.length_mm,
         sections=table.sections,
     )

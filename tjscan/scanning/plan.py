@@ -24,7 +24,9 @@ class ScanPlan:
     pull_angle : float
         α, radians.
     standoff : float
-        Distance of the groove along the central ray, metres.
+        z_s at which the groove's origin shall appear, metres.
+    offset : float
+        x_s at which it shall appear, metres; negative shows more of the brace.
     length : float, optional
         Stop after this much groove, counted from the second taught section, metres.
     sections : int, optional
@@ -36,9 +38,11 @@ class ScanPlan:
     direction: Direction
     pull_angle: float
     standoff: float
+    offset: float = 0.0
     length: float | None = None
     sections: int | None = None
 
     def target(self, work_angle: float) -> Array:
         """T_s_t for a groove with this work angle, shape (4, 4)."""
-        return target_in_sensor(work_angle, self.pull_angle, self.standoff, self.direction)
+        p_s_t = (self.offset, 0.0, self.standoff)
+        return target_in_sensor(work_angle, self.pull_angle, p_s_t, self.direction)

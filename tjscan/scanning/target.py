@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from math import pi
 
+from numpy.typing import ArrayLike
+
 from tjscan.frames import Array, pose, rot_x, rot_y, rot_z
 
 
@@ -23,7 +25,7 @@ R_REVERSED = rot_y(pi)
 
 
 def target_in_sensor(
-    work_angle: float, pull_angle: float, standoff: float, direction: Direction
+    work_angle: float, pull_angle: float, p_s_t: ArrayLike, direction: Direction
 ) -> Array:
     """Pose T_s_t of the target frame in the sensor frame.
 
@@ -35,8 +37,9 @@ def target_in_sensor(
     pull_angle : float
         α: how far the laser plane is turned from the groove's normal plane, the sensor
         leading and looking back, radians.
-    standoff : float
-        Distance from the origin of s to that of t along the central ray, metres.
+    p_s_t : array_like, shape (3,)
+        Where the groove's origin shall appear in the laser plane, metres: (0, 0, stand-off) for
+        the middle of the line.
     direction : Direction
         Which way round.
 
@@ -55,4 +58,4 @@ def target_in_sensor(
         R = R_S_T @ rot_y(-pull_angle) @ rot_x(work_angle)  # (14), (15)
     else:
         R = R_S_T @ R_REVERSED @ rot_y(pull_angle) @ rot_x(-work_angle)  # (14), (28)
-    return pose(R, (0.0, 0.0, standoff))
+    return pose(R, p_s_t)
