@@ -78,6 +78,9 @@ CORNER = 1e-3
 LEAST_LEAD = 3.0
 """By how many points a reading has to be better than any other."""
 
+OUTSIDE = 0.6
+"""Share of the points outside a pair of outer sides that is sure to stay unexplained."""
+
 EXPLAINED = 0.08
 """A chain that leaves no greater share of the points over needs no other outer sides."""
 
@@ -161,7 +164,12 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
 def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
     """Chains between the likeliest outer sides."""
     chains: list[Chain] = []
+    cheapest = np.inf
     for i, j in outer_pairs(segments, settings.model, len(row.points), most):
+        first, last = int(segments.first[i]), int(segments.last[j])
+        # No side explains most of what lies outside the pair.
+        if OUTSIDE * (first + len(row.points) - 1 - last) > cheapest:
+            continue
         chains += best_chains(
             settings.model,
             row.points,
@@ -171,8 +179,8 @@ def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -
             int(segments.first[j]),
             TOLERANCE * settings.noise,
         )
-        # Other outer sides would leave a long side unexplained.
-        if chains and chains[0].price < EXPLAINED * len(row.points):
+        cheapest = min((c.price for c in chains), default=np.inf)
+        if cheapest < EXPLAINED * len(row.points):
             break
     return chains
 
@@ -192,7 +200,7 @@ def _shape(segments: Segments, model: GrooveModel) -> str:
 def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
     """Refine a hypothesis and price it again."""
     tolerance = TOLERANCE * settings.noise
-    outline = refine(row, chain.sides, settings.model.sides, tolerance)
+    outline = refine(row, chain.sides, chain.corners, settings.model.sides, tolerance)
     if outline is None:
         return None
     scaled = outline.residuals / tolerance

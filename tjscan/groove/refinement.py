@@ -41,7 +41,7 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 1e-6
+SETTLED: Final = 2e-6
 """Corners that move less from one round to the next are final, in metres."""
 
 MOST_ROUNDS: Final = 10
@@ -146,7 +146,11 @@ class Outline:
 
 
 def refine(
-    row: Row, sides: tuple[Curve, ...], model: tuple[Side, ...], tolerance: float
+    row: Row,
+    sides: tuple[Curve, ...],
+    corners: Array,
+    model: tuple[Side, ...],
+    tolerance: float,
 ) -> Outline | None:
     """Find the most likely outline near a chain; None where there is none.
 
@@ -155,6 +159,8 @@ def refine(
     row : Row
     sides : tuple of Curve
         A chain, from the wall.
+    corners : ndarray, shape (k - 1, 2)
+        Where they meet.
     model : tuple of Side
         What its sides are like.
     tolerance : float
@@ -171,10 +177,12 @@ def refine(
         weight = _weights(spread, curved, sigmas, inflation)
         if outline is not None and count < REBASED_ROUNDS:
             sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
-        outline = _round(row, sides, limits, weight, curved, shadows=count >= len(ANNEALED))
+        outline = _round(
+            row, sides, corners, limits, weight, curved, shadows=count >= len(ANNEALED)
+        )
         if outline is None:
             return None
-        sides, sigmas = outline.curves, outline.sigmas
+        sides, corners, sigmas = outline.curves, outline.corners, outline.sigmas
         limits = np.clip(CUT * sigmas, CUT * LEAST_NOISE, tolerance)
         if count + 1 < len(ANNEALED):
             limits = np.full(len(sides), ANNEALED[count + 1] * tolerance)
@@ -202,17 +210,14 @@ def _weights(spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation:
 def _round(
     row: Row,
     sides: tuple[Curve, ...],
+    corners: Array,
     limits: Array,
     weight: Array,
     curved: NDArray[np.bool_],
     *,
     shadows: bool,
 ) -> Outline | None:
-    """Corners, who owns which point, outliers, fits, corners again."""
-    met = _corners(sides)
-    if met is None:
-        return None
-    corners, _ = met
+    """Who owns which point, outliers, fits, corners."""
     n, k = len(row.points), len(sides)
     edges = np.concatenate(
         ([0], np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]), [n])
