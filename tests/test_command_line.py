@@ -27,11 +27,10 @@ RUN_FILES = {
 }
 
 
-def tjscan(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+def tjscan(*arguments: object) -> int:
     """Run the command line in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["tjscan", *map(str, arguments)])
     try:
-        main()
+        main([str(argument) for argument in arguments])
     except SystemExit as stop:
         return int(stop.code or 0)
     return 0
@@ -41,8 +40,7 @@ def tjscan(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run of five sections."""
     directory = tmp_path_factory.mktemp("runs") / "paper"
-    with pytest.MonkeyPatch.context() as patch:
-        assert tjscan(patch, "scan", PAPER, "--out", directory, "--scan.sections", "5") == 0
+    assert tjscan("scan", PAPER, "--out", directory, "--scan.sections", "5") == 0
     return directory
 
 
@@ -89,29 +87,23 @@ def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> No
         np.testing.assert_allclose(points_b, section["points"], atol=1e-12)
 
 
-def test_the_run_directory_can_be_run_again(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert tjscan(monkeypatch, "scan", run / "job.toml", "--out", tmp_path / "again") == 0
+def test_the_run_directory_can_be_run_again(run: Path, tmp_path: Path) -> None:
+    assert tjscan("scan", run / "job.toml", "--out", tmp_path / "again") == 0
     again = (tmp_path / "again" / "sections.csv").read_text(encoding="utf-8")
     assert again == (run / "sections.csv").read_text(encoding="utf-8")
 
 
 def test_json_goes_to_stdout_and_words_to_stderr(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = tjscan(
-        monkeypatch, "scan", PAPER, "--json", "--out", tmp_path / "run", "--scan.sections=3"
-    )
+    code = tjscan("scan", PAPER, "--json", "--out", tmp_path / "run", "--scan.sections=3")
     assert code == 0
     assert json.loads(capsys.readouterr().out)["sections"] == 3
 
 
-def test_a_dry_run_moves_and_writes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dry_run_moves_and_writes_nothing(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    assert tjscan(monkeypatch, "scan", PAPER, "--dry-run", "--out", out) == 0
+    assert tjscan("scan", PAPER, "--dry-run", "--out", out) == 0
     assert not out.exists()
 
 
@@ -135,11 +127,10 @@ def test_bad_input_gets_one_message_and_its_exit_code(
     code: int,
     words: list[str],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "run"
-    assert tjscan(monkeypatch, "scan", *arguments, "--out", out) == code
+    assert tjscan("scan", *arguments, "--out", out) == code
     told = " ".join(capsys.readouterr().err.split())
     assert "Traceback" not in told
     for word in words:
@@ -150,22 +141,22 @@ def test_bad_input_gets_one_message_and_its_exit_code(
 
 
 def test_a_joint_that_cannot_exist_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (PAPER.parent.parent / "cad" / "tjoint-600x457.toml").read_text(encoding="utf-8")
     broken = tmp_path / "broken.toml"
     broken.write_text(text.replace("457.2", "657.2"), encoding="utf-8")
-    assert tjscan(monkeypatch, "scan", PAPER, "--joint.file", broken) == 2
+    assert tjscan("scan", PAPER, "--joint.file", broken) == 2
     told = capsys.readouterr().err
     assert "broken.toml" in told
     assert "brace" in told
 
 
 def test_a_run_directory_is_never_overwritten(
-    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (run / "summary.json").read_bytes()
-    assert tjscan(monkeypatch, "scan", PAPER, "--out", run) == 2
+    assert tjscan("scan", PAPER, "--out", run) == 2
     assert "not empty" in " ".join(capsys.readouterr().err.split())
     assert (run / "summary.json").read_bytes() == before
 

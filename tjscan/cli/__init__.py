@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
@@ -22,10 +23,10 @@ EXIT_CODES: dict[type[TjscanError], int] = {ConfigurationError: 2, ArmFault: 4, 
 """What each branch of the error tree ends with; 1 for the rest."""
 
 
-def main() -> None:
+def main(tokens: Sequence[str] | None = None) -> None:
     """Run the command line and turn errors into one message and an exit code."""
     try:
-        app(exit_on_error=False, print_error=True)
+        app(sys.argv[1:] if tokens is None else tokens, exit_on_error=False, print_error=True)
     except CycloptsError:
         sys.exit(2)
     except TjscanError as error:
