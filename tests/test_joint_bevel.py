@@ -8,7 +8,8 @@ from scipy.optimize import brentq
 
 from tjscan.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.definition import JointDefinition, read_joint
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import in_j
 
 CAD = Path(__file__).parents[1] / "cad"

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.config import read_toml, validate
 from tjscan.errors import ConfigurationError
-from tjscan.joint.definition import JointFile, read_joint
+from tjscan.joint.file import JointFile, read_joint
 
 CAD = Path(__file__).parents[1] / "cad"
 PAPER = CAD / "tjoint-600x457.toml"

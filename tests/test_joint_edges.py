@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tjscan.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.definition import read_joint
 from tjscan.joint.edges import ClosedPolyline, feature_edges
+from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import in_j
 
 PAPER = Path(__file__).parents[1] / "cad" / "tjoint-600x457.toml"

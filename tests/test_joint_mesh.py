@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.definition import JointDefinition, JointFile, read_joint
+from tjscan.joint.checks import check
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
+from tjscan.joint.file import JointFile, read_joint
 from tjscan.joint.geometry import in_j
 from tjscan.joint.mesh import CHORD_ERROR, TriangleMesh, build_mesh, chord_error, mesh_azimuths
 
@@ -222,6 +224,7 @@ def test_any_size_is_built_soundly_or_refused_clearly(
             root_face=root[1],
             root_bead=root[2],
         )
+        check(joint)
     except ConfigurationError as refusal:
         key = refusal.key or ""
         event(f"refused for {key}")

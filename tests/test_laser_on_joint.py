@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tjscan.frames import Array, pose, rot_x, transform
-from tjscan.joint.definition import JointDefinition, read_joint
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
+from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh, chord_error
 from tjscan.laser.faults import Kind
 from tjscan.laser.model import LaserModel

@@ -10,7 +10,8 @@ from tjscan.cell import Cell, open_cell
 from tjscan.errors import TjscanError
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile
-from tjscan.joint.definition import JointDefinition, read_joint
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import read_joint
 from tjscan.recording.writer import Recording
 from tjscan.result.directory import make_directory
 from tjscan.result.frame import ResultFrame

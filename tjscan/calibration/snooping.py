@@ -17,6 +17,8 @@ FEWEST_LEFT: Final = 5
 """Profiles that are never taken out."""
 MOST_BAD: Final = 1 / 3
 """If a larger share were bad, the others could not say which."""
+FREEDOM_LEFT: Final = 0.5
+"""Share of the degrees of freedom that must remain: with few left, any lines agree."""
 LARGEST_SET: Final = 3
 MOST_SETS: Final = 3000
 """Bad profiles looked for together, and sets tried: three among 26."""
@@ -75,7 +77,7 @@ def _together(model: Model, estimate: Estimate) -> Estimate | None:
     # What the fit leaves of errors in the residuals, block by block.
     left = np.eye(n * k) - J.reshape(n * k, -1) @ estimate.covariance @ J.reshape(n * k, -1).T
     blocks = left.reshape(n, k, n, k).transpose(0, 2, 1, 3)
-    for size in range(2, min(LARGEST_SET, _most(n)) + 1):
+    for size in range(2, min(LARGEST_SET, _most(estimate)) + 1):
         sets = np.array(list(combinations(range(n), size)))
         if len(sets) > MOST_SETS:
             break
@@ -91,15 +93,17 @@ def _together(model: Model, estimate: Estimate) -> Estimate | None:
     return None
 
 
-def _most(n: int) -> int:
-    """How many of n profiles may be bad."""
-    return min(int(MOST_BAD * n), n - FEWEST_LEFT)
+def _most(estimate: Estimate) -> int:
+    """How many profiles may be bad, from an estimate that uses all of them."""
+    n, k = estimate.linearised.residuals.shape
+    checked = int((1 - FREEDOM_LEFT) * estimate.freedom / k)
+    return max(0, min(int(MOST_BAD * n), n - FEWEST_LEFT, checked))
 
 
 def _one_by_one(model: Model, estimate: Estimate) -> Estimate:
     n, k = estimate.linearised.residuals.shape[:2]
     chain, bad = [estimate], 0
-    for i in range(_most(n)):
+    for i in range(_most(estimate)):
         now = chain[-1]
         misfit = np.where(now.used, deletions(now).chi2, 0.0)
         worst = int(np.argmax(misfit))

@@ -18,8 +18,8 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
         Print what was built as JSON on stdout.
     """
     from tjscan.cli.console import say
-    from tjscan.joint.definition import read_joint
-    from tjscan.joint.files import write_joint
+    from tjscan.joint.export import write_joint
+    from tjscan.joint.file import read_joint
 
     definition = read_joint(file)
     directory = out or file.parent / "build" / definition.name

@@ -31,9 +31,9 @@ PAIRS: Final = 3
 PATIENT_PAIRS: Final = 8
 """Most pairs of outer sides that are tried."""
 
-MOST_PROPOSALS: Final = 360
+MOST_PROPOSALS: Final = 240
 
-POOL: Final = 20
+POOL: Final = 14
 """Most lines that the template is laid over."""
 
 GAP_COST: Final = 0.15

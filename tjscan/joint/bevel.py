@@ -8,16 +8,13 @@ the groove with a straight face from the bevel to the leg.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.frames import Array, readonly
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial, tangential
-
-if TYPE_CHECKING:
-    from tjscan.joint.definition import JointDefinition
 
 
 @dataclass(frozen=True, slots=True, eq=False)

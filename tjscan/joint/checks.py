@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import Final, NoReturn
 
 import numpy as np
 
 from tjscan.errors import ConfigurationError
 from tjscan.joint.bevel import BevelSections, bevel_sections
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j
-
-if TYPE_CHECKING:
-    from tjscan.joint.definition import JointDefinition
 
 WIDEST_BRACE: Final = 1 / 1.05 * (1 + 1e-9)  # room for rounding
 """Largest ratio of brace to leg: at 1 the dihedral angle runs to 180° and the groove opens flat."""

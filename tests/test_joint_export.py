@@ -10,9 +10,9 @@ import trimesh
 
 from tjscan.cli.joint import joint as joint_command
 from tjscan.errors import RecordingError
-from tjscan.joint.definition import read_joint
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.files import JointSidecar, write_joint
+from tjscan.joint.export import JointSidecar, write_joint
+from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh
 
 CAD = Path(__file__).parents[1] / "cad"

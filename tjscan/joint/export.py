@@ -12,8 +12,9 @@ from tjscan.config import FileModel
 from tjscan.files import drafted
 from tjscan.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.definition import JointDefinition, JointFile
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
+from tjscan.joint.file import JointFile
 from tjscan.joint.mesh import TriangleMesh, build_mesh, chord_error
 
 PER_MM = 1e3

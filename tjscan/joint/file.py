@@ -1,0 +1,130 @@
+"""A joint's TOML file: millimetres and degrees, checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, Strict
+
+from tjscan.config import FileModel, read_toml, validate
+from tjscan.errors import ConfigurationError
+from tjscan.joint.checks import check
+from tjscan.joint.definition import JointDefinition
+
+MM = 1e-3
+
+Length = Annotated[float, Field(gt=0.0, le=20_000.0)]
+Small = Annotated[float, Field(ge=0.0, le=100.0)]
+Pair = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
+
+
+class LegTable(FileModel):
+    """``[leg]``: the member that runs through."""
+
+    outer_diameter_mm: Length
+    wall_mm: Length
+    length_mm: Length
+
+
+class BraceTable(FileModel):
+    """``[brace]``: the member that is welded on. Its length runs from where the axes cross."""
+
+    outer_diameter_mm: Length
+    wall_mm: Length
+    length_mm: Length
+    angle_deg: float = 90.0
+
+
+class GrooveTable(FileModel):
+    """``[groove]``: the prepared brace end and the root bead."""
+
+    angle_deg: Annotated[tuple[Pair, ...], Strict(False)]
+    root_gap_mm: Small
+    root_face_mm: Small
+    root_bead_mm: Small
+
+
+class JointFile(FileModel):
+    """A joint as its TOML file tells it, in millimetres and degrees."""
+
+    leg: LegTable
+    brace: BraceTable
+    groove: GrooveTable
+
+    @classmethod
+    def of(cls, definition: JointDefinition) -> Self:
+        """The file that defines a joint."""
+        d = definition
+        return cls(
+            leg=LegTable(
+                outer_diameter_mm=_mm(2 * d.leg_radius),
+                wall_mm=_mm(d.leg_wall),
+                length_mm=_mm(d.leg_length),
+            ),
+            brace=BraceTable(
+                outer_diameter_mm=_mm(2 * d.brace_radius),
+                wall_mm=_mm(d.brace_wall),
+                length_mm=_mm(d.brace_length),
+                angle_deg=_deg(d.angle),
+            ),
+            groove=GrooveTable(
+                angle_deg=tuple((_deg(psi), _deg(groove)) for psi, groove in d.groove_table),
+                root_gap_mm=_mm(d.root_gap),
+                root_face_mm=_mm(d.root_face),
+                root_bead_mm=_mm(d.root_bead),
+            ),
+        )
+
+    def definition(self, name: str) -> JointDefinition:
+        """The joint, in metres and radians.
+
+        Raises
+        ------
+        ConfigurationError
+            If such a joint can't be built.
+        """
+        leg, brace, groove = self.leg, self.brace, self.groove
+        definition = JointDefinition(
+            name=name,
+            leg_radius=leg.outer_diameter_mm / 2 * MM,
+            leg_wall=leg.wall_mm * MM,
+            leg_length=leg.length_mm * MM,
+            brace_radius=brace.outer_diameter_mm / 2 * MM,
+            brace_wall=brace.wall_mm * MM,
+            brace_length=brace.length_mm * MM,
+            angle=float(np.deg2rad(brace.angle_deg)),
+            groove_table=tuple(
+                (float(np.deg2rad(psi)), float(np.deg2rad(angle)))
+                for psi, angle in groove.angle_deg
+            ),
+            root_gap=groove.root_gap_mm * MM,
+            root_face=groove.root_face_mm * MM,
+            root_bead=groove.root_bead_mm * MM,
+        )
+        check(definition)
+        return definition
+
+
+def read_joint(path: Path) -> JointDefinition:
+    """Read a joint's definition; it is named after its file.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or such a joint can't be built.
+    """
+    file = validate(JointFile, read_toml(path), path)
+    try:
+        return file.definition(path.stem)
+    except ConfigurationError as error:
+        raise ConfigurationError(error.message, file=path, key=error.key) from None
+
+
+def _mm(metres: float) -> float:
+    return round(metres / MM, 9)  # a picometre: undoes the rounding of the way in
+
+
+def _deg(radians: float) -> float:
+    return round(float(np.rad2deg(radians)), 9)
