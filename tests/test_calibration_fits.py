@@ -57,8 +57,9 @@ def test_spatter_edges_and_a_second_object_are_left_out(seed: int, spatter: floa
     # Five standard deviations, with some room for the edge's first columns.
     assert abs(tilt) < 6 * fit.sigma_angle
     assert abs(offset) < 6 * np.hypot(fit.sigma_offset, fit.point_s[0] * fit.sigma_angle)
-    assert not fit.inlier[:90].any()
-    assert not fit.inlier[620:].any()
+    # Spatter may fall onto the line by chance, also beside the board.
+    assert fit.inlier[:90].sum() <= 2
+    assert fit.inlier[620:].sum() <= 2
     assert fit.inlier[truth & np.isfinite(z)].mean() > 0.98
 
 

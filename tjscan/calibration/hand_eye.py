@@ -37,8 +37,11 @@ WORST_CONDITION: Final = 100.0
 WORST_SCATTER: Final = 3.0
 """Residuals so many times larger than stated are not what the noise model describes. Smaller
 excess, where it is significant, widens the covariance."""
-LOOSEST_POSITION: Final = 20e-3
-LOOSEST_ROTATION: Final = float(np.radians(5.0))
+WORST_SELECTED: Final = 2.0
+"""The same limit where profiles were left out: without the worst ones the others look better than
+they are, and which ones are bad is itself in doubt."""
+LOOSEST_POSITION: Final = 5e-3
+LOOSEST_ROTATION: Final = float(np.radians(1.0))
 """Metres and radians RMS; a drawing of the bracket tells more than a calibration less certain."""
 FINE_POSITION: Final = 0.5e-3
 FINE_ROTATION: Final = float(np.radians(0.1))
@@ -455,7 +458,7 @@ def _excess(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
     if agrees(estimate):
         return 1.0
     excess = float(np.sqrt(estimate.chi2 / estimate.freedom))
-    if excess <= WORST_SCATTER:
+    if excess <= (WORST_SCATTER if estimate.used.all() else WORST_SELECTED):
         return excess
     worst = sorted(residuals, key=lambda one: -one.misfit)[:3]
     shown = ", ".join(
