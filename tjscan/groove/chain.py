@@ -99,11 +99,11 @@ def bearing(points: Array) -> Array:
 
 def outer_pairs(
     segments: Segments, model: GrooveModel, count: int, most: int = PAIRS
-) -> list[tuple[int, int]]:
+) -> list[tuple[int, int, float]]:
     """Pairs of segments that may be the first and the last side, likeliest first.
 
     A pair is the better the more points it explains, and the fewer of the `count` points lie
-    outside it: those no side can explain.
+    outside it: those no side can explain. That difference is the third number.
     """
     t = segments.direction
     sin = t[:, None, 0] * t[None, :, 1] - t[:, None, 1] * t[None, :, 0]
@@ -115,7 +115,8 @@ def outer_pairs(
     last = segments.score - (count - 1 - segments.last)
     score = np.where(allowed, first[:, None] + last[None, :], -np.inf)
     order = np.argsort(-score, axis=None, kind="stable")[:most]
-    return [divmod(int(k), len(segments)) for k in order if np.isfinite(score.flat[k])]
+    likely = [k for k in order.tolist() if np.isfinite(score.flat[k])]
+    return [(*divmod(k, len(segments)), float(score.flat[k])) for k in likely]
 
 
 def best_chains(

@@ -78,11 +78,8 @@ CORNER = 1e-3
 LEAST_LEAD = 3.0
 """By how many points a reading has to be better than any other."""
 
-OUTSIDE = 0.6
-"""Share of the points outside a pair of outer sides that is sure to stay unexplained."""
-
-EXPLAINED = 0.08
-"""A chain that leaves no greater share of the points over needs no other outer sides."""
+MADE_UP = 0.5
+"""Share of the points a chain leaves unexplained that other outer sides may yet explain."""
 
 TOLERANCE = 4.0
 """Points within this many expected standard deviations of a hypothesis support it."""
@@ -164,12 +161,11 @@ def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[
 def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
     """Chains between the likeliest outer sides."""
     chains: list[Chain] = []
-    cheapest = np.inf
-    for i, j in outer_pairs(segments, settings.model, len(row.points), most):
-        first, last = int(segments.first[i]), int(segments.last[j])
-        # No side explains most of what lies outside the pair.
-        if OUTSIDE * (first + len(row.points) - 1 - last) > cheapest:
-            continue
+    cheapest, likeliest = np.inf, -np.inf
+    for i, j, score in outer_pairs(segments, settings.model, len(row.points), most):
+        # Only points still unexplained can make up for what this pair explains less.
+        if likeliest - score > MADE_UP * cheapest:
+            break
         chains += best_chains(
             settings.model,
             row.points,
@@ -179,9 +175,9 @@ def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -
             int(segments.first[j]),
             TOLERANCE * settings.noise,
         )
-        cheapest = min((c.price for c in chains), default=np.inf)
-        if cheapest < EXPLAINED * len(row.points):
-            break
+        if chains:
+            cheapest = min(c.price for c in chains)
+            likeliest = max(likeliest, score)
     return chains
 
 

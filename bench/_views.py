@@ -18,8 +18,8 @@ from tjscan.laser.optics import Sight, Surface, fan, look
 from tjscan.laser.profile import Profile
 
 STANDOFF: Final = 0.240
-ON_SURFACE: Final = 30e-6
-"""A ray's hit this near to a pipe's surface lies on it, in metres."""
+STRAIGHT: Final = 2e-6
+"""A section that bends less is straight, in metres: the mesh is no better."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Stage:
 
     @classmethod
     def of(cls, definition: JointDefinition) -> Stage:
+        """Build a joint's solid and edges."""
         mesh = build_mesh(definition)
         return cls(definition, feature_edges(definition), Surface(mesh.vertices, mesh.triangles))
 
@@ -88,7 +89,7 @@ def view(stage: Stage, phi: float, *, pull: float, turn: Array, shift: Array) ->
     R = np.column_stack((np.cross(y, z), y, z)) @ rot_x(pull)
     R = R @ rot_x(turn[0]) @ rot_y(turn[1]) @ rot_z(turn[2])
     target = 0.5 * (p2 + p4)
-    T_j_s = pose(R, target - R @ (shift + [0, 0, STANDOFF]))
+    T_j_s = pose(R, target - R @ (shift + np.array([0, 0, STANDOFF])))
     T_s_j = inverse(T_j_s)
     near = (np.arange(-150, 151) + i) % len(edges.phi)
     corners_j = [_cut(T_s_j, e.points_j[near]) for e in (edges.p2, edges.p3, edges.p4)]
@@ -131,14 +132,15 @@ def sides_of(sight: Sight, v: View, model: LaserModel) -> NDArray[np.intp]:
     return np.where(sight.seen & np.isfinite(z), side, -1)
 
 
-def bound(sight: Sight, v: View, model: LaserModel, curved: tuple[bool, bool, bool, bool]) -> Array:
+def bound(sight: Sight, v: View, model: LaserModel) -> Array:
     """Cramér–Rao bound of each corner's error: root of the covariance's trace, shape (3,).
 
-    Points are known to belong to their true sides; each side is a line, or a parabola where
-    `curved`. The noise is that of the model: along the rays, correlated over columns.
+    Points are known to belong to their true sides; each side is a line or, where it truly
+    bends by more than `STRAIGHT`, a parabola. The noise is that of the model: along the rays,
+    correlated over columns, rounded to steps.
     """
     side = sides_of(sight, v, model)
-    information = []
+    found = []
     for k in range(4):
         index = np.flatnonzero(side == k)
         x = np.column_stack(
@@ -149,24 +151,26 @@ def bound(sight: Sight, v: View, model: LaserModel, curved: tuple[bool, bool, bo
         )
         corner = v.corners[min(k, 2)]
         t = unit(x[-1] - x[0])
-        s = (x - corner) @ t
-        basis = np.stack((np.ones_like(s), s, s * s)[: 3 if curved[k] else 2])
-        # A change of height across the side changes the range by 1 / cosine.
-        basis = basis / sight.cosine[index]
-        lag = index[:, None] - index
-        c = max(model.noise_correlation, 1e-9)
-        R = np.exp(-((lag / c) ** 2)) * model.noise**2
-        R += np.eye(len(index)) * ((0.01 * model.noise) ** 2 + model.step**2 / 12)
-        cov = np.linalg.inv(basis @ np.linalg.solve(R, basis.T))
         n = np.array([-t[1], t[0]])
-        information.append((corner, t, n, cov))
-    found = []
-    for k in range(3):
-        m, spread = np.empty((2, 2)), np.zeros((2, 2))
-        for j, (corner, t, n, cov) in enumerate(information[k : k + 2]):
-            s = (v.corners[k] - corner) @ t
-            b = np.array([1.0, s, s * s])[: len(cov)]
-            m[j], spread[j, j] = n, b @ cov @ b
-        w = np.linalg.inv(m)
-        found.append(np.sqrt(np.trace(w @ spread @ w.T)))
-    return np.array(found)
+        s = (x - corner) @ t
+        line = np.polynomial.Polynomial.fit(s, (x - corner) @ n, 1)
+        degree = 1 if np.ptp((x - corner) @ n - line(s)) < STRAIGHT else 2
+        # A change of height across the side changes the range by 1 / cosine.
+        basis = s ** np.arange(degree + 1)[:, None] / sight.cosine[index]
+        lag = index[:, None] - index
+        R = np.exp(-((lag / max(model.noise_correlation, 1e-9)) ** 2)) * model.noise**2
+        # Noise this smooth could be told from its neighbours almost exactly: the bound would
+        # not be one for anything real. A hundredth of it is taken as white.
+        R += np.eye(len(index)) * ((0.01 * model.noise) ** 2 + model.step**2 / 12)
+        found.append((corner, t, n, np.linalg.inv(basis @ np.linalg.solve(R, basis.T))))
+    return np.array([_corner_bound(v.corners[k], found[k], found[k + 1]) for k in range(3)])
+
+
+def _corner_bound(corner: Array, *sides: tuple[Array, Array, Array, Array]) -> float:
+    """Root of the trace of the covariance of a corner that two sides share."""
+    m, spread = np.empty((2, 2)), np.zeros((2, 2))
+    for j, (origin, t, n, cov) in enumerate(sides):
+        b = ((corner - origin) @ t) ** np.arange(len(cov))
+        m[j], spread[j, j] = n, b @ cov @ b
+    w = np.linalg.inv(m)
+    return float(np.sqrt(np.trace(w @ spread @ w.T)))

@@ -1,0 +1,227 @@
+"""How well grooves are read off profiles.
+
+Profiles are simulated before joints of several sizes, all round, from poses that are off by
+up to 5 degrees and 5 mm; the truth is where the laser plane cuts the joint's edges.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from _table import Row, main
+from _views import Stage, View, bound, profile_of, sight_of, view
+
+from tjscan.errors import GrooveNotFound
+from tjscan.frames import Array
+from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection, section_from_points
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import JointFile, read_joint
+from tjscan.laser.model import LaserModel
+from tjscan.laser.optics import Sight
+from tjscan.laser.profile import Profile
+
+CAD: Final = Path(__file__).parent.parent / "cad"
+PULL: Final = math.radians(10)
+POSES, REFLECTIVE_POSES, EMPTY_VIEWS = 240, 2000, 60
+REPEATS: Final = 5
+"""Profiles from each pose."""
+
+REFLECTIVE: Final = LaserModel(ghosts=0.15, missing=0.10)
+"""Default noise, bias, drop-out and flyers; more ghosts and gaps than the default."""
+
+
+def joints() -> list[JointDefinition]:
+    """Two joints of the project, and a smaller and a larger one."""
+    small = {
+        "leg": {"outer_diameter_mm": 406.4, "wall_mm": 19.1, "length_mm": 1000.0},
+        "brace": {"outer_diameter_mm": 323.9, "wall_mm": 19.1, "length_mm": 500.0},
+        "groove": {
+            "angle_deg": [[90.0, 50.0], [140.0, 65.0]],
+            "root_gap_mm": 3.0,
+            "root_face_mm": 1.5,
+            "root_bead_mm": 2.0,
+        },
+    }
+    large = {
+        "leg": {"outer_diameter_mm": 914.0, "wall_mm": 31.8, "length_mm": 1800.0},
+        "brace": {"outer_diameter_mm": 610.0, "wall_mm": 25.4, "length_mm": 900.0},
+        "groove": small["groove"],
+    }
+    return [
+        read_joint(CAD / "tjoint-600x457.toml"),
+        read_joint(CAD / "yjoint-600x457-60deg.toml"),
+        JointFile.model_validate(small).definition("tjoint-406x324x19"),
+        JointFile.model_validate(large).definition("tjoint-914x610"),
+    ]
+
+
+def views(
+    stages: list[Stage], count: int, model: LaserModel, seed: int, slop: float = 1.0
+) -> Iterator[tuple[View, Sight]]:
+    """Poses all round all joints."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        v = view(
+            stages[k % len(stages)],
+            rng.uniform(0, 2 * np.pi),
+            pull=PULL * rng.choice([-1, 1]),
+            turn=slop * math.radians(5) * rng.uniform(-1, 1, 3),
+            shift=slop * 5e-3 * rng.uniform(-1, 1, 3),
+        )
+        yield v, sight_of(stages[k % len(stages)], v, model)
+
+
+@dataclass
+class Tally:
+    """What came of many readings."""
+
+    errors: list[Array]
+    areas: list[float]
+    normalised: list[Array]
+    seconds: list[float]
+    refused: int = 0
+
+    def add(self, v: View, profile: Profile, truth: GrooveSection, *, timed: bool = False) -> None:
+        """Read a profile and compare."""
+        section, seconds = read(profile, 3 if timed else 1)
+        self.seconds.append(seconds)
+        if section is None:
+            self.refused += 1
+            return
+        off = section.points_s[1:4, [0, 2]] - v.corners
+        self.errors.append(np.linalg.norm(off, axis=1))
+        self.areas.append(section.area / truth.area - 1)
+        spread = np.linalg.inv(section.corner_covariances_s + 1e-18 * np.eye(2))
+        self.normalised.append(np.einsum("ki,kij,kj->k", off, spread, off) / 2)
+
+
+def read(profile: Profile, times: int) -> tuple[GrooveSection | None, float]:
+    """The section, and the shortest time it took: other work on the machine only adds to it."""
+    shortest, section = math.inf, None
+    for _ in range(times):
+        start = time.process_time()
+        try:
+            section = find_groove(profile)
+        except GrooveNotFound:
+            section = None
+        shortest = min(shortest, time.process_time() - start)
+    return section, shortest
+
+
+def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
+    model = LaserModel.ideal(noise=sigma)
+    tally, bounds = Tally([], [], [], []), []
+    for k, (v, sight) in enumerate(views(stages, POSES, model, 1)):
+        truth, limit = section_from_points(v.five), bound(sight, v, model)
+        for r in range(REPEATS):
+            tally.add(v, profile_of(sight, model, REPEATS * k + r), truth)
+            bounds.append(limit)
+    name = f"noise {1e3 * sigma:g} mm"
+    rows = [Row(f"{name}: refused", tally.refused, 0)]
+    if not tally.refused:
+        errors, limits = np.array(tally.errors), np.array(bounds)
+        ratio = np.sqrt((errors**2).mean(axis=0) / (limits**2).mean(axis=0))
+        rows += [
+            Row(f"{name}: {p}, RMS error / Cramér-Rao bound", float(r), 1.3)
+            for p, r in zip(("p2", "p3", "p4"), ratio, strict=True)
+        ]
+        nees = float(np.mean(tally.normalised))
+        rows.append(Row(f"{name}: normalised error squared", nees, 1.5, at_least=0.7))
+    return rows
+
+
+def reflections(stages: list[Stage]) -> list[Row]:
+    tally = Tally([], [], [], [])
+    gc.disable()
+    for k, (v, sight) in enumerate(views(stages, REFLECTIVE_POSES, REFLECTIVE, 2)):
+        truth = section_from_points(v.five)
+        for r in range(REPEATS):
+            profile = profile_of(sight, REFLECTIVE, REPEATS * k + r)
+            tally.add(v, profile, truth, timed=r == 0)
+        gc.collect(0)
+    gc.enable()
+    errors = 1e3 * np.array(tally.errors)
+    total = REFLECTIVE_POSES * REPEATS
+    timed = 1e3 * np.array(tally.seconds[::REPEATS])
+    wrong = np.count_nonzero(errors.max(axis=1) > 1)
+    areas = 100 * np.array(tally.areas)
+    worst = float(np.percentile(errors, 95, axis=0).max())
+    return [
+        Row(f"reflections: read of {total}", 100 * len(errors) / total, 100, "%", at_least=99.5),
+        Row("reflections: corner error, 95 %", worst, 0.15, "mm"),
+        Row("reflections: wrong by more than 1 mm", 100 * wrong / total, 0.1, "%"),
+        Row("reflections: area, mean error", abs(float(areas.mean())), 0.5, "%"),
+        Row("reflections: area, mean absolute error", float(np.abs(areas).mean()), 0.5, "%"),
+        Row("reflections: time, median", float(np.median(timed)), 2.0, "ms"),
+        Row("reflections: time, 99 %", float(np.percentile(timed, 99)), 6.0, "ms"),
+    ]
+
+
+def no_groove(stages: list[Stage]) -> list[Row]:
+    """Wall only, leg only, and drawings of other things."""
+    read_ = total = 0
+    for away in (-0.15, 0.15):
+        rng = np.random.default_rng(3)
+        for k in range(EMPTY_VIEWS):
+            stage, shift = stages[k % len(stages)], np.array([away, 0.0, 0.0])
+            v = view(stage, rng.uniform(0, 2 * np.pi), pull=PULL, turn=np.zeros(3), shift=shift)
+            section, _ = read(profile_of(sight_of(stage, v, REFLECTIVE), REFLECTIVE, k), 1)
+            read_, total = read_ + (section is not None), total + 1
+    for k in range(EMPTY_VIEWS):
+        for draw in (plane, edge, valley, pipe, dust, empty):
+            section, _ = read(draw(np.random.default_rng(k)), 1)
+            read_, total = read_ + (section is not None), total + 1
+    return [Row(f"no groove: read of {total}", read_, 0)]
+
+
+def drawn(rng: np.random.Generator, depth: Callable[[Array], Array]) -> Profile:
+    x = np.linspace(-0.05, 0.05, 640)
+    return Profile(x, 0.24 + depth(x) + 30e-6 * rng.standard_normal(640))
+
+
+def plane(rng: np.random.Generator) -> Profile:
+    return drawn(rng, lambda x: rng.uniform(-1, 1) * x)
+
+
+def edge(rng: np.random.Generator) -> Profile:
+    return drawn(rng, lambda x: rng.uniform(0.2, 1) * np.abs(x - rng.uniform(-0.02, 0.02)))
+
+
+def valley(rng: np.random.Generator) -> Profile:
+    return drawn(rng, lambda x: -rng.uniform(0.2, 1) * np.abs(x - rng.uniform(-0.02, 0.02)))
+
+
+def pipe(rng: np.random.Generator) -> Profile:
+    radius = rng.uniform(0.06, 0.5)
+    return drawn(rng, lambda x: radius - np.sqrt(radius**2 - x**2))
+
+
+def dust(rng: np.random.Generator) -> Profile:
+    return drawn(rng, lambda x: rng.uniform(-0.05, 0.05, x.shape))
+
+
+def empty(rng: np.random.Generator) -> Profile:
+    return drawn(rng, lambda x: np.full_like(x, np.nan))
+
+
+def measure() -> list[Row]:
+    stages = [Stage.of(joint) for joint in joints()]
+    return [
+        *noise_only(stages, 20e-6),
+        *noise_only(stages, 50e-6),
+        *reflections(stages),
+        *no_groove(stages),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main("grooves read off profiles", measure, sys.argv[1:]))
