@@ -53,7 +53,7 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     if R is not None:
         T[:3, :3] = R
     if p is not None:
-        T[:3, 3] = p
+        T[:3, 3] = np.reshape(p, 3)  # a single number is no position
     return T
 
 

@@ -16,6 +16,7 @@ app = App(
     version=__version__,
 )
 app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job file says.")
+app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.register_install_completion_command()
 
@@ -32,6 +33,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except TjscanError as error:
         print(f"tjscan: {error}", file=sys.stderr)
         sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
+    except BrokenPipeError:
+        sys.exit(0)  # whoever reads the output has read enough
     except KeyboardInterrupt:
         print("tjscan: interrupted; what was recorded stays", file=sys.stderr)
         sys.exit(130)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from tjscan.result.readings import Reading, measures
 from tjscan.result.summary import Summary, to_json
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scan import Scan, View
@@ -82,6 +83,18 @@ def report(summary: Summary, directory: Path, *, json: bool) -> None:
         table.add_row(name, value)
     _stderr.print(table)
     say(f"written to {directory}: scan.png shows it, summary.json and sections.csv tell it")
+
+
+def show_readings(readings: Sequence[Reading]) -> None:
+    """Print a line per profile on stdout: measures with standard deviations, then the corners."""
+    for reading in readings:
+        if reading.refusal is not None:
+            print(f"{reading.name}: {reading.refusal}")
+            continue
+        told = [] if reading.section is None else measures(reading.section)
+        words = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in told]
+        corners = "  ".join(f"({x:.3f}, {z:.3f})" for x, _, z in 1e3 * reading.points_s)
+        print(f"{reading.name}: {', '.join([*words, f'x, z in mm {corners}'])}")
 
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -13,6 +13,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from tjscan.errors import RecordingError
+from tjscan.laser.profile import Profile
 from tjscan.recording.messages import FLANGE, PROFILE, read_view
 from tjscan.scanning.scan import View
 
@@ -45,6 +46,14 @@ def read_views(file: Path) -> Iterator[View]:
                 yield read_view(flange, message)
             except (KeyError, ValueError, TypeError) as error:
                 raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
+
+
+def read_run(directory: Path) -> dict[str, Profile]:
+    """Every profile of a run directory, by section and substep; raises as `read_messages` does."""
+    profiles: dict[str, Profile] = {}
+    for number, view in enumerate(read_views(directory / "scan.mcap"), start=1):
+        profiles[f"profile {number}: section {view.index}, {view.substep}"] = view.profile
+    return profiles
 
 
 def _messages(stream: BinaryIO) -> Iterator[tuple[str, dict[str, Any]]]:

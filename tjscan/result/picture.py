@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.frames import Array, transform
+from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.scanner import ScanResult
@@ -40,7 +41,10 @@ def draw_scan(
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
     _draw_space(figure.add_subplot(grid[:, 0], projection="3d"), result, frame, points, outline)
-    _draw_section(figure.add_subplot(grid[0, 1]), result.sections[len(result.sections) // 2])
+    middle = result.sections[len(result.sections) // 2]
+    beside = figure.add_subplot(grid[0, 1])
+    draw_profile(beside, middle.view.profile, middle.groove.points_s)
+    beside.set_title(f"section {middle.view.index} in the laser plane")
     _draw_measures(figure.add_subplot(grid[1, 1]), result.sections)
     return figure
 
@@ -74,8 +78,9 @@ def _draw_space(
     axes.set_title(f"{len(result.sections)} sections, {result.stop}")
 
 
-def _draw_section(axes: Any, scan: Scan) -> None:
-    profile, corners = scan.view.profile, 1e3 * scan.groove.points_s
+def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
+    """Draw a profile in the laser plane with its corners, shape (k, 3), the sensor to the right."""
+    corners = 1e3 * points_s
     axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
     axes.plot(corners[:, 2], corners[:, 0], color=CORNER, linewidth=0.8, marker="o", markersize=4)
     for i, (x, _, z) in enumerate(corners, start=1):
@@ -84,7 +89,6 @@ def _draw_section(axes: Any, scan: Scan) -> None:
     axes.set_ylabel("$x_s$ / mm")
     axes.invert_xaxis()
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(f"section {scan.view.index} in the laser plane")
 
 
 def _draw_measures(axes: Any, sections: Sequence[Scan]) -> None:

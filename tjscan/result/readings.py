@@ -1,0 +1,106 @@
+"""Readings of many profiles: one line each, found or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from tjscan.errors import GrooveNotFound
+from tjscan.frames import Array
+from tjscan.groove.find import GrooveSettings, find_groove, find_outline
+from tjscan.groove.models import TEE
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+from tjscan.result.picture import draw_profile
+
+MOST_DRAWN: Final = 48
+"""A picture of more profiles shows nothing any more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What was read in one profile.
+
+    Parameters
+    ----------
+    name : str
+        Which profile.
+    profile : Profile
+        The profile.
+    points_s : ndarray, shape (k, 3)
+        Corners in frame s, metres; with the ends for a tee; empty where refused.
+    section : GrooveSection or None
+        The section of a tee.
+    refusal : GrooveNotFound or None
+        Why nothing was read.
+    """
+
+    name: str
+    profile: Profile
+    points_s: Array
+    section: GrooveSection | None = None
+    refusal: GrooveNotFound | None = None
+
+
+def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Iterator[Reading]:
+    """Read every profile; a refusal is a reading too."""
+    for name, profile in profiles.items():
+        try:
+            if settings.model is TEE:
+                section = find_groove(profile, settings)
+                yield Reading(name, profile, section.points_s, section)
+            else:
+                _, outline = find_outline(profile, settings)
+                xz = outline.corners
+                yield Reading(name, profile, np.insert(xz, 1, 0.0, axis=1))
+        except GrooveNotFound as refusal:
+            yield Reading(name, profile, np.empty((0, 3)), refusal=refusal)
+
+
+def to_dict(reading: Reading) -> dict[str, Any]:
+    """A reading for JSON, in mm and degrees."""
+    told: dict[str, Any] = {"name": reading.name, "found": reading.refusal is None}
+    if reading.refusal is not None:
+        return told | {"reason": reading.refusal.reason, "detail": reading.refusal.detail}
+    told["points_mm"] = (1e3 * reading.points_s[:, [0, 2]]).round(5).tolist()
+    if (section := reading.section) is not None:
+        told["corner_sigma_mm"] = (1e3 * np.sqrt(np.diag(section.covariance_s))).round(5).tolist()
+        told |= {name: [value, sigma] for name, value, sigma in measures(section)}
+        told["work_angle_deg"] = float(np.degrees(section.work_angle))
+        told["rms_mm"] = 1e3 * section.rms
+    return told
+
+
+def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
+    """Name, value and standard deviation of each measure, in mm and degrees."""
+    return [
+        (
+            "groove_angle_deg",
+            float(np.degrees(section.opening_angle)),
+            float(np.degrees(section.opening_angle_sigma)),
+        ),
+        ("root_width_mm", 1e3 * section.root_width, 1e3 * section.root_width_sigma),
+        ("depth_mm", 1e3 * section.depth, 1e3 * section.depth_sigma),
+        ("area_mm2", 1e6 * section.area, 1e6 * section.area_sigma),
+    ]
+
+
+def draw_readings(readings: Sequence[Reading]) -> Figure:
+    """Draw profiles with their fits, at most `MOST_DRAWN`, evenly chosen."""
+    chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
+    columns = ceil(sqrt(len(chosen)))
+    rows = ceil(len(chosen) / columns)
+    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    for i, reading in enumerate(chosen, start=1):
+        axes = figure.add_subplot(rows, columns, i)
+        draw_profile(axes, reading.profile, reading.points_s)
+        reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
+        axes.set_title(f"{reading.name}{reason}", fontsize=9)
+    return figure
