@@ -109,3 +109,6 @@ BUTT_V_SHARP: Final = GrooveModel(
     BUTT_V.across,
 )
 """Butt joint whose bevels meet in a sharp valley: five points."""
+
+MODELS: Final = {model.name: model for model in (TEE, BUTT_V, BUTT_V_SHARP)}
+"""The templates by name."""
