@@ -24,7 +24,7 @@ from tjscan.groove.segments import Index, Segments, normals
 IN_FRONT: Final = 2.5
 """Price of a point before the surface, in outliers: reflections lie behind it, seldom before."""
 
-LAGS: Final = (2, 4, 7, 12, 20, 33)
+LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
 PAIRS: Final = 3
@@ -56,6 +56,9 @@ RIVALS: Final = 3
 
 RIVAL_MARGIN: Final = 12.0
 """By how many outliers a chain may be dearer than the cheapest and still be looked at."""
+
+NEAREST: Final = 0.02
+"""Least distance of anything from the sensor, in metres."""
 
 AWAY: Final = 30e-3
 """How far a corner may lie outside all points, in metres."""
@@ -163,7 +166,7 @@ def best_chains(
     for k in range(inner):
         before = (outer[0], model.turns[0]) if k == 0 else None
         after = (outer[1], model.turns[-1]) if k == inner - 1 else None
-        layers.append(_pool(lines, scaled, u, before, after))
+        layers.append(_pool(lines, scaled, region, u, before, after, model.sides[k + 1].longest))
     layers.append(ends[1])
     if any(len(layer.point) == 0 for layer in layers):
         return []
@@ -221,13 +224,16 @@ def _proposals(
 def _pool(
     lines: Array,
     scaled: Array,
+    region: Array,
     u: Array,
     before: tuple[Curve, Turn] | None,
     after: tuple[Curve, Turn] | None,
+    longest: float,
 ) -> _Lines:
     """The lines that may be an inner side: for every point the one that explains most.
 
-    A line next to an outer side is judged by its best stretch that begins at their corner.
+    A line next to an outer side is judged by its best stretch that begins at their corner and
+    is no longer than `longest`.
     """
     n = scaled.shape[1]
     keep = np.ones(len(lines), dtype=bool)
@@ -240,7 +246,11 @@ def _pool(
         with np.errstate(invalid="ignore"):
             keep &= (turned >= allowed.least) & (turned <= allowed.most)
             keep &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
-        bounds[i] = np.searchsorted(u, bearing(np.where(keep[:, None], corner, 1.0)))
+        corner = np.where(keep[:, None], corner, 1.0)
+        bounds[i] = np.searchsorted(u, bearing(corner))
+        end = corner + (longest if following else -longest) * lines[:, 2:]
+        end[:, 1] = np.maximum(end[:, 1], NEAREST)
+        bounds[1 - i] = np.searchsorted(u, bearing(end))
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
