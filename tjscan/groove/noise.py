@@ -17,6 +17,10 @@ FAINT: Final = 0.05
 """A correlation below this ends the search: what follows is chance."""
 
 
+MOST_LOST: Final = 0.6
+"""No fit is thought to take out a greater share of the noise."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
     """Correlation of the noise of columns.
@@ -41,8 +45,11 @@ class Correlation:
         return float(max(1.0, 2 * self.lags.sum() - 1))
 
 
-def correlation(scaled: Array, columns: Index, count: int) -> Correlation:
+def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> Correlation:
     """Estimate the correlation from residuals over their own standard deviation.
+
+    A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
+    is too small by about ``p inflation / n`` at all lags, which is put back.
 
     Parameters
     ----------
@@ -51,6 +58,8 @@ def correlation(scaled: Array, columns: Index, count: int) -> Correlation:
         The column of each.
     count : int
         Columns in all.
+    parameters : int
+        Number of coefficients that were fitted.
     """
     size = 1 << (count + LONGEST - 1).bit_length()
     grid = np.zeros((2, size))
@@ -60,13 +69,22 @@ def correlation(scaled: Array, columns: Index, count: int) -> Correlation:
     product, pairs = np.fft.irfft(power)[:, :LONGEST]
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
-    faint = rho < FAINT
-    end = int(faint.argmax()) if faint.any() else LONGEST
-    lags = np.clip(rho[: max(end, 1)], 0, 1)
+    lost = 0.0
+    for _ in range(3):
+        whole = rho * (1 - lost) + lost
+        faint = whole < lost + FAINT
+        end = int(faint.argmax()) if faint.any() else LONGEST
+        lags = np.clip(whole[: max(end, 1)], 0, 1)
+        lost = lost_share(parameters, 2 * float(lags.sum()) - 1, len(scaled))
     kernel = np.zeros(size)
     kernel[: len(lags)] = lags
     kernel[size - len(lags) + 1 :] = lags[:0:-1]
     return Correlation(lags, np.maximum(np.fft.rfft(kernel).real, 0.0), size)
+
+
+def lost_share(parameters: float, inflation: float, count: float) -> float:
+    """Share of the variance of correlated noise that a fit takes out of its residuals."""
+    return min(parameters * max(inflation, 1.0) / count, MOST_LOST)
 
 
 def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Index) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tjscan.frames import Array
 from tjscan.groove.curves import Curve, meet
 from tjscan.groove.models import Side
-from tjscan.groove.noise import Correlation, correlated_sums, correlation
+from tjscan.groove.noise import Correlation, correlated_sums, correlation, lost_share
 from tjscan.groove.segments import Index
 
 CUT: Final = 3.3
@@ -132,6 +132,11 @@ class Outline:
         sums = np.bincount(owner, self.along[self.keep], minlength=k)
         middles: list[float] = (sums / np.bincount(owner, minlength=k)).tolist()
         return middles
+
+    @property
+    def parameters(self) -> Index:
+        """Number of coefficients fitted to each side, shape (k,)."""
+        return np.asarray(2 + self.curved)
 
     @property
     def shares(self) -> Array:
@@ -315,7 +320,7 @@ def noise_of(row: Row, outline: Outline) -> Correlation:
     """Correlation of the noise, pooled over all sides."""
     keep = outline.keep
     scaled = outline.residuals[keep] / np.maximum(outline.sigmas, 1e-9)[outline.owner[keep]]
-    return correlation(scaled, row.columns[keep], row.count)
+    return correlation(scaled, row.columns[keep], row.count, int(outline.parameters.sum()))
 
 
 def coefficient_covariances(row: Row, outline: Outline, noise: Correlation, spread: Array) -> Array:
@@ -328,7 +333,11 @@ def coefficient_covariances(row: Row, outline: Outline, noise: Correlation, spre
     u = outline.along[keep] / _UNIT
     basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
     meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
-    meat *= (outline.sigmas**2)[:, None, None]
+    lost = [
+        lost_share(p, noise.inflation, c)
+        for p, c in zip(outline.parameters.tolist(), outline.counts.tolist(), strict=True)
+    ]
+    meat *= (outline.sigmas**2 / (1 - np.array(lost)))[:, None, None]
     doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
     meat[:, (2, 3), (2, 3)] += doubt**2
     scale = 1 / _POWERS
