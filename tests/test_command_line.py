@@ -174,3 +174,29 @@ def test_help_loads_nothing_heavy() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert "scan" in told.stdout
+
+
+def test_groove_reads_a_run_again(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "readings.png"
+    assert tjscan("groove", run, "--json", "--plot", picture) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["readings"]) == 8
+    assert all(reading["found"] for reading in told["readings"])
+    with (run / "sections.csv").open(encoding="utf-8") as stream:
+        last = list(csv.DictReader(stream))[-1]
+    angle, sigma = told["readings"][-1]["groove_angle_deg"]
+    assert angle == pytest.approx(float(last["groove_angle_deg"]), abs=1e-4)
+    assert 0 < sigma < 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_groove_says_why_it_found_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flat = tmp_path / "flat.csv"
+    rows = "\n".join(f"{x / 10},250" for x in range(-300, 301))
+    flat.write_text(f"x_mm,z_mm\n{rows}\n", encoding="utf-8")
+    assert tjscan("groove", flat) == 1
+    assert "no groove found" in capsys.readouterr().out
+    assert tjscan("groove", tmp_path / "none.csv") == 2
+    assert tjscan("groove", flat, "--units", "inch") == 2
