@@ -100,9 +100,8 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
 
 
 def _read_text(file: Path, rows: Iterable[list[str]], form: ProfileFormat) -> ProfileTable:
-    numbered = (
-        (i, row) for i, row in enumerate(rows, start=1) if any(cell.strip() for cell in row)
-    )
+    # A row of empty cells is a missing point; an empty line is nothing.
+    numbered = ((i, row) for i, row in enumerate(rows, start=1) if row[1:] or "".join(row).strip())
     first = next(numbered, None)
     if first is None:
         raise ConfigurationError("is empty", file=file)
