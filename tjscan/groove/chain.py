@@ -37,7 +37,10 @@ POOL: Final = 14
 """Most lines that the template is laid over."""
 
 GAP_COST: Final = 0.15
-"""What an outlier costs the stretch of an inner side, in points."""
+"""What a point costs the stretch it lies in, in points, unless the line explains it."""
+
+SUPPORTS: Final = 0.2
+"""Gain from which a line counts as explaining a point."""
 
 MARGIN: Final = 10
 """Points of the outer sides that may belong to the sides between them."""
@@ -161,12 +164,15 @@ def best_chains(
     lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance)
     if not len(lines):
         return []
+    gains = np.maximum(1 - scaled * scaled, 0)
     inner = len(model.sides) - 2
     layers = [ends[0]]
     for k in range(inner):
         before = (outer[0], model.turns[0]) if k == 0 else None
         after = (outer[1], model.turns[-1]) if k == inner - 1 else None
-        layers.append(_pool(lines, scaled, region, u, before, after, model.sides[k + 1].longest))
+        layers.append(
+            _pool(lines, scaled, gains, region, u, before, after, model.sides[k + 1].longest)
+        )
     layers.append(ends[1])
     if any(len(layer.point) == 0 for layer in layers):
         return []
@@ -224,6 +230,7 @@ def _proposals(
 def _pool(
     lines: Array,
     scaled: Array,
+    gains: Array,
     region: Array,
     u: Array,
     before: tuple[Curve, Turn] | None,
@@ -254,21 +261,22 @@ def _pool(
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
-    lines, scaled = lines[which], scaled[which]
     index = np.arange(n)
-    mine = (index >= bounds[0][which, None]) & (index < bounds[1][which, None])
-    gain = 1 - scaled * scaled
-    np.maximum(gain, -GAP_COST, out=gain)
-    gain *= mine
-    if before is not None:
-        score = np.cumsum(gain, axis=1).max(axis=1)
-    elif after is not None:
-        score = np.cumsum(gain[:, ::-1], axis=1).max(axis=1)
-    else:
-        score = np.maximum(gain, 0).sum(axis=1)
-    best = np.unique(((gain > 0.2) * score[:, None]).argmax(axis=0))
+    gain = gains[which]
+    gain *= index >= bounds[0][which, None]
+    gain *= index < bounds[1][which, None]
+    score = gain.sum(axis=1)
+    if before is not None or after is not None:
+        stretch = gain - GAP_COST
+        stretch *= index >= bounds[0][which, None]
+        stretch *= index < bounds[1][which, None]
+        if before is None:
+            stretch = stretch[:, ::-1]
+        score = np.cumsum(stretch, axis=1).max(axis=1)
+    claim = (gain > SUPPORTS) * score[:, None]
+    best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
     best = best[np.argsort(-score[best], kind="stable")[:POOL]]
-    best = best[score[best] > 0]
+    best = which[best[score[best] > 0]]
     return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]))
 
 

@@ -78,6 +78,9 @@ CORNER = 1e-3
 LEAST_LEAD = 3.0
 """By how many points a reading has to be better than any other."""
 
+STRAYED = 0.05
+"""A refined hypothesis that explains fewer points than before, by this share, has strayed."""
+
 MADE_UP = 0.5
 """Share of the points a chain leaves unexplained that other outer sides may yet explain."""
 
@@ -196,13 +199,26 @@ def _shape(segments: Segments, model: GrooveModel) -> str:
 def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
     """Refine a hypothesis and price it again."""
     tolerance = TOLERANCE * settings.noise
-    outline = refine(row, chain.sides, chain.corners, settings.model.sides, tolerance)
-    if outline is None:
-        return None
-    scaled = outline.residuals / tolerance
-    price = np.minimum(scaled * scaled, 1)
-    price[scaled < -1] = IN_FRONT
-    return _Candidate(outline, float(price.sum()))
+    best: _Candidate | None = None
+    for annealed in (True, False):
+        outline = refine(
+            row,
+            chain.sides,
+            chain.corners,
+            settings.model.sides,
+            tolerance,
+            annealed=annealed,
+        )
+        if outline is not None:
+            scaled = outline.residuals / tolerance
+            price = np.minimum(scaled * scaled, 1)
+            price[scaled < -1] = IN_FRONT
+            total = float(price.sum())
+            if best is None or total < best.price:
+                best = _Candidate(outline, total)
+        if best is not None and best.price < chain.price + STRAYED * len(row.points):
+            break
+    return best
 
 
 def _before(row: Row, outline: Outline, tolerance: float) -> list[int]:

@@ -41,7 +41,7 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 2e-6
+SETTLED: Final = 3e-6
 """Corners that move less from one round to the next are final, in metres."""
 
 MOST_ROUNDS: Final = 10
@@ -156,6 +156,8 @@ def refine(
     corners: Array,
     model: tuple[Side, ...],
     tolerance: float,
+    *,
+    annealed: bool = True,
 ) -> Outline | None:
     """Find the most likely outline near a chain; None where there is none.
 
@@ -170,11 +172,14 @@ def refine(
         What its sides are like.
     tolerance : float
         Distance from the chain within which points belong to it, in metres.
+    annealed : bool
+        Whether the first rounds reach farther, which sides half hidden need.
     """
+    widths = ANNEALED if annealed else ()
     spread = spread_of(model)
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
-    limits = np.full(len(sides), ANNEALED[0] * tolerance)
+    limits = np.full(len(sides), (*widths, 1.0)[0] * tolerance)
     sigmas = np.full(len(sides), tolerance / 4)
     outline, decided = None, False
     for count in range(MOST_ROUNDS):
@@ -182,19 +187,17 @@ def refine(
         weight = _weights(spread, curved, sigmas, inflation)
         if outline is not None and count < REBASED_ROUNDS:
             sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
-        outline = _round(
-            row, sides, corners, limits, weight, curved, shadows=count >= len(ANNEALED)
-        )
+        outline = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
         if outline is None:
             return None
         sides, corners, sigmas = outline.curves, outline.corners, outline.sigmas
         limits = np.clip(CUT * sigmas, CUT * LEAST_NOISE, tolerance)
-        if count + 1 < len(ANNEALED):
-            limits = np.full(len(sides), ANNEALED[count + 1] * tolerance)
+        if count + 1 < len(widths):
+            limits = np.full(len(sides), widths[count + 1] * tolerance)
         moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
         if decided and moved < SETTLED:
             break
-        settling = count >= len(ANNEALED) and moved < 0.1 * tolerance
+        settling = count >= len(widths) and moved < 0.1 * tolerance
         if not decided and (settling or count + 1 == UNDECIDED_ROUNDS):
             decided = True
             noise = noise_of(row, outline)

@@ -196,7 +196,8 @@ def _stretched(
 def _distinct(segments: Segments, gain: Array, most: int) -> Segments:
     """Keep the segments that explain some point better than all others."""
     over = segments.inside(gain.shape[1]) & (gain > 0)
-    winners = np.unique((over * segments.score[:, None]).argmax(axis=0))
+    winners = (over * segments.score[:, None]).argmax(axis=0)
+    winners = np.flatnonzero(np.bincount(winners, minlength=len(segments)))
     best = winners[np.argsort(-segments.score[winners], kind="stable")[:most]]
     return segments.take(best)
 
