@@ -40,7 +40,7 @@ def draw_scan(
     figure = Figure(figsize=(14, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-    _draw_space(figure.add_subplot(grid[:, 0], projection="3d"), result, frame, points, outline)
+    _draw_space(figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False), result, frame, points, outline)
     middle = result.sections[len(result.sections) // 2]
     beside = figure.add_subplot(grid[0, 1])
     draw_profile(beside, middle.view.profile, middle.groove.points_s)
@@ -61,11 +61,12 @@ def _draw_space(
     for line in outline:
         axes.plot(*(1e3 * line.T), color=STEEL, linewidth=0.7, alpha=0.6)
     points = points[:: max(1, len(points) // POINTS_DRAWN)]
-    axes.scatter(*(1e3 * points.T), s=1.0, color=LASER, label="profile points", depthshade=False)
+    dots: dict[str, Any] = {"depthshade": False, "linewidths": 0}
+    axes.scatter(*(1e3 * points.T), s=1.5, color=LASER, label="profile points", **dots)
     corners = np.array([transform(T, s.points_b) for s in result.sections])
     for indices, colour, label in (((0, 1, 4), CORNER, "p1 p2 p5"), ((2, 3), ROOT, "root corners")):
         chosen = corners[:, indices].reshape(-1, 3)
-        axes.scatter(*(1e3 * chosen.T), s=9, color=colour, label=label, depthshade=False)
+        axes.scatter(*(1e3 * chosen.T), s=14, color=colour, label=label, **dots)
     path = transform(T, [v.T_b_f[:3, 3] for v in result.views])
     axes.plot(*(1e3 * path.T), color=PATH, linewidth=1.2, marker=".", label="flange path")
     axes.set_xlabel(f"$x_{frame.name}$ / mm")
@@ -73,7 +74,8 @@ def _draw_space(
     axes.set_zlabel(f"$z_{frame.name}$ / mm")
     middle = corners[len(corners) // 2, 1] if frame.T_b_j is not None else np.zeros(3)
     axes.view_init(elev=28, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) + 25)
-    axes.set_aspect("equal")
+    limits = (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())
+    axes.set_box_aspect([high - low for low, high in limits], zoom=1.15)
     axes.legend(loc="upper left", markerscale=2)
     axes.set_title(f"{len(result.sections)} sections, {result.stop}")
 
