@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from math import radians
 from typing import Final
 
+LEAST_SIDES: Final = 3
+
 
 @dataclass(frozen=True, slots=True)
 class Side:
@@ -62,7 +64,7 @@ class GrooveModel:
     across: Turn
 
     def __post_init__(self) -> None:
-        if len(self.sides) < 3 or len(self.turns) != len(self.sides) - 1:
+        if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
             raise ValueError("a groove has three sides or more, and a turn between each two")
 
 

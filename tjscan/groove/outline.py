@@ -1,0 +1,275 @@
+"""Find the outline of a groove of any model in a profile, or refuse to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import atan2, degrees, pi, radians
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import GrooveNotFound
+from tjscan.frames import Array
+from tjscan.groove.chain import (
+    DISTINCT,
+    IN_FRONT,
+    PAIRS,
+    PATIENT_PAIRS,
+    RIVAL_MARGIN,
+    RIVALS,
+    Chain,
+    bearing,
+    best_chains,
+    outer_pairs,
+)
+from tjscan.groove.curves import Curve
+from tjscan.groove.models import LEAST_SIDES, Turn
+from tjscan.groove.refinement import Outline, Row, refine
+from tjscan.groove.segments import Segments, find_segments
+from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.groove.uncertainty import corner_covariance
+from tjscan.laser.profile import Profile
+
+FEWEST: Final = 4
+"""Fewest points on a side."""
+
+MOST_BEFORE: Final = 2
+BEFORE_SHARE: Final = 0.05
+"""Most points before a side, and more for every point on it: spatter, but no reflections."""
+
+CORNER: Final = 1e-3
+"""Points fly within this distance of a corner, in metres."""
+
+LEAST_LEAD: Final = 3.0
+"""By how many points a reading has to be better than any other."""
+
+PARTLY: Final = 0.25
+"""A part of a groove that leaves no greater share of the points unexplained is one."""
+
+SLACK: Final = radians(3)
+"""How far the fitted turns may lie outside the model's."""
+
+STRAYED: Final = 0.05
+"""A refined hypothesis that explains fewer points than before, by this share, has strayed."""
+
+MADE_UP: Final = 0.5
+"""Share of the points a chain leaves unexplained that other outer sides may yet explain."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    """A refined hypothesis."""
+
+    outline: Outline
+    price: float
+
+
+def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, Outline]:
+    """Find the sides and corners of a groove of any model.
+
+    Parameters and errors are those of `find_groove`; the points come ordered from the first
+    side to the last.
+    """
+    row, outline = locate(profile, settings)
+    check_certainty(row, corner_covariance(row, outline, settings.model), settings)
+    return row, outline
+
+
+def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> None:
+    """Refuse corners that are too uncertain.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (m, m)
+        What `corner_covariance` gives.
+
+    Raises
+    ------
+    GrooveNotFound
+        If a corner's standard deviation exceeds what the settings allow.
+    """
+    sigma = float(np.sqrt(np.diag(covariance)[:-2].max()))
+    if sigma > settings.largest_sigma:
+        raise GrooveNotFound(
+            "ambiguous",
+            f"a corner is known to {1e3 * sigma:.2f} mm (one standard deviation) only: too little "
+            "of its sides is seen. Look at the groove more squarely.",
+            row.points,
+        )
+
+
+def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
+    """Find the most likely outline that its points bear out, however uncertain its corners."""
+    valid = profile.valid
+    points = np.column_stack((profile.x_s[valid], profile.z_s[valid]))
+    if len(points) < settings.minimum_points:
+        raise GrooveNotFound(
+            "too few points",
+            f"{len(points)} of {len(profile)} columns hold a point, {settings.minimum_points} "
+            "are needed. Is the surface inside the sensor's range, and the laser on?",
+            points,
+        )
+    tangents = bearing(points)
+    order = np.argsort(tangents, kind="stable")
+    row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
+    tolerance = settings.tolerance
+    for patient in (False, True):
+        segments = find_segments(row.points, tolerance, patient=patient)
+        chains = _chains(row, segments, settings, PATIENT_PAIRS if patient else PAIRS)
+        if chains:
+            break
+    else:
+        raise _why_not(row, segments, settings)
+    chains.sort(key=lambda c: c.price)
+    chains = [c for c in chains[:RIVALS] if c.price <= chains[0].price + RIVAL_MARGIN]
+    candidates = [c for h in chains if (c := _candidate(row, h, settings)) is not None]
+    if not candidates:
+        raise GrooveNotFound("no bevel", "no sides fit the points together", points)
+    best = min(candidates, key=lambda c: c.price)
+    _check(row, best, candidates, settings)
+    return row, best.outline
+
+
+def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
+    """Chains between the likeliest outer sides."""
+    chains: list[Chain] = []
+    cheapest, likeliest = np.inf, -np.inf
+    for i, j, score in outer_pairs(segments, settings.model, len(row.points), most):
+        # Only points still unexplained can make up for what this pair explains less.
+        if likeliest - score > MADE_UP * cheapest:
+            break
+        chains += best_chains(
+            settings.model,
+            row.points,
+            row.tangents,
+            (_curve(segments, i), _curve(segments, j)),
+            int(segments.last[i]),
+            int(segments.first[j]),
+            settings.tolerance,
+        )
+        if chains:
+            cheapest = min(c.price for c in chains)
+            likeliest = max(likeliest, score)
+    return chains
+
+
+def _curve(segments: Segments, k: int) -> Curve:
+    """A segment as plain numbers."""
+    return Curve(
+        *(float(v) for v in (*segments.centre[k], *segments.direction[k], *segments.curve[k]))
+    )
+
+
+def _why_not(row: Row, segments: Segments, settings: GrooveSettings) -> GrooveNotFound:
+    """What a profile without a groove of this model shows instead."""
+    model = settings.model
+    anything = Turn(-pi, pi)
+    first, last = model.sides[0].name, model.sides[-1].name
+    most = PARTLY * len(row.points)
+    for part, hidden, way in (
+        (
+            replace(model, sides=model.sides[1:], turns=model.turns[1:], across=anything),
+            first,
+            "up",
+        ),
+        (
+            replace(model, sides=model.sides[:-1], turns=model.turns[:-1], across=anything),
+            last,
+            "down",
+        ),
+    ):
+        if len(part.sides) < LEAST_SIDES:
+            continue
+        chains = _chains(row, segments, replace(settings, model=part), PAIRS)
+        if any(c.price < most for c in chains):
+            return GrooveNotFound(
+                "out of range",
+                f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
+                row.points,
+            )
+    names = ", ".join(side.name for side in model.sides)
+    return GrooveNotFound(
+        "no bevel",
+        f"{len(segments)} long stretches, but no {names} that meet one after the other "
+        f"(with x_s up, the {first} lies at high x_s)",
+        row.points,
+    )
+
+
+def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
+    """Refine a hypothesis and price it again."""
+    tolerance = settings.tolerance
+    best: _Candidate | None = None
+    for annealed in (True, False):
+        outline = refine(
+            row,
+            chain.sides,
+            chain.corners,
+            settings.model.sides,
+            tolerance,
+            annealed=annealed,
+        )
+        if outline is not None:
+            scaled = outline.residuals / tolerance
+            price = np.minimum(scaled * scaled, 1)
+            price[scaled < -1] = IN_FRONT
+            total = float(price.sum())
+            if best is None or total < best.price:
+                best = _Candidate(outline, total)
+        if best is not None and best.price < chain.price + STRAYED * len(row.points):
+            break
+    return best
+
+
+def _turns(outline: Outline) -> list[float]:
+    """Turn at each corner, positive in a valley."""
+    turns = []
+    for (a, b), (sa, sb) in zip(pairwise(outline.curves), outline.places, strict=True):
+        (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
+        turns.append(atan2(ax * bz - az * bx, ax * bx + az * bz))
+    return turns
+
+
+def _before(row: Row, outline: Outline, tolerance: float) -> list[int]:
+    """Number of points clearly before each side."""
+    before = outline.residuals < -1.5 * tolerance
+    for corner in outline.corners:
+        before &= np.abs(row.points - corner).max(axis=1) > CORNER
+    counts: list[int] = np.bincount(outline.owner[before], minlength=len(outline.curves)).tolist()
+    return counts
+
+
+def _check(
+    row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
+) -> None:
+    """Refuse an outline that its points don't bear out."""
+    outline = best.outline
+
+    def doubt(detail: str) -> GrooveNotFound:
+        return GrooveNotFound("ambiguous", detail, row.points)
+
+    before = _before(row, outline, settings.tolerance)
+    sides = zip(settings.model.sides, outline.counts, outline.shares, before, strict=True)
+    for side, count, share, front in sides:
+        if share < settings.inlier_share or count < FEWEST:
+            raise doubt(
+                f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
+            )
+        if front > MOST_BEFORE + BEFORE_SHARE * count:
+            raise doubt(
+                f"{front} points lie before the {side.name}, which {count} points lie on: "
+                "it may be a reflection"
+            )
+    for turned, allowed in zip(_turns(outline), settings.model.turns, strict=True):
+        if not allowed.least - SLACK <= turned <= allowed.most + SLACK:
+            raise doubt(f"a corner turns by {degrees(turned):.0f}°, which no such groove does")
+    for rival in candidates:
+        apart = float(np.abs(rival.outline.corners - outline.corners).max())
+        if apart > DISTINCT and rival.price < best.price + LEAST_LEAD:
+            raise doubt(
+                f"another reading, {1e3 * apart:.1f} mm away, explains the points about as well"
+            )
+    rms = float(np.sqrt(np.mean(outline.residuals[outline.keep] ** 2)))
+    if rms > settings.largest_rms:
+        raise doubt(f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them")

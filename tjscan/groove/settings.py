@@ -1,0 +1,51 @@
+"""How a groove is looked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from tjscan.groove.models import TEE, GrooveModel
+
+
+@dataclass(frozen=True, slots=True)
+class GrooveSettings:
+    """How a groove is looked for.
+
+    Parameters
+    ----------
+    model : GrooveModel
+        What it looks like.
+    noise : float
+        Largest standard deviation of the range that is expected, in metres.
+    minimum_points : int
+        Fewest points of a profile that are worth a search.
+    largest_sigma : float
+        Largest standard deviation of a corner that is still an answer, in metres.
+    largest_rms : float
+        Largest deviation of the points from the fitted sides, in metres (rms).
+    inlier_share : float
+        Least share of a side's points that must lie on it.
+    """
+
+    model: GrooveModel = TEE
+    noise: float = 0.05e-3
+    minimum_points: int = 80
+    largest_sigma: float = 0.4e-3
+    largest_rms: float = 0.15e-3
+    inlier_share: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not (self.noise > 0 and self.largest_sigma > 0 and self.largest_rms > 0):
+            raise ValueError("noise, largest_sigma and largest_rms must be positive")
+
+    @property
+    def tolerance(self) -> float:
+        """Distance from a hypothesis within which points support it, in metres."""
+        return TOLERANCE * self.noise
+
+
+TOLERANCE: Final = 4.0
+"""The tolerance in expected standard deviations."""
+
+DEFAULT: Final = GrooveSettings()

@@ -1,0 +1,48 @@
+"""How uncertain the corners of an outline are, and the directions of its outer sides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tjscan.frames import Array
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.refinement import (
+    Outline,
+    Row,
+    coefficient_covariances,
+    noise_of,
+    spread_of,
+)
+
+
+def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
+    """Covariance of corners and of both end tangents' angles, shape (2 k, 2 k) for k sides.
+
+    Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
+    normal there and b the derivatives of its height by its coefficients c.
+    """
+    spread = coefficient_covariances(row, outline, noise_of(row, outline), spread_of(model.sides))
+    k = len(outline.curves)
+    sigma = np.zeros((4 * k, 4 * k))
+    for i in range(k):
+        sigma[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = spread[i]
+    jacobian = np.zeros((2 * k, 4 * k))
+    for i, place in enumerate(outline.places):
+        m, rhs = np.empty((2, 2)), np.zeros((2, 4 * k))
+        for j, s in enumerate(place):
+            curve = outline.curves[i + j]
+            _, slope = curve.height(s)
+            m[j] = curve.tz - slope * curve.tx, -curve.tx - slope * curve.tz
+            rhs[j, 4 * (i + j) : 4 * (i + j) + 4] = 1.0, s, s * s, s * s * s
+        jacobian[2 * i : 2 * i + 2] = np.linalg.inv(m) @ rhs
+    ends = ((0, 0, outline.places[0][0]), (k - 1, k - 2, outline.places[-1][1]))
+    for row_, (side, corner, s) in enumerate(ends, start=2 * k - 2):
+        curve = outline.curves[side]
+        _, slope = curve.height(s)
+        # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
+        turned = -1.0 / (1.0 + slope * slope)
+        jacobian[row_, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
+        bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
+        step = bend * np.array((curve.tx, curve.tz))
+        jacobian[row_] += step @ jacobian[2 * corner : 2 * corner + 2]
+    return np.asarray(jacobian @ sigma @ jacobian.T)
