@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.cell import open_cell
+from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
 from tjscan.frames import transform
 from tjscan.job import read_job
@@ -49,7 +49,7 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Su
     joint = joint_of(job, file)
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
-    cell = open_cell(job, joint[1])
+    cell = open_cell(job, mount_of(job, file).T_f_s, joint[1])
     start = perf_counter()
     result = scan_in(cell, job, Journals())
     seconds = perf_counter() - start
@@ -86,7 +86,8 @@ def profile_ms() -> float:
     """Median time of one simulated profile of 640 points, all faults on."""
     job = read_job(JOBS["ccw"])
     joint = joint_of(job, JOBS["ccw"])
-    cell, times = open_cell(job, joint and joint[1]), []
+    T_f_s = mount_of(job, JOBS["ccw"]).T_f_s
+    cell, times = open_cell(job, T_f_s, joint and joint[1]), []
     with cell:
         cell.arm.move_joint(job.scan.first.T)
         for _ in range(200):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tjscan.cell import open_cell
+from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
 from tjscan.frames import Array, transform
 from tjscan.groove.find import find_groove
@@ -74,7 +74,7 @@ def scan_example(
     """Scan an example with keys replaced."""
     job = read_job(file, overrides)
     joint = joint_of(job, file)
-    with open_cell(job, joint and joint[1]) as cell:
+    with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
         scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, read, plan_of(job), notes or Notes())
         return scanner.run(job.scan.first.T, job.scan.second.T)
 

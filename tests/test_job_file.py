@@ -36,6 +36,7 @@ def write(folder: Path, text: str) -> Path:
 
 def test_lengths_become_metres_once(tmp_path: Path) -> None:
     job = read_job(write(tmp_path, JOB))
+    assert job.calibration.T_f_s is not None
     assert job.calibration.T_f_s[:3, 3] == pytest.approx((0.0, -0.115, 0.168))
     assert job.scan.first.T[:3, 3] == pytest.approx((0.8, 0.0, 0.3))
 
@@ -111,3 +112,29 @@ def test_jobs_are_frozen(tmp_path: Path) -> None:
     assert isinstance(job, JobFile)
     with pytest.raises(ValueError, match="frozen"):
         job.scan.step_mm = 10
+
+
+@pytest.mark.parametrize("table", ["", "file = 'c.toml'\nT_f_s_mm = "])
+def test_a_calibration_is_a_pose_or_a_file_and_not_both(tmp_path: Path, table: str) -> None:
+    rows = "T_f_s_mm = "
+    start, end = JOB.split(rows)
+    matrix, rest = end.split("\n", 1)
+    text = start + (table + matrix if table else "") + "\n" + rest
+    with pytest.raises(ConfigurationError, match="either T_f_s_mm or file"):
+        read_job(write(tmp_path, text))
+
+
+def test_a_calibration_on_the_command_line_displaces_that_of_the_job(tmp_path: Path) -> None:
+    job = read_job(
+        write(tmp_path, JOB), parse_overrides(["--calibration.file", "mine/calibration.toml"])
+    )
+    assert job.calibration.T_f_s is None
+    # A path on a command line counts from where the command is given.
+    assert job.calibration.file == str(Path.cwd() / "mine" / "calibration.toml")
+
+
+def test_devices_are_called_by_their_ids_or_by_what_they_are(tmp_path: Path) -> None:
+    job = read_job(write(tmp_path, JOB))
+    assert (job.arm.device, job.laser.device) == ("ur10e", "simulated")
+    job = read_job(write(tmp_path, JOB), {"arm.id": "arm 3", "laser.id": "2610-100 7"})
+    assert (job.arm.device, job.laser.device) == ("arm 3", "2610-100 7")

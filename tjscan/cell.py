@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
 
+from tjscan.calibration.file import read_calibration, rows_to_pose
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, inverse
-from tjscan.job import ArmTable, JobFile, LaserTable, SimulatedLaserTable, SimulationTable
+from tjscan.job import ArmTable, CellFile, JobFile, LaserTable, SimulatedLaserTable, SimulationTable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
 from tjscan.laser.line_laser import LineLaser
@@ -64,13 +66,47 @@ class Cell:
             self.arm.__exit__(kind, error, trace)
 
 
-def open_cell(job: JobFile, joint: JointDefinition | None) -> Cell:
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Where the laser sits on the hand, and what says so.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        Pose of the laser in the flange frame.
+    file : Path or None
+        The calibration it comes from; none where the job itself holds it.
+    """
+
+    T_f_s: Array
+    file: Path | None = None
+
+
+def mount_of(job: CellFile, job_file: Path) -> Mount:
+    """Where the laser sits, as a job says, or a calibration that is sought from the job's folder.
+
+    Raises
+    ------
+    ConfigurationError
+        If the calibration can't be read, or holds for another arm or laser.
+    """
+    T_f_s = job.calibration.T_f_s
+    if T_f_s is not None:
+        return Mount(T_f_s)
+    file = job_file.parent / str(job.calibration.file)
+    found = read_calibration(file, arm=job.arm.device, laser=job.laser.device)
+    return Mount(found.T_f_s, file)
+
+
+def open_cell(job: JobFile, T_f_s: Array, joint: JointDefinition | None) -> Cell:
     """Make the cell that a job describes; entering it connects the devices.
 
     Parameters
     ----------
     job : JobFile
         The job.
+    T_f_s : ndarray, shape (4, 4)
+        Where the laser sits, see `mount_of`.
     joint : JointDefinition, optional
         What a simulated laser looks at.
 
@@ -81,19 +117,32 @@ def open_cell(job: JobFile, joint: JointDefinition | None) -> Cell:
     """
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
-    T_f_s = job.calibration.T_f_s
     arm = _simulated_arm(job.arm, job.simulation)
-    T_j_b = inverse(job.joint.T_b_j)
     mesh = build_mesh(joint)
-    laser = SimulatedLaser(
-        Surface(mesh.vertices, mesh.triangles),
+    surface = Surface(mesh.vertices, mesh.triangles)
+    laser = _simulated_laser(job.laser, job.simulation, arm, T_f_s, surface, job.joint.T_b_j)
+    return Cell(arm, laser, T_f_s)
+
+
+def _simulated_laser(
+    laser: LaserTable,
+    simulation: SimulationTable,
+    arm: SimulatedArm,
+    T_f_s: Array,
+    surface: Surface,
+    T_b_j: Array,
+) -> SimulatedLaser:
+    """A laser on the hand of a simulated arm, before a surface whose frame j stands in b."""
+    T_j_b = inverse(T_b_j)
+    T_f_s = T_f_s if simulation.T_f_s_mm is None else rows_to_pose(simulation.T_f_s_mm)
+    return SimulatedLaser(
+        surface,
         # Where the laser truly is, not where the arm believes it to be.
         pose=lambda: T_j_b @ arm.true_T_b_f @ T_f_s,
-        model=_laser_model(job.laser, job.simulation.laser),
-        rng=np.random.default_rng([job.simulation.seed, _LASER_STREAM]),
+        model=_laser_model(laser, simulation.laser),
+        rng=np.random.default_rng([simulation.seed, _LASER_STREAM]),
         clock=lambda: arm.state().time,
     )
-    return Cell(arm, laser, T_f_s)
 
 
 def _simulated_arm(arm: ArmTable, simulation: SimulationTable) -> SimulatedArm:

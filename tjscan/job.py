@@ -1,20 +1,24 @@
-"""The job file: one scan, in millimetres and degrees, as a person writes it."""
+"""The job file: one scan, or one calibration, in millimetres and degrees, as a person writes it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
+from tjscan.calibration.file import NoiseTable, PoseRows, rows_to_pose
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, from_euler_zyx, from_rounded
+from tjscan.frames import Array, from_euler_zyx
 
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
-Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+SMALLEST_BOARD_MM: Final = 100.0
+EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
+"""What a replaced key leaves no room for in its table."""
 
 
 class PoseTable(FileModel):
@@ -51,36 +55,74 @@ class ArmTable(FileModel):
 
     driver: Literal["simulated"] = "simulated"
     model: str = "ur10e"
+    id: str | None = Field(default=None, min_length=1)
     speed_mm_s: float = Field(default=250.0, gt=0, le=3000)
     acceleration_mm_s2: float = Field(default=1200.0, gt=0)
+
+    @property
+    def device(self) -> str:
+        """What a calibration calls this arm: its id, or its model where it has none."""
+        return self.id or self.model
 
 
 class LaserTable(FileModel):
     """The line laser and the window it measures in."""
 
     driver: Literal["simulated"] = "simulated"
+    id: str | None = Field(default=None, min_length=1)
     points: int = Field(default=640, ge=80, le=640, multiple_of=80)
     near_mm: float = Field(default=190.0, gt=0)
     far_mm: float = Field(default=290.0, gt=0)
 
+    @property
+    def device(self) -> str:
+        """What a calibration calls this laser: its id, or its driver where it has none."""
+        return self.id or self.driver
+
 
 class CalibrationTable(FileModel):
-    """Where the laser sits on the hand."""
+    """Where the laser sits on the hand: rows of T_f_s, or the file that a calibration left."""
 
-    T_f_s_mm: Annotated[tuple[Row4, Row4, Row4, Row4], Field(strict=False)]
+    T_f_s_mm: PoseRows | None = None
+    file: str | None = None
 
-    @field_validator("T_f_s_mm")
-    @classmethod
-    def _is_a_pose(cls, rows: Any) -> Any:
-        from_rounded(rows)
-        return rows
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> CalibrationTable:
+        if (self.T_f_s_mm is None) == (self.file is None):
+            raise ValueError("needs either T_f_s_mm or file, and not both")
+        return self
 
     @property
-    def T_f_s(self) -> Array:
-        """Pose of the sensor in the flange frame, shape (4, 4), metres."""
-        T = np.array(self.T_f_s_mm)
-        T[:3, 3] *= 1e-3
-        return from_rounded(T)
+    def T_f_s(self) -> Array | None:
+        """Pose of the sensor in the flange frame, shape (4, 4), metres, where it stands here."""
+        return None if self.T_f_s_mm is None else rows_to_pose(self.T_f_s_mm)
+
+
+class BoardTable(FileModel):
+    """The flat board to calibrate on: where it is about, and what to take of it.
+
+    The frame's origin is the middle of the board's face, x along the first side, z away from it.
+    """
+
+    position_mm: Vector3
+    euler_zyx_deg: Vector3
+    size_mm: Annotated[tuple[float, float], Field(strict=False)]
+    probe_tip_mm: Vector3
+    approach_mm: float = Field(default=30.0, gt=0, le=500)
+    touches: int = Field(default=9, ge=3, le=100)
+    lines: int = Field(default=12, ge=5, le=100)
+    noise: NoiseTable = NoiseTable()
+
+    @model_validator(mode="after")
+    def _has_a_size(self) -> BoardTable:
+        if min(self.size_mm) < SMALLEST_BOARD_MM:
+            raise ValueError(f"size_mm: a board is {SMALLEST_BOARD_MM:g} mm wide or wider")
+        return self
+
+    @property
+    def T(self) -> Array:
+        """Nominal pose of the board in the base frame, shape (4, 4), metres."""
+        return PoseTable(position_mm=self.position_mm, euler_zyx_deg=self.euler_zyx_deg).T
 
 
 class JointTable(FileModel):
@@ -125,48 +167,90 @@ class SimulatedLaserTable(FileModel):
     resolution_mm: float = Field(default=0.005, ge=0, le=1)
 
 
+class SimulatedBoardTable(PoseTable):
+    """Where the board truly is, and how well it is touched."""
+
+    touch_mm: float = Field(default=0.05, ge=0, le=5)
+
+
 class SimulationTable(FileModel):
-    """The simulated world."""
+    """The simulated world.
+
+    `T_f_s_mm` is where the laser truly sits, `board` where the board truly is; where left out,
+    they are where the job believes them to be.
+    """
 
     seed: int = Field(default=1, ge=0)
+    T_f_s_mm: PoseRows | None = None
+    board: SimulatedBoardTable | None = None
     arm: SimulatedArmTable
     laser: SimulatedLaserTable = SimulatedLaserTable()
 
 
-class JobFile(FileModel):
-    """One job."""
+class CellFile(FileModel):
+    """What a scan and a calibration have in common: the cell."""
 
-    scan: ScanTable
     arm: ArmTable = ArmTable()
     laser: LaserTable = LaserTable()
     calibration: CalibrationTable
+    board: BoardTable | None = None
     joint: JointTable | None = None
     simulation: SimulationTable | None = None
 
     @model_validator(mode="after")
-    def _simulation_is_whole(self) -> JobFile:
+    def _simulation_is_whole(self) -> CellFile:
         if "simulated" in (self.arm.driver, self.laser.driver) and self.simulation is None:
             raise ValueError("a simulated arm or laser needs a [simulation] table")
+        return self
+
+
+class JobFile(CellFile):
+    """One scan."""
+
+    scan: ScanTable
+
+    @model_validator(mode="after")
+    def _laser_has_a_joint(self) -> JobFile:
         if self.laser.driver == "simulated" and self.joint is None:
             raise ValueError("a simulated laser needs a [joint] table to look at")
         return self
 
 
+class CalibrationJob(CellFile):
+    """One calibration. A [scan] table may stand beside it, so that one file serves both."""
+
+    board: BoardTable
+    scan: ScanTable | None = None
+
+
+J = TypeVar("J", bound=CellFile)
+
+
 def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
-    """Read a job file, with single keys replaced.
+    """Read the job of a scan, with single keys replaced.
 
     Parameters
     ----------
     file : Path
         The TOML file.
     overrides : dict, optional
-        Dotted keys such as ``scan.step_mm`` and their values.
+        Dotted keys such as ``scan.step_mm`` and their values. One of two keys that exclude each
+        other displaces the other.
 
     Raises
     ------
     ConfigurationError
         If the file can't be read, or a key is unknown, missing or of a wrong type or value.
     """
+    return _read(JobFile, file, overrides)
+
+
+def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
+    """Read the job of a calibration, with single keys replaced; see `read_job`."""
+    return _read(CalibrationJob, file, overrides)
+
+
+def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
     data = read_toml(file)
     for key, value in (overrides or {}).items():
         *tables, last = key.split(".")
@@ -176,4 +260,6 @@ def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
             if not isinstance(table, dict):
                 raise ConfigurationError(f"{name} is no table", file=file, key=key)
         table[last] = value
-    return validate(JobFile, data, file)
+        if key in EXCLUDED:
+            table.pop(EXCLUDED[key], None)
+    return validate(model, data, file)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.cell import Cell, open_cell
+from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.errors import TjscanError
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile
@@ -64,7 +64,7 @@ def check_job(job: JobFile, job_file: Path) -> None:
         If a taught pose is.
     """
     joint = joint_of(job, job_file)
-    with open_cell(job, joint and joint[1]) as cell:
+    with open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1]) as cell:
         for taught in (job.scan.first, job.scan.second):
             cell.arm.check(taught.T)
 
@@ -100,8 +100,9 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     joint = joint_of(job, job_file)
-    cell = open_cell(job, joint and joint[1])
-    make_directory(directory, job, joint and joint[0])
+    mount = mount_of(job, job_file)
+    cell = open_cell(job, mount.T_f_s, joint and joint[1])
+    make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
     with Recording(directory / "scan.mcap") as recording:
         result = scan_in(cell, job, Journals(recording, watch))
     frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)

@@ -4,20 +4,51 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from tjscan.calibration.hand_eye import HandEye, Residual
-from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
 from tjscan.files import drafted
 from tjscan.frames import Array, from_rounded
 
 Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Rows = tuple[Row4, Row4, Row4, Row4]
+
+
+def rows_to_pose(rows: Rows) -> Array:
+    """Pose, shape (4, 4), metres, from the rows of a file, millimetres.
+
+    Raises
+    ------
+    ValueError
+        If they are no pose; see `from_rounded`.
+    """
+    T = np.array(rows)
+    T[:3, 3] *= 1e-3
+    return from_rounded(T)
+
+
+def pose_to_rows(T: Array) -> Rows:
+    """A file's rows, millimetres, from a pose, shape (4, 4), metres."""
+    in_mm = T.copy()
+    in_mm[:3, 3] *= 1e3
+    a, b, c, d = (tuple(row) for row in in_mm.tolist())
+    return a, b, c, d
+
+
+def _is_a_pose(rows: Rows) -> Rows:
+    rows_to_pose(rows)
+    return rows
+
+
+PoseRows = Annotated[Rows, Field(strict=False), AfterValidator(_is_a_pose)]
+"""A pose as a file holds it: four rows, millimetres."""
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
 IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
@@ -25,13 +56,35 @@ IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 
 
 class NoiseTable(FileModel):
-    """The noise that lines and poses were weighed by."""
+    """The noise that lines and poses are weighed by; see `NoiseModel`."""
 
-    range_mm: float = Field(gt=0)
-    correlation_columns: float = Field(ge=0)
-    position_mm: float = Field(gt=0)
-    rotation_deg: float = Field(gt=0)
-    touch_mm: float = Field(gt=0)
+    range_mm: float = Field(default=1e3 * RANGE, gt=0)
+    correlation_columns: float = Field(default=CORRELATION, ge=0)
+    position_mm: float = Field(default=1e3 * POSITION, gt=0)
+    rotation_deg: float = Field(default=float(np.degrees(ROTATION)), gt=0)
+    touch_mm: float = Field(default=1e3 * TOUCH, gt=0)
+
+    @property
+    def model(self) -> NoiseModel:
+        """In metres and radians."""
+        return NoiseModel(
+            range=1e-3 * self.range_mm,
+            correlation=self.correlation_columns,
+            position=1e-3 * self.position_mm,
+            rotation=float(np.radians(self.rotation_deg)),
+            touch=1e-3 * self.touch_mm,
+        )
+
+    @classmethod
+    def of(cls, noise: NoiseModel) -> Self:
+        """In millimetres and degrees."""
+        return cls(
+            range_mm=1e3 * noise.range,
+            correlation_columns=noise.correlation,
+            position_mm=1e3 * noise.position,
+            rotation_deg=float(np.degrees(noise.rotation)),
+            touch_mm=1e3 * noise.touch,
+        )
 
 
 class ResidualTable(FileModel):
@@ -57,7 +110,7 @@ class CalibrationFile(FileModel):
     date: datetime
     method: str
     lines: int = Field(ge=1)
-    T_f_s_mm: Annotated[tuple[Row4, Row4, Row4, Row4], Field(strict=False)]
+    T_f_s_mm: PoseRows
     covariance: Annotated[tuple[Row6, Row6, Row6, Row6, Row6, Row6], Field(strict=False)]
     sigma_position_mm: float = Field(ge=0)
     sigma_rotation_deg: float = Field(ge=0)
@@ -66,18 +119,10 @@ class CalibrationFile(FileModel):
     noise: NoiseTable
     residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
 
-    @field_validator("T_f_s_mm")
-    @classmethod
-    def _is_a_pose(cls, rows: Any) -> Any:
-        from_rounded(rows)
-        return rows
-
     @property
     def T_f_s(self) -> Array:
         """Pose of the sensor in the flange frame, shape (4, 4), metres."""
-        T = np.array(self.T_f_s_mm)
-        T[:3, 3] *= 1e-3
-        return from_rounded(T)
+        return rows_to_pose(self.T_f_s_mm)
 
     @property
     def covariance_si(self) -> Array:
@@ -101,8 +146,6 @@ def to_file(
     date : datetime
         When the lines were taken.
     """
-    T = result.T_f_s.copy()
-    T[:3, 3] *= 1e3
     sure = result.uncertainty
     data = {
         "arm": arm,
@@ -110,19 +153,13 @@ def to_file(
         "date": date,
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
-        "T_f_s_mm": T.tolist(),
+        "T_f_s_mm": pose_to_rows(result.T_f_s),
         "covariance": (result.covariance * np.outer(IN_FILE, IN_FILE)).tolist(),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
         "excess": result.excess,
-        "noise": NoiseTable(
-            range_mm=1e3 * noise.range,
-            correlation_columns=noise.correlation,
-            position_mm=1e3 * noise.position,
-            rotation_deg=float(np.degrees(noise.rotation)),
-            touch_mm=1e3 * noise.touch,
-        ),
+        "noise": NoiseTable.of(noise),
         "residuals": [_residual(residual) for residual in result.residuals],
     }
     return validate(CalibrationFile, data)

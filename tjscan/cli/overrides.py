@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from tjscan.errors import ConfigurationError
@@ -11,6 +12,8 @@ from tjscan.errors import ConfigurationError
 
 def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
     """Turn option tokens into dotted keys and TOML values; a bare word is a string.
+
+    The path of a file counts from the working directory, as everywhere on a command line.
 
     Raises
     ------
@@ -29,7 +32,9 @@ def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
         text = value if equals else next(rest, None)
         if text is None:
             raise ConfigurationError(f"option {option} needs a value")
-        overrides[option[2:].replace("-", "_")] = _toml_value(text)
+        key, found = option[2:].replace("-", "_"), _toml_value(text)
+        is_path = key.endswith(".file") and isinstance(found, str)
+        overrides[key] = str(Path(found).absolute()) if is_path else found
     return overrides
 
 

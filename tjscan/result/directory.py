@@ -5,12 +5,17 @@ from __future__ import annotations
 import shutil
 from datetime import datetime
 from pathlib import Path
+from typing import Final
 
 import tomli_w
 
 from tjscan.errors import ConfigurationError, RecordingError
 from tjscan.files import drafted
-from tjscan.job import JobFile
+from tjscan.job import CalibrationTable, CellFile
+
+JOB: Final = "job.toml"
+JOINT: Final = "joint.toml"
+CALIBRATION: Final = "calibration.toml"
 
 
 def default_directory(job_file: Path) -> Path:
@@ -18,10 +23,12 @@ def default_directory(job_file: Path) -> Path:
     return Path("runs") / f"{job_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
-def make_directory(directory: Path, job: JobFile, joint_file: Path | None) -> None:
-    """Make a run directory that holds the resolved job, and the joint if there is one.
+def make_directory(
+    directory: Path, job: CellFile, *, joint: Path | None = None, calibration: Path | None = None
+) -> None:
+    """Make a run directory that holds the resolved job, and the files that it names.
 
-    The job in it names its own copy of the joint, so the directory can be moved and run again.
+    The job in it names these copies, so the directory can be moved and run again.
 
     Raises
     ------
@@ -34,15 +41,18 @@ def make_directory(directory: Path, job: JobFile, joint_file: Path | None) -> No
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise ConfigurationError(
-                "is not empty; a scan never overwrites another. Choose another --out",
+                "is not empty; a run never overwrites another. Choose another --out",
                 file=directory,
             )
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
     with drafted(directory) as draft:
-        if job.joint is not None and joint_file is not None:
-            shutil.copyfile(joint_file, draft / "joint.toml")
-            joint = job.joint.model_copy(update={"file": "joint.toml"})
-            job = job.model_copy(update={"joint": joint})
+        if job.joint is not None and joint is not None:
+            shutil.copyfile(joint, draft / JOINT)
+            table = job.joint.model_copy(update={"file": JOINT})
+            job = job.model_copy(update={"joint": table})
+        if calibration is not None:
+            shutil.copyfile(calibration, draft / CALIBRATION)
+            job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
         text = tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))
-        (draft / "job.toml").write_text(text, encoding="utf-8")
+        (draft / JOB).write_text(text, encoding="utf-8")
