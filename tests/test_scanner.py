@@ -107,7 +107,7 @@ def test_a_pose_out_of_reach_ends_the_scan_and_what_was_found_stays() -> None:
     notes = Notes()
     result = scan_example({"scan.length_mm": 3000.0}, notes=notes)
     assert result.stop is StopReason.UNREACHABLE
-    assert len(result.sections) > 16
+    assert len(result.sections) >= 16
     assert notes.sections == list(result.sections)
     assert "can't reach" in result.detail
 
