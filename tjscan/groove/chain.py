@@ -114,9 +114,10 @@ def outer_pairs(
     t = segments.direction
     sin = t[:, None, 0] * t[None, :, 1] - t[:, None, 1] * t[None, :, 0]
     turned = np.arctan2(sin, t @ t.T)
-    middle = segments.first + segments.last
+    middle = (segments.first + segments.last) // 2
     allowed = (turned >= model.across.least) & (turned <= model.across.most)
-    allowed &= middle[:, None] < middle[None, :]
+    allowed &= segments.last[:, None] <= middle[None, :]
+    allowed &= middle[:, None] <= segments.first[None, :]
     first = segments.score - segments.first
     last = segments.score - (count - 1 - segments.last)
     score = np.where(allowed, first[:, None] + last[None, :], -np.inf)

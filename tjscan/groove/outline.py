@@ -26,7 +26,7 @@ from tjscan.groove.chain import (
 from tjscan.groove.curves import Curve
 from tjscan.groove.models import LEAST_SIDES, Turn
 from tjscan.groove.refinement import Outline, Row, refine
-from tjscan.groove.segments import Segments, find_segments
+from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.uncertainty import corner_covariance
 from tjscan.laser.profile import Profile
@@ -133,6 +133,9 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
 
 def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
     """Chains between the likeliest outer sides."""
+    across = settings.model.across
+    if across.least < 0 < across.most:
+        segments = with_halves(segments, row.points, settings.tolerance)
     chains: list[Chain] = []
     cheapest, likeliest = np.inf, -np.inf
     for i, j, score in outer_pairs(segments, settings.model, len(row.points), most):

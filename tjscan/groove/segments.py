@@ -32,6 +32,9 @@ PATIENT_GAP_COST: Final = 0.12
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
+WIDE_GAP: Final = 10
+"""Points without support that may divide a segment into two sides."""
+
 KEPT: Final = 8
 PATIENT_KEPT: Final = 16
 """Most segments kept."""
@@ -123,6 +126,24 @@ def find_segments(points: Array, tolerance: float, *, patient: bool = False) -> 
         last=np.minimum(segments.last * step + step, len(points)) - 1,
         score=segments.score * step,
     )
+
+
+def with_halves(segments: Segments, points: Array, tolerance: float) -> Segments:
+    """Add both halves of segments that a wide gap divides: two plates may lie in one line."""
+    s, d = segments.local(points)
+    c0, c1, c2 = segments.curve.T[:, :, None]
+    good = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.inside(len(points))
+    parts = [segments]
+    for k in range(len(segments)):
+        on = np.flatnonzero(good[k])
+        gaps = np.diff(on)
+        if len(gaps) and gaps.max() > WIDE_GAP:
+            cut = int(gaps.argmax()) + 1
+            for half in (on[:cut], on[cut:]):
+                one = segments.take(np.array([k]))
+                score = np.array([float(len(half))])
+                parts.append(replace(one, first=half[:1], last=half[-1:], score=score))
+    return Segments(*(np.concatenate([getattr(p, n) for p in parts]) for n in Segments.__slots__))
 
 
 def _windows(points: Array, tolerance: float) -> Segments:
