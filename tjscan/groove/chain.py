@@ -267,18 +267,33 @@ def _pool(
     gain *= index >= bounds[0][which, None]
     gain *= index < bounds[1][which, None]
     score = gain.sum(axis=1)
-    if before is not None or after is not None:
+    if before is None and after is None:
+        best = _one_by_one(gain)
+    else:
         stretch = gain - GAP_COST
         stretch *= index >= bounds[0][which, None]
         stretch *= index < bounds[1][which, None]
         if before is None:
             stretch = stretch[:, ::-1]
         score = np.cumsum(stretch, axis=1).max(axis=1)
-    claim = (gain > SUPPORTS) * score[:, None]
-    best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
-    best = best[np.argsort(-score[best], kind="stable")[:POOL]]
+        claim = (gain > SUPPORTS) * score[:, None]
+        best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
+        best = best[np.argsort(-score[best], kind="stable")[:POOL]]
     best = which[best[score[best] > 0]]
     return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]))
+
+
+def _one_by_one(gain: Array) -> Index:
+    """Lines that explain most of what those before them left over."""
+    gain, found = gain.copy(), []
+    for _ in range(POOL):
+        best = int(gain.sum(axis=1).argmax())
+        explained = gain[best] > SUPPORTS
+        if np.count_nonzero(explained) < FEWEST:
+            break
+        found.append(best)
+        gain[:, explained] = 0
+    return np.array(found, dtype=np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
