@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import PAPER
+from command import tjscan
 
-from tjscan.cli import main
 from tjscan.groove.find import find_groove
 from tjscan.recording.messages import SECTION
 from tjscan.recording.reader import read_messages, read_views
@@ -25,15 +25,6 @@ RUN_FILES = {
     "scan.png",
     "summary.json",
 }
-
-
-def tjscan(*arguments: object) -> int:
-    """Run the command line in this process and return its exit code."""
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field
 
 from tjscan.calibration.hand_eye import HandEye, Residual
 from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
+from tjscan.calibration.verify import Verification
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
 from tjscan.files import drafted
@@ -99,6 +100,17 @@ class ResidualTable(FileModel):
     turn_deg: float
 
 
+class VerificationTable(FileModel):
+    """A fresh line; see `tjscan.calibration.verify.Verification`."""
+
+    offset_mm: float
+    sigma_offset_mm: float
+    tilt_deg: float
+    sigma_tilt_deg: float
+    misfit: float
+    limit: float
+
+
 class CalibrationFile(FileModel):
     """One calibration.
 
@@ -117,6 +129,7 @@ class CalibrationFile(FileModel):
     condition: float = Field(gt=0)
     excess: float = Field(ge=1)
     noise: NoiseTable
+    verification: VerificationTable | None = None
     residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
 
     @property
@@ -131,7 +144,13 @@ class CalibrationFile(FileModel):
 
 
 def to_file(
-    result: HandEye, noise: NoiseModel, *, arm: str, laser: str, date: datetime
+    result: HandEye,
+    noise: NoiseModel,
+    *,
+    arm: str,
+    laser: str,
+    date: datetime,
+    verification: Verification | None = None,
 ) -> CalibrationFile:
     """Put a calibration into the words of the file.
 
@@ -145,6 +164,8 @@ def to_file(
         Which devices it holds for; `read_calibration` refuses it for others.
     date : datetime
         When the lines were taken.
+    verification : Verification, optional
+        What a fresh line said.
     """
     sure = result.uncertainty
     data = {
@@ -160,6 +181,7 @@ def to_file(
         "condition": result.condition,
         "excess": result.excess,
         "noise": NoiseTable.of(noise),
+        "verification": verification and _verification(verification),
         "residuals": [_residual(residual) for residual in result.residuals],
     }
     return validate(CalibrationFile, data)
@@ -174,6 +196,17 @@ def _residual(residual: Residual) -> ResidualTable:
         misfit=residual.misfit,
         shift_mm=1e3 * residual.shift,
         turn_deg=float(np.degrees(residual.turn)),
+    )
+
+
+def _verification(found: Verification) -> VerificationTable:
+    return VerificationTable(
+        offset_mm=1e3 * found.offset,
+        sigma_offset_mm=1e3 * found.sigma_offset,
+        tilt_deg=float(np.degrees(found.tilt)),
+        sigma_tilt_deg=float(np.degrees(found.sigma_tilt)),
+        misfit=found.misfit,
+        limit=found.limit,
     )
 
 

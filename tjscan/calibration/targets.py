@@ -22,6 +22,10 @@ IMPROBABLE: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
 
 
+STATED: Final = 0.2
+"""Metres; see `stated_plane`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneTarget:
     """A flat board in frame b, with what is known about where it is.
@@ -112,6 +116,24 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
     _check_flatness(residuals, sigma)
     information = np.diag((singular[0] ** 2, singular[1] ** 2, len(points))) / sigma**2
     return PlaneTarget(plane_through(centre, u), centre, axes[:2], information, residuals, singular)
+
+
+def stated_plane(plane: Plane, flange_b: ArrayLike, sigma: float) -> PlaneTarget:
+    """A plane known beforehand, as sure as one touched at the corners of a square.
+
+    Parameters
+    ----------
+    plane : Plane
+        The board, frame b; its normal may point either way.
+    flange_b : array_like, shape (3,)
+        About where the flange was: on the side that lines are seen from.
+    sigma : float
+        Standard deviation of each touched corner, in metres; `STATED` is the square's side.
+    """
+    flange = np.asarray(flange_b, dtype=float)
+    bare = PlaneTarget.unknown(plane, flange)
+    corners = STATED / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange)
 
 
 def _check_pattern(singular: Array, sigma: float) -> None:

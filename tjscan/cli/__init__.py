@@ -16,6 +16,11 @@ app = App(
     version=__version__,
 )
 app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job file says.")
+app.command(
+    "tjscan.cli.calibrate:calibrate",
+    name="calibrate",
+    help="Find where the laser sits on the hand.",
+)
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.register_install_completion_command()

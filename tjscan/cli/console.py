@@ -22,12 +22,12 @@ from tjscan.result.summary import Summary, to_json
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scan import Scan, View
 
-_stderr = Console(stderr=True, highlight=False)
+stderr = Console(stderr=True, highlight=False)
 
 
 def say(message: str) -> None:
     """Tell the user something."""
-    _stderr.print(message, markup=False)
+    stderr.print(message, markup=False)
 
 
 class ProgressJournal:
@@ -69,7 +69,7 @@ def watching(plan: ScanPlan) -> Iterator[ProgressJournal]:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=_stderr) as progress:
+    with Progress(*columns, console=stderr) as progress:
         yield ProgressJournal(progress, progress.add_task("sections", total=total))
 
 
@@ -81,7 +81,7 @@ def report(summary: Summary, directory: Path, *, json: bool) -> None:
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary):
         table.add_row(name, value)
-    _stderr.print(table)
+    stderr.print(table)
     say(f"written to {directory}: scan.png shows it, summary.json and sections.csv tell it")
 
 

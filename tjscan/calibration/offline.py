@@ -1,0 +1,45 @@
+"""Calibration from recorded profiles: nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from tjscan.calibration.hand_eye import HandEye, calibrate, calibrate_on_sphere
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.shot import Shot, arc_samples, line_samples
+from tjscan.calibration.targets import PlaneTarget, SphereTarget
+
+
+def calibrate_shots(
+    shots: Sequence[Shot],
+    target: PlaneTarget | SphereTarget | None,
+    noise: NoiseModel,
+    tell: Callable[[str], None],
+) -> HandEye:
+    """Calibrate from recorded profiles of a board or a ball.
+
+    Parameters
+    ----------
+    shots : sequence of Shot
+        Profiles and their poses.
+    target : PlaneTarget, SphereTarget or None
+        The board or the ball; none for a board whose place is unknown.
+    noise : NoiseModel
+        What they err by.
+    tell : callable
+        Is told of each profile that holds no line or arc, before anything is solved.
+
+    Raises
+    ------
+    CalibrationRefused
+        As `calibrate` and `calibrate_on_sphere` do.
+    """
+    if isinstance(target, SphereTarget):
+        arcs, unread = arc_samples(shots, noise)
+    else:
+        lines, unread = line_samples(shots, noise)
+    for name, refusal in unread.items():
+        tell(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
+    if isinstance(target, SphereTarget):
+        return calibrate_on_sphere(arcs, target, noise)
+    return calibrate(lines, target, noise)

@@ -1,0 +1,66 @@
+"""A profile and the flange pose it was taken from, before anything is read into it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from tjscan.calibration.circle_fit import fit_circle
+from tjscan.calibration.hand_eye import ArcSample, LineSample
+from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.noise import NoiseModel
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, readonly
+from tjscan.laser.profile import Profile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """One profile of the target.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose, as the arm read it.
+    profile : Profile
+        What the laser saw from there.
+    """
+
+    name: str
+    T_b_f: Array
+    profile: Profile
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+
+
+S = TypeVar("S", LineSample, ArcSample)
+
+
+def line_samples(
+    shots: Sequence[Shot], noise: NoiseModel
+) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
+    """The lines in profiles of a board, and by name what speaks against the other profiles."""
+    return _sort(shots, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
+
+
+def arc_samples(
+    shots: Sequence[Shot], noise: NoiseModel
+) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
+    """The arcs in profiles of a ball, and by name what speaks against the other profiles."""
+    return _sort(shots, lambda s: ArcSample(s.name, s.T_b_f, fit_circle(s.profile, noise)))
+
+
+def _sort(
+    shots: Sequence[Shot], fit: Callable[[Shot], S]
+) -> tuple[list[S], dict[str, CalibrationRefused]]:
+    samples, refused = list[S](), dict[str, CalibrationRefused]()
+    for shot in shots:
+        try:
+            samples.append(fit(shot))
+        except CalibrationRefused as refusal:
+            refused[shot.name] = refusal
+    return samples, refused

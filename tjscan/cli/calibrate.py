@@ -1,0 +1,127 @@
+"""``tjscan calibrate``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from tjscan.errors import ConfigurationError
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedOptions:
+    """Options for recorded profiles.
+
+    Parameters
+    ----------
+    lines
+        Recorded profiles: CSV with columns x, z and profile, or with a profile per row.
+    poses
+        Their flange poses: CSV with position and quaternion, rotation vector or Euler angles.
+    plane
+        The board A,B,C,D in frame b: A x + B y + C z + D = 0 in millimetres.
+    touched
+        Points touched on the board: CSV with columns x_mm, y_mm, z_mm in frame b.
+    unknown_plane
+        Find the board together with the sensor.
+    sphere_radius_mm
+        The target is a ball of this radius.
+    unknown_sphere
+        The target is a ball; find its radius too.
+    units
+        Unit of length of the profiles, where the names of the columns don't tell it.
+    pitch
+        Distance of the columns of a matrix, in that unit.
+    invalid
+        A value that stands for no point, beside NaN and nothing.
+    range_mm
+        Standard deviation of a point along z; 0.03 where left out.
+    correlation_columns
+        Columns after which the correlation of those errors has fallen to 1/e; 4.
+    position_mm
+        Standard deviation of the flange's position, each axis; 0.05.
+    rotation_deg
+        Standard deviation of its orientation, about each axis; 0.01.
+    touch_mm
+        Standard deviation of a touched point, each axis; 0.05.
+    arm_id
+        The arm it holds for; a scan with another refuses it.
+    laser_id
+        The laser it holds for.
+    """
+
+    lines: Path | None = None
+    poses: Path | None = None
+    plane: str | None = None
+    touched: Path | None = None
+    unknown_plane: bool = False
+    sphere_radius_mm: float | None = None
+    unknown_sphere: bool = False
+    units: Literal["mm", "um", "m"] | None = None
+    pitch: float | None = None
+    invalid: list[float] | None = None
+    range_mm: float | None = None
+    correlation_columns: float | None = None
+    position_mm: float | None = None
+    rotation_deg: float | None = None
+    touch_mm: float | None = None
+    arm_id: str | None = None
+    laser_id: str | None = None
+
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that are given."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return [name for name, value in values.items() if value is not None and value is not False]
+
+
+def written(names: Iterable[str]) -> str:
+    """Options as they are typed, between commas."""
+    return ", ".join("--" + name.replace("_", "-") for name in names)
+
+
+def calibrate(
+    job: Path | None = None,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    out: Path | None = None,
+    unattended: bool = False,
+    resume: Path | None = None,
+    json: bool = False,
+    recorded: RecordedOptions | None = None,
+) -> None:
+    """Find where the laser sits on the hand: on the cell of a job file, or from recorded profiles.
+
+    Every key of the job file is an option too: ``--board.lines 16``.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML) of the cell to calibrate.
+    out
+        The directory to make; ``runs/JOB-DATE`` where left out.
+    unattended
+        Ask nothing; for a simulated cell.
+    resume
+        Go on with a calibration that was interrupted, in the directory it made.
+    json
+        Print the calibration as JSON on stdout.
+    """
+    given = [] if recorded is None else recorded.given
+    ways = [job is not None, resume is not None, bool(given)]
+    if sum(ways) != 1:
+        raise ConfigurationError(
+            "calibrate takes either a job file, or --resume with a directory, or recorded "
+            "profiles with --lines and --poses"
+            + (f" (found: {written(given)})" if given and sum(ways) > 1 else "")
+        )
+    if recorded is not None and given:
+        from tjscan.cli.calibrate_recorded import calibrate_recorded
+
+        if unattended:
+            raise ConfigurationError("--unattended has no meaning for recorded profiles")
+        calibrate_recorded(recorded, out, json=json)

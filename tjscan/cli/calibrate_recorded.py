@@ -1,0 +1,111 @@
+"""``tjscan calibrate --lines ... --poses ...``: from options to files."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.file import NoiseTable, to_file, write_calibration
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.offline import calibrate_shots
+from tjscan.calibration.plucker import Plane
+from tjscan.calibration.recorded import pair, read_points, read_poses
+from tjscan.calibration.shot import Shot
+from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
+from tjscan.cli.calibrate import RecordedOptions, written
+from tjscan.cli.calibration_words import report_calibration
+from tjscan.cli.console import say
+from tjscan.config import validate
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array
+from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.result.directory import CALIBRATION, default_directory
+
+TARGETS: Final = ("plane", "touched", "unknown_plane", "sphere_radius_mm", "unknown_sphere")
+NOISE: Final = ("range_mm", "correlation_columns", "position_mm", "rotation_deg", "touch_mm")
+UNNAMED: Final = "unnamed"
+
+
+def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool) -> None:
+    """Calibrate from recorded profiles, report, and write ``calibration.toml``.
+
+    Raises
+    ------
+    ConfigurationError
+        If options don't fit together, or a file is missing or wrong.
+    CalibrationRefused
+        If the result could not be trusted.
+    """
+    if options.lines is None or options.poses is None:
+        raise ConfigurationError("recorded profiles need both --lines and --poses")
+    file = (out or default_directory(options.lines)) / CALIBRATION
+    if file.exists():
+        raise ConfigurationError("stands there already; choose another --out", file=file)
+    noise = _noise(options)
+    shots = _shots(options, options.lines, options.poses)
+    result = calibrate_shots(shots, _target(options, shots, noise), noise, say)
+    found = to_file(
+        result,
+        noise,
+        arm=options.arm_id or UNNAMED,
+        laser=options.laser_id or UNNAMED,
+        date=datetime.now(UTC).replace(microsecond=0),
+    )
+    write_calibration(file, found)
+    report_calibration(found, result.caveats)
+    say(f"written to {file}")
+    if options.arm_id is None or options.laser_id is None:
+        say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")
+    if json:
+        print(found.model_dump_json(indent=2))
+
+
+def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[Shot]:
+    form = ProfileFormat(options.units, options.pitch, tuple(options.invalid or ()))
+    table = read_profiles(lines, form)
+    for bad in table.bad:
+        say(f"{lines}: {bad}; left out")
+    return pair(table.profiles, read_poses(poses), poses)
+
+
+def _noise(options: RecordedOptions) -> NoiseModel:
+    stated = {name: getattr(options, name) for name in NOISE}
+    return validate(NoiseTable, {k: v for k, v in stated.items() if v is not None}).model
+
+
+def _target(
+    options: RecordedOptions, shots: list[Shot], noise: NoiseModel
+) -> PlaneTarget | SphereTarget | None:
+    given = [name for name in options.given if name in TARGETS]
+    if len(given) != 1:
+        raise ConfigurationError(
+            f"what the laser looked at takes one of {written(TARGETS)} "
+            f"(found: {written(given) or 'none'})"
+        )
+    flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
+    if options.plane is not None:
+        return stated_plane(_plane(options.plane), flange_b, noise.touch)
+    if options.touched is not None:
+        return fit_plane(read_points(options.touched), noise.touch, flange_b)
+    if options.unknown_plane:
+        return None
+    radius = options.sphere_radius_mm
+    if radius is not None and not 0 < radius < np.inf:
+        raise ConfigurationError("a ball has a positive radius", key="--sphere-radius-mm")
+    return SphereTarget(None if radius is None else 1e-3 * radius)
+
+
+def _plane(text: str) -> Plane:
+    """A x + B y + C z + D = 0, D in millimetres."""
+    try:
+        numbers: Array = np.array([float(part) for part in text.split(",")])
+        if numbers.shape != (4,) or not np.isfinite(numbers).all():
+            raise ValueError("four finite numbers are needed")
+        return Plane(numbers[:3], 1e-3 * float(numbers[3]))
+    except ValueError as error:
+        raise ConfigurationError(
+            f"{text!r} is no plane A,B,C,D in millimetres: {error}", key="--plane"
+        ) from None

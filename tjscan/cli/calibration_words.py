@@ -1,0 +1,38 @@
+"""What the commands say of a calibration."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from tjscan.calibration.file import CalibrationFile, ResidualTable
+from tjscan.cli.console import say, stderr
+
+
+def report_calibration(found: CalibrationFile, caveats: tuple[str, ...]) -> None:
+    """Print a calibration for people: the pose, how sure it is, every line, what to beware of."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("", "used", "offset mm", "tilt °", "misfit σ", "moves it by mm"):
+        table.add_column(name, justify="right" if name else "left")
+    for residual in found.residuals:
+        table.add_row(*_row(residual))
+    stderr.print(table)
+    say("")
+    for row in found.T_f_s_mm:
+        say("  ".join(f"{value:10.4f}" for value in row))
+    say(
+        f"sure to {found.sigma_position_mm:.3f} mm and {found.sigma_rotation_deg:.4f}° (RMS), "
+        f"from {found.lines} lines, {found.method}, condition number {found.condition:.1f}"
+    )
+    for caveat in caveats:
+        say(f"beware: {caveat}")
+
+
+def _row(residual: ResidualTable) -> tuple[str, ...]:
+    return (
+        residual.name,
+        "yes" if residual.used else "BAD",
+        f"{residual.offset_mm:+.3f}",
+        "" if residual.tilt_deg is None else f"{residual.tilt_deg:+.3f}",
+        f"{residual.misfit:.1f}",
+        f"{residual.shift_mm:.3f}",
+    )
