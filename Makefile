@@ -29,8 +29,9 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null \
 		|| { apt-get update -qq && apt-get install -y -qq libusb-1.0-0; } >/dev/null 2>&1 \
 		|| { echo "open3d needs a system library: sudo apt-get install libusb-1.0-0"; exit 1; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) \
-		|| { echo "python3-venv is missing: apt-get install python3-venv"; exit 1; }
+	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
+		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
+	@echo "setting up $(VENV): some two minutes, once"
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,ur]'
 	@touch $@
 

@@ -75,7 +75,8 @@ def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> No
     for section in sections:
         view = last[section["index"]]
         points_b = find_groove(view.profile).points_s @ view.T_b_s[:3, :3].T + view.T_b_s[:3, 3]
-        np.testing.assert_allclose(points_b, section["points"], atol=1e-12)
+        recorded = [[p[axis] for axis in "xyz"] for p in section["points"]]
+        np.testing.assert_allclose(points_b, recorded, atol=1e-12)
 
 
 def test_the_run_directory_can_be_run_again(run: Path, tmp_path: Path) -> None:
@@ -104,12 +105,16 @@ def test_a_dry_run_moves_and_writes_nothing(tmp_path: Path) -> None:
         (["nosuch.toml"], 2, ["nosuch.toml", "no such file"]),
         ([PAPER, "--scan.step-m", "0.04"], 2, ["scan.step_m", "step_mm"]),
         ([PAPER, "--scan.step-mm", "forty"], 2, ["scan.step_mm", "forty"]),
-        ([PAPER, "--arm.model", "ur10"], 2, ["ur10e"]),
+        ([PAPER, "--arm.model", "ur10"], 2, ["paper.toml: arm.model", "ur10e"]),
+        ([PAPER, "--arm.model", "none.urdf"], 2, ["none.urdf", "no such URDF"]),
+        ([PAPER, "--laser.near-mm", "300"], 2, ["paper.toml: laser", "near_mm"]),
+        ([PAPER, "--scan.first.position-mm", "[1e300, 0, 0]"], 2, ["scan.first.position_mm"]),
+        ([PAPER, "--scan", "5"], 2, ["scan", "unknown option"]),
         ([PAPER, "--arm.driver", "kuka"], 2, ["arm.driver", "simulated"]),
         ([PAPER, "--joint.file", "nosuch.toml"], 2, ["nosuch.toml"]),
         ([PAPER, "--scan.first.position-mm", "[4000, 0, 0]"], 4, ["reach"]),
         ([PAPER, "--joint.position-mm", "[0, 3000, 0]"], 4, ["first taught pose", "no groove"]),
-        ([PAPER, "--simulation.arm.home-deg", "[0, 0]"], 2, ["6 joints"]),
+        ([PAPER, "--simulation.arm.home-deg", "[0, 0]"], 2, ["home_deg", "6 joints"]),
         ([], 2, []),
     ],
 )
@@ -124,6 +129,7 @@ def test_bad_input_gets_one_message_and_its_exit_code(
     assert tjscan("scan", *arguments, "--out", out) == code
     told = " ".join(capsys.readouterr().err.split())
     assert "Traceback" not in told
+    assert told.count("tjscan: ") <= 1
     for word in words:
         assert word in told
     assert not (out / "summary.json").exists()
@@ -191,3 +197,25 @@ def test_groove_says_why_it_found_none(tmp_path: Path, capsys: pytest.CaptureFix
     assert "no groove found" in capsys.readouterr().out
     assert tjscan("groove", tmp_path / "none.csv") == 2
     assert tjscan("groove", flat, "--units", "inch") == 2
+
+
+def test_a_scan_that_ends_early_says_so_with_its_exit_code(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert tjscan("scan", PAPER, "--scan.length-mm", "3000", "--out", out) == 1
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert not summary["complete"]
+    assert summary["stopped_because"] == "next pose out of reach"
+
+
+def test_an_arm_of_ones_own_is_sought_beside_the_job_and_goes_into_the_run(tmp_path: Path) -> None:
+    from tjscan.robot.models.generate import urdf
+
+    (tmp_path / "mine.urdf").write_text(urdf("ur10e"), encoding="utf-8")
+    job = tmp_path / "job.toml"
+    text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', 'model = "mine.urdf"')
+    cad = PAPER.parent.parent / "cad"
+    job.write_text(text.replace("../cad", str(cad)), encoding="utf-8")
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert tjscan("scan", job, "--scan.sections", "3", "--out", first) == 0
+    (tmp_path / "mine.urdf").unlink()
+    assert tjscan("scan", first / "job.toml", "--out", again) == 0

@@ -45,7 +45,7 @@ def test_lengths_become_metres_once(tmp_path: Path) -> None:
     ("old", "new", "key", "hint"),
     [
         ("step_mm = 40", "step_m = 0.04", "scan.step_m", "did you mean: step_mm?"),
-        ("step_mm = 40", "step_mm = 0.04", "scan.step_mm", "greater than or equal to 1"),
+        ("step_mm = 40", "step_mm = 0.04", "scan.step_mm", "greater than or equal to 5"),
         ("step_mm = 40", 'step_mm = "40"', "scan.step_mm", "number"),
         ("step_mm = 40", "step_mm = nan", "scan.step_mm", "finite"),
         ("step_mm = 40", 'direction = "cw"', "scan.direction", "'clockwise'"),

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tjscan.joint.geometry import LegSurface, in_j, radial, tangential
@@ -63,6 +63,7 @@ def test_a_ray_ends_on_the_surface_and_on_itself(
     start = np.array([[rho, float(leg.height(phi, rho)) + 0.05]])
     ray = np.array([[np.sin(lean), -np.cos(lean)]])
     end = leg.meet(np.array([phi]), start, ray)
+    assume(np.isfinite(end).all())  # a ray that leans outward may pass by
     assert leg.distance(in_j(phi, end[:, 0], end[:, 1]))[0] == pytest.approx(0, abs=EXACT)
     travel = end - start
     assert travel[0] @ ray[0] > 0

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from tjscan.errors import RecordingError
 from tjscan.frames import from_euler_zyx
 from tjscan.laser.profile import Profile
-from tjscan.recording.messages import EVENT, SCHEMAS
+from tjscan.recording.messages import EVENT, SCHEMAS, TOPICS
 from tjscan.recording.reader import read_messages, read_views
 from tjscan.recording.writer import Recording
 from tjscan.scanning.scan import Substep, View
@@ -95,5 +96,23 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         list(read_views(tmp_path / "none.mcap"))
 
 
-def test_schemas_are_json() -> None:
-    assert json.loads(json.dumps(SCHEMAS)) == SCHEMAS
+def assert_spelt_out(schema: dict[str, Any]) -> None:
+    """Every object names its properties, and every array has objects or numbers as items."""
+    if schema["type"] == "object":
+        assert schema["properties"]
+        for inner in schema["properties"].values():
+            assert_spelt_out(inner)
+    elif schema["type"] == "array":
+        assert schema["items"]["type"] != "array"
+        assert_spelt_out(schema["items"])
+
+
+def test_schemas_are_spelt_out_as_viewers_need_them() -> None:
+    for properties in SCHEMAS.values():
+        assert_spelt_out(json.loads(json.dumps({"type": "object", "properties": properties})))
+
+
+def test_messages_hold_what_their_schemas_name(tmp_path: Path) -> None:
+    record(tmp_path / "scan.mcap", 1)
+    for topic, message in read_messages(tmp_path / "scan.mcap"):
+        assert message.keys() == SCHEMAS[TOPICS[topic]].keys()

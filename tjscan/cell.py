@@ -9,11 +9,27 @@ from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
+import trimesh
 
 from tjscan.calibration.file import read_calibration, rows_to_pose
+from tjscan.calibration.plucker import plane_through
+from tjscan.calibration.probe import Probe
+from tjscan.calibration.session import Task
+from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.window import Window
+from tjscan.config import naming
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, inverse
-from tjscan.job import ArmTable, CellFile, JobFile, LaserTable, SimulatedLaserTable, SimulationTable
+from tjscan.job import (
+    ArmTable,
+    CalibrationJob,
+    CellFile,
+    JobFile,
+    LaserTable,
+    SimulatedBoardTable,
+    SimulatedLaserTable,
+    SimulationTable,
+)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
 from tjscan.laser.line_laser import LineLaser
@@ -26,7 +42,10 @@ from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
 
 _LASER_STREAM: Final = 1
-"""Keeps the laser's random numbers apart from the arm's, which has the bare seed."""
+_PROBE_STREAM: Final = 2
+"""Keep random numbers of laser and probe apart from the arm's, which has the bare seed."""
+BOARD_THICKNESS: Final = 5e-3
+"""Metres, of the simulated board."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,6 +143,59 @@ def open_cell(job: JobFile, T_f_s: Array, joint: JointDefinition | None) -> Cell
     return Cell(arm, laser, T_f_s)
 
 
+def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
+    """Make the cell of a calibration, and the probe that touches its board.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job.
+    T_f_s : ndarray, shape (4, 4)
+        About where the laser sits.
+
+    Raises
+    ------
+    ConfigurationError
+        As `open_cell` does.
+    """
+    simulation, board = job.simulation, job.board
+    if simulation is None:
+        raise ConfigurationError("a simulated cell needs the table [simulation]")
+    arm = _simulated_arm(job.arm, simulation)
+    truth = simulation.board or SimulatedBoardTable(
+        position_mm=board.position_mm, euler_zyx_deg=board.euler_zyx_deg
+    )
+    thick = trimesh.creation.box((*1e-3 * np.array(board.size_mm), BOARD_THICKNESS))
+    surface = Surface(thick.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), thick.faces)
+    laser = _simulated_laser(job.laser, simulation, arm, T_f_s, surface, truth.T)
+    probe = SimulatedProbe(
+        arm,
+        1e-3 * np.array(board.probe_tip_mm),
+        board.T,
+        plane_through(truth.T[:3, 3], truth.T[:3, 2]),
+        sigma=1e-3 * truth.touch_mm,
+        approach=1e-3 * board.approach_mm,
+        rng=np.random.default_rng([simulation.seed, _PROBE_STREAM]),
+    )
+    return Cell(arm, laser, T_f_s), probe
+
+
+def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
+    """What a calibration is to do, in metres and radians; T_f_s is where it begins from."""
+    model, board = _laser_model(job.laser, SimulatedLaserTable()), job.board
+    return Task(
+        board.T,
+        0.5e-3 * np.array(board.size_mm),
+        1e-3 * np.array(board.probe_tip_mm),
+        T_f_s,
+        # That other lasers of this class open their fan as the simulated one is an assumption.
+        Window(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
+        board.noise.model,
+        board.touches,
+        board.lines,
+    )
+
+
 def _simulated_laser(
     laser: LaserTable,
     simulation: SimulationTable,
@@ -146,17 +218,21 @@ def _simulated_laser(
 
 
 def _simulated_arm(arm: ArmTable, simulation: SimulationTable) -> SimulatedArm:
-    return SimulatedArm(
-        Kinematics.load(arm.model),
-        np.radians(simulation.arm.home_deg),
-        limits=MotionLimits(
-            tcp_speed=1e-3 * arm.speed_mm_s, tcp_acceleration=1e-3 * arm.acceleration_mm_s2
-        ),
-        repeatability=1e-3 * simulation.arm.repeatability_mm,
-        angular_repeatability=float(np.radians(simulation.arm.repeatability_deg)),
-        seed=simulation.seed,
-        realtime=simulation.arm.realtime,
+    with naming(key="arm.model"):
+        kinematics = Kinematics.load(arm.model)
+    limits = MotionLimits(
+        tcp_speed=1e-3 * arm.speed_mm_s, tcp_acceleration=1e-3 * arm.acceleration_mm_s2
     )
+    with naming(key="simulation.arm.home_deg"):
+        return SimulatedArm(
+            kinematics,
+            np.radians(simulation.arm.home_deg),
+            limits=limits,
+            repeatability=1e-3 * simulation.arm.repeatability_mm,
+            angular_repeatability=float(np.radians(simulation.arm.repeatability_deg)),
+            seed=simulation.seed,
+            realtime=simulation.arm.realtime,
+        )
 
 
 def _laser_model(laser: LaserTable, faults: SimulatedLaserTable) -> LaserModel:

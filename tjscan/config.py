@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -66,17 +67,33 @@ def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) 
         raise ConfigurationError(_say(model, first), file=file, key=key) from None
 
 
+@contextmanager
+def naming(file: Path | None = None, *, key: str | None = None) -> Iterator[None]:
+    """Add a file to configuration errors of the block that name none, and say which key it is."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            error.message, file=error.file or file, key=key or error.key
+        ) from None
+
+
 def _say(model: type[FileModel], detail: ErrorDetails) -> str:
     """One sentence that says what is wrong with a key and what would be right."""
     if detail["type"] == "extra_forbidden":
         known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest(str(detail['loc'][-1]), known)}?"
+    if detail["type"] in ("model_type", "model_attributes_type"):
+        return f"must be a table (found {detail['input']!r})"
     if detail["type"] == "missing":
         return "this key is required"
     if detail["type"] == "literal_error":
         return f"{detail['input']!r} is none of {detail['ctx']['expected']}"
     message = detail["msg"].removeprefix("Value error, ")
-    return f"{message[:1].lower()}{message[1:]} (found {detail['input']!r})"
+    message = f"{message[:1].lower()}{message[1:]}"
+    return (
+        message if isinstance(detail["input"], dict) else f"{message} (found {detail['input']!r})"
+    )
 
 
 def _keys_at(model: type[FileModel], path: Sequence[str]) -> list[str]:

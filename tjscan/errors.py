@@ -70,7 +70,7 @@ class GrooveNotFound(TjscanError):
     ----------
     reason : str
         One of the short reasons: ``too few points``, ``no bevel``, ``ambiguous``,
-        ``out of range``.
+        ``out of range``, ``implausible``.
     detail : str
         The evidence in words, with numbers.
     points_s : array_like, shape (n, 2), optional
@@ -89,7 +89,7 @@ class StartSeesNoGroove(LaserFault):
     def __init__(self, which: str, cause: GrooveNotFound) -> None:
         self.which, self.cause = which, cause
         super().__init__(
-            f"the {which} taught pose sees {cause}. Move the arm until the laser line crosses "
+            f"at the {which} taught pose, {cause} Move the arm until the laser line crosses "
             "brace, bevel, root and leg near the middle of its range, and teach that pose again."
         )
 

@@ -13,7 +13,11 @@ from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, from_euler_zyx
 
-Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
+FARTHEST_MM: Final = 1e5
+"""A hundred metres: nothing in a cell is further."""
+
+Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Vector3 = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 SMALLEST_BOARD_MM: Final = 100.0
@@ -39,7 +43,7 @@ class ScanTable(FileModel):
     """What to scan, from where, and when to stop."""
 
     direction: Literal["counterclockwise", "clockwise"] = "counterclockwise"
-    step_mm: float = Field(default=40.0, ge=1, le=300)
+    step_mm: float = Field(default=40.0, ge=5, le=300)
     prediction_case: Literal[1, 2, 3, 4] = 3
     pull_angle_deg: float = Field(default=10.0, ge=-45, le=45)
     standoff_mm: float = Field(default=230.0, ge=10, le=2000)
@@ -56,8 +60,8 @@ class ArmTable(FileModel):
     driver: Literal["simulated"] = "simulated"
     model: str = "ur10e"
     id: str | None = Field(default=None, min_length=1)
-    speed_mm_s: float = Field(default=250.0, gt=0, le=3000)
-    acceleration_mm_s2: float = Field(default=1200.0, gt=0)
+    speed_mm_s: float = Field(default=250.0, ge=1, le=3000)
+    acceleration_mm_s2: float = Field(default=1200.0, ge=10, le=50_000)
 
     @property
     def device(self) -> str:
@@ -70,9 +74,15 @@ class LaserTable(FileModel):
 
     driver: Literal["simulated"] = "simulated"
     id: str | None = Field(default=None, min_length=1)
-    points: int = Field(default=640, ge=80, le=640, multiple_of=80)
-    near_mm: float = Field(default=190.0, gt=0)
-    far_mm: float = Field(default=290.0, gt=0)
+    points: int = Field(default=640, ge=160, le=640, multiple_of=80)
+    near_mm: float = Field(default=190.0, ge=1, le=5000)
+    far_mm: float = Field(default=290.0, ge=1, le=5000)
+
+    @model_validator(mode="after")
+    def _range_is_one(self) -> LaserTable:
+        if self.near_mm >= self.far_mm:
+            raise ValueError("near_mm must be smaller than far_mm")
+        return self
 
     @property
     def device(self) -> str:
@@ -144,7 +154,7 @@ class JointTable(FileModel):
 class SimulatedArmTable(FileModel):
     """What only a simulated arm needs to be told."""
 
-    home_deg: Annotated[tuple[float, ...], Field(strict=False)]
+    home_deg: Annotated[tuple[Annotated[float, Field(ge=-720, le=720)], ...], Field(strict=False)]
     repeatability_mm: float = Field(default=0.05, ge=0, le=5)
     repeatability_deg: float = Field(default=0.006, ge=0, le=5)
     realtime: bool = False
@@ -262,4 +272,12 @@ def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
         table[last] = value
         if key in EXCLUDED:
             table.pop(EXCLUDED[key], None)
-    return validate(model, data, file)
+    return _located(validate(model, data, file), file.parent)
+
+
+def _located(job: J, folder: Path) -> J:
+    """Seek an arm's URDF from the job's folder, as the other files that a job names."""
+    if Path(job.arm.model).suffix != ".urdf":
+        return job
+    arm = job.arm.model_copy(update={"model": str(folder / job.arm.model)})
+    return job.model_copy(update={"arm": arm})

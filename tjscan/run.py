@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.cell import Cell, mount_of, open_cell
-from tjscan.errors import TjscanError
+from tjscan.config import naming
+from tjscan.errors import ConfigurationError, TjscanError
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile
 from tjscan.joint.definition import JointDefinition
@@ -50,6 +51,8 @@ def joint_of(job: JobFile, job_file: Path) -> tuple[Path, JointDefinition] | Non
     if job.joint is None:
         return None
     file = job_file.parent / job.joint.file
+    if not file.is_file():
+        raise ConfigurationError(f"there is no such file: {file}", file=job_file, key="joint.file")
     return file, read_joint(file)
 
 
@@ -63,10 +66,11 @@ def check_job(job: JobFile, job_file: Path) -> None:
     PoseUnreachable
         If a taught pose is.
     """
-    joint = joint_of(job, job_file)
-    with open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1]) as cell:
-        for taught in (job.scan.first, job.scan.second):
-            cell.arm.check(taught.T)
+    with naming(job_file):
+        joint = joint_of(job, job_file)
+        cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1])
+    with cell:
+        cell.arm.check(job.scan.first.T, job.scan.second.T)
 
 
 def scan_in(cell: Cell, job: JobFile, journal: Journal) -> ScanResult:
@@ -77,6 +81,9 @@ def scan_in(cell: Cell, job: JobFile, journal: Journal) -> ScanResult:
             return scanner.run(job.scan.first.T, job.scan.second.T)
         except TjscanError as error:
             journal.event("failed", str(error))
+            raise
+        except KeyboardInterrupt:
+            journal.event("interrupted", "by the operator")
             raise
 
 
@@ -99,11 +106,12 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
     TjscanError
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
-    joint = joint_of(job, job_file)
-    mount = mount_of(job, job_file)
-    cell = open_cell(job, mount.T_f_s, joint and joint[1])
-    make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
-    with Recording(directory / "scan.mcap") as recording:
-        result = scan_in(cell, job, Journals(recording, watch))
+    with naming(job_file):
+        joint = joint_of(job, job_file)
+        mount = mount_of(job, job_file)
+        cell = open_cell(job, mount.T_f_s, joint and joint[1])
+        make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
+        with Recording(directory / "scan.mcap") as recording:
+            result = scan_in(cell, job, Journals(recording, watch))
     frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)
     return write_results(directory, result, plan_of(job), frame, joint and joint[1])

@@ -14,6 +14,7 @@ app = App(
     name="tjscan",
     help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
     version=__version__,
+    suppress_keyboard_interrupt=False,
 )
 app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job file says.")
 app.command(

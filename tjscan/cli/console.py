@@ -52,8 +52,8 @@ class ProgressJournal:
         self._progress.advance(self._task)
 
     def event(self, name: str, detail: str) -> None:
-        """Print what happened above the bar."""
-        if name != "stop":
+        """Print what happened above the bar; how the scan ended is told at its end."""
+        if name not in ("stop", "failed"):
             self._progress.console.print(f"{name}: {detail}", markup=False)
 
 

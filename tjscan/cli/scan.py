@@ -45,3 +45,5 @@ def scan(
     with watching(plan_of(parsed)) as watch:
         summary = run_job(parsed, job, directory, watch)
     report(summary, directory, json=json)
+    if not summary.complete:
+        raise SystemExit(1)

@@ -13,13 +13,28 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, Substep, View
 
 _FLOAT64: Final = 8  # numeric type of foxglove.PackedElementField
-_OBJECT: Final = {"type": "object"}
-_NUMBERS: Final = {"type": "array"}
 _TEXT: Final = {"type": "string"}
 _INTEGER: Final = {"type": "integer"}
-_POSE: Final = {"type": "object", "properties": {"position": _OBJECT, "orientation": _OBJECT}}
-_STAMP: Final = {"timestamp": _OBJECT, "frame_id": _TEXT}
-_SUBSTEP: Final = {"index": _INTEGER, "substep": _TEXT, "arm_time": {"type": "number"}}
+_NUMBER: Final = {"type": "number"}
+
+
+def _object(title: str, **properties: dict[str, Any]) -> dict[str, Any]:
+    """An object spelt out to its leaves: viewers refuse schemas that leave anything open."""
+    return {"type": "object", "title": title, "properties": properties}
+
+
+_POINT: Final = _object("foxglove.Point3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
+_POSE: Final = _object(
+    "foxglove.Pose",
+    position=_object("foxglove.Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER),
+    orientation=_object("foxglove.Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
+)
+_FIELD: Final = _object("foxglove.PackedElementField", name=_TEXT, offset=_INTEGER, type=_INTEGER)
+_STAMP: Final = {
+    "timestamp": _object("time", sec=_INTEGER, nsec=_INTEGER),
+    "frame_id": _TEXT,
+}
+_SUBSTEP: Final = {"index": _INTEGER, "substep": _TEXT, "arm_time": _NUMBER}
 
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {
     "foxglove.PoseInFrame": {**_STAMP, "pose": _POSE, **_SUBSTEP},
@@ -27,16 +42,16 @@ SCHEMAS: Final[dict[str, dict[str, Any]]] = {
         **_STAMP,
         "pose": _POSE,
         "point_stride": _INTEGER,
-        "fields": {"type": "array", "items": _OBJECT},
+        "fields": {"type": "array", "items": _FIELD},
         "data": {"type": "string", "contentEncoding": "base64"},
         **_SUBSTEP,
     },
     "tjscan.Section": {
         **_STAMP,
         "index": _INTEGER,
-        "points": _NUMBERS,
-        "T_b_g": _NUMBERS,
-        "T_b_t": _NUMBERS,
+        "points": {"type": "array", "items": _POINT},
+        "T_b_g": _POSE,
+        "T_b_t": _POSE,
     },
     "tjscan.Event": {**_STAMP, "name": _TEXT, "detail": _TEXT},
 }
@@ -80,9 +95,9 @@ def section_message(scan: Scan) -> dict[str, Any]:
     return {
         "frame_id": "b",
         "index": scan.view.index,
-        "points": scan.points_b.tolist(),
-        "T_b_g": scan.T_b_g.tolist(),
-        "T_b_t": scan.T_b_t.tolist(),
+        "points": [_from_point(p) for p in scan.points_b],
+        "T_b_g": _from_pose(scan.T_b_g),
+        "T_b_t": _from_pose(scan.T_b_t),
     }
 
 
@@ -107,9 +122,13 @@ def _substep(view: View) -> dict[str, Any]:
 def _from_pose(T: Array) -> dict[str, dict[str, float]]:
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat()
     return {
-        "position": dict(zip("xyz", T[:3, 3].tolist(), strict=True)),
+        "position": _from_point(T[:3, 3]),
         "orientation": dict(zip("xyzw", quaternion.tolist(), strict=True)),
     }
+
+
+def _from_point(p: Array) -> dict[str, float]:
+    return dict(zip("xyz", p.tolist(), strict=True))
 
 
 def _to_pose(message: dict[str, dict[str, float]]) -> Array:

@@ -47,7 +47,7 @@ class Recording:
         try:
             self._stream = self._file.open("xb")
         except OSError as error:
-            raise RecordingError(f"{self._file}: can't be written: {error.strerror}") from error
+            raise self._lost(error) from error
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
         self._writer.start(profile="tjscan")
         self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
@@ -61,9 +61,13 @@ class Recording:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._writer.finish()
-        self._sync()
-        self._stream.close()
+        try:
+            self._writer.finish()
+            self._sync()
+            self._stream.close()
+        except OSError as full:
+            if error is None:
+                raise self._lost(full) from full
 
     def view(self, view: View) -> None:
         """Write the flange pose and the raw profile, before anybody tries to read it."""
@@ -96,8 +100,16 @@ class Recording:
             )
             self._stream.flush()
         except OSError as error:
-            raise RecordingError(f"{self._file}: can't be written: {error.strerror}") from error
+            raise self._lost(error) from error
 
     def _sync(self) -> None:
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        try:
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: OSError) -> RecordingError:
+        return RecordingError(
+            f"{self._file}: can't be written: {error.strerror}. What was written before is whole."
+        )

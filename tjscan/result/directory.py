@@ -16,6 +16,7 @@ from tjscan.job import CalibrationTable, CellFile
 JOB: Final = "job.toml"
 JOINT: Final = "joint.toml"
 CALIBRATION: Final = "calibration.toml"
+URDF: Final = "arm.urdf"
 
 
 def default_directory(job_file: Path) -> Path:
@@ -54,5 +55,8 @@ def make_directory(
         if calibration is not None:
             shutil.copyfile(calibration, draft / CALIBRATION)
             job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
+        if Path(job.arm.model).suffix == ".urdf":
+            shutil.copyfile(job.arm.model, draft / URDF)
+            job = job.model_copy(update={"arm": job.arm.model_copy(update={"model": URDF})})
         text = tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))
         (draft / JOB).write_text(text, encoding="utf-8")

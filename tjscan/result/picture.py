@@ -40,7 +40,8 @@ def draw_scan(
     figure = Figure(figsize=(14, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-    _draw_space(figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False), result, frame, points, outline)
+    space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
+    _draw_space(space, result, frame, points, outline)
     middle = result.sections[len(result.sections) // 2]
     beside = figure.add_subplot(grid[0, 1])
     draw_profile(beside, middle.view.profile, middle.groove.points_s)
@@ -73,10 +74,10 @@ def _draw_space(
     axes.set_ylabel(f"$y_{frame.name}$ / mm")
     axes.set_zlabel(f"$z_{frame.name}$ / mm")
     middle = corners[len(corners) // 2, 1] if frame.T_b_j is not None else np.zeros(3)
-    axes.view_init(elev=28, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) + 25)
+    axes.view_init(elev=28, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) + 40)
     limits = (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())
     axes.set_box_aspect([high - low for low, high in limits], zoom=1.15)
-    axes.legend(loc="upper left", markerscale=2)
+    axes.legend(loc="upper right", markerscale=2)
     axes.set_title(f"{len(result.sections)} sections, {result.stop}")
 
 
@@ -84,9 +85,10 @@ def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
     """Draw a profile in the laser plane with its corners, shape (k, 3), the sensor to the right."""
     corners = 1e3 * points_s
     axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
-    axes.plot(corners[:, 2], corners[:, 0], color=CORNER, linewidth=0.8, marker="o", markersize=4)
+    axes.plot(corners[:, 2], corners[:, 0], "o", color=CORNER, markersize=4)
     for i, (x, _, z) in enumerate(corners, start=1):
-        axes.annotate(f"$p_{i}$", (z, x), xytext=(5, 5), textcoords="offset points")
+        axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")
+    axes.margins(0.08)
     axes.set_xlabel("$z_s$ / mm")
     axes.set_ylabel("$x_s$ / mm")
     axes.invert_xaxis()

@@ -14,7 +14,7 @@ from tjscan.comparison.distance import DistanceStatistics
 from tjscan.frames import Array, rotation_angle
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import groove_length
+from tjscan.scanning.progress import complete, groove_length
 from tjscan.scanning.scan import Scan, Substep
 from tjscan.scanning.scanner import ScanResult
 
@@ -44,12 +44,16 @@ class Summary:
     ----------
     sections, scans : int
         Finished sections, and profiles taken.
+    complete : bool
+        Whether the scan did what was asked.
     stopped_because, detail : str
         Why the scan ended, short and in one sentence.
     frame : str
         Letter of the frame of ``sections.csv`` and ``groove.ply``: j or b.
     groove_length_mm : float
-        Length of the chain of groove origins.
+        Length of the chain of groove origins, the step between the taught ones included.
+    half_steps : int
+        How often a section was tried again at half the step; these count in `step_mm`.
     step_mm : StepStatistics
         Nominal and measured step.
     flange_travel_mm, flange_rotation_deg : float
@@ -62,10 +66,12 @@ class Summary:
 
     sections: int
     scans: int
+    complete: bool
     stopped_because: str
     detail: str
     frame: str
     groove_length_mm: float
+    half_steps: int
     step_mm: StepStatistics
     flange_travel_mm: float
     flange_rotation_deg: float
@@ -101,10 +107,12 @@ def summarise(
     return Summary(
         sections=len(result.sections),
         scans=len(result.views),
+        complete=complete(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
         frame=frame.name,
         groove_length_mm=1e3 * groove_length(result.sections),
+        half_steps=result.half_steps,
         step_mm=StepStatistics(
             nominal=1e3 * plan.step,
             mean=float(steps.mean()) if len(steps) else None,

@@ -53,8 +53,10 @@ class Arm(Protocol):
         """Joint angles, flange pose and time, as the arm reads them now."""
         ...
 
-    def check(self, T_b_f: Array) -> None:
-        """Check a linear move from here, and move nothing.
+    def check(self, *T_b_f: Array) -> None:
+        """Check a move in joint space to the first pose and straight lines on to the others.
+
+        Nothing moves.
 
         Raises
         ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from itertools import chain, repeat
 from types import TracebackType
 from typing import Final, Self
 
@@ -108,27 +109,33 @@ class SimulatedArm:
         q, now = self._now
         return ArmState(q, self.kinematics.forward(q), now)
 
-    def check(self, T_b_f: Array) -> None:
-        """Plan a linear move from here, and move nothing. See `Arm.check`."""
+    def check(self, *T_b_f: Array) -> None:
+        """Plan a move in joint space and straight lines on, and move nothing. See `Arm.check`."""
         self._need_connection()
-        linear_path(self.kinematics, self._now[0], T_b_f, self.limits)
+        q = self._now[0]
+        for plan, T in zip(
+            chain([self._joint_path], repeat(self._linear_path)), T_b_f, strict=False
+        ):
+            q = plan(q, T).q[-1]
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
-        return self._move(lambda q: linear_path(self.kinematics, q, T_b_f, self.limits))
+        return self._move(lambda q: self._linear_path(q, T_b_f))
 
     def move_joint(self, T_b_f: Array) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint`."""
-
-        def plan(q: Array) -> JointPath:
-            goal = self.kinematics.inverse(T_b_f, near=q)
-            return joint_path(self.kinematics, q, goal, self.limits)
-
-        return self._move(plan)
+        return self._move(lambda q: self._joint_path(q, T_b_f))
 
     def stop(self) -> None:
         """End the move under way where it is; that move raises ArmFault in its own thread."""
         self._halt.set()
+
+    def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
+        return linear_path(self.kinematics, q, T_b_f, self.limits)
+
+    def _joint_path(self, q: Array, T_b_f: Array) -> JointPath:
+        goal = self.kinematics.inverse(T_b_f, near=q)
+        return joint_path(self.kinematics, q, goal, self.limits)
 
     def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
         self._need_connection()

@@ -27,6 +27,13 @@ def groove_length(sections: Sequence[Scan]) -> float:
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
 
 
+def complete(stop: StopReason, plan: ScanPlan) -> bool:
+    """Tell whether a scan that ended so did what it was asked to."""
+    if stop is StopReason.UNREACHABLE:
+        return plan.length is None and plan.sections is None
+    return stop is not StopReason.LOST
+
+
 def finished(plan: ScanPlan, sections: Sequence[Scan]) -> StopReason | None:
     """Tell why the scan is done, or None while there is more to do.
 
@@ -40,14 +47,15 @@ def finished(plan: ScanPlan, sections: Sequence[Scan]) -> StopReason | None:
     Notes
     -----
     The length counts from the second taught section, where the scan starts to find its own
-    way, and is reached at the step that comes nearest to it. The joint is closed when the
-    first section lies ahead, no more than a step away.
+    way, and is reached at the step that comes nearest to it. The joint is closed when the scan,
+    having left the first section behind, is less than a step from it, before it or past it.
     """
     if plan.length is not None and plan.length - groove_length(sections[1:]) < plan.step / 2:
         return StopReason.LENGTH
     if plan.sections is not None and len(sections) >= plan.sections:
         return StopReason.SECTIONS
-    ahead = sections[0].T_b_g[:3, 3] - sections[-1].T_b_g[:3, 3]
-    if ahead @ sections[-1].T_b_t[:3, 0] > 0 and np.linalg.norm(ahead) < plan.step:
+    origins = np.array([scan.T_b_g[:3, 3] for scan in sections])
+    from_first = np.linalg.norm(origins - origins[0], axis=1)
+    if from_first[-1] < plan.step and from_first.max() > 2 * plan.step:
         return StopReason.CLOSED
     return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.errors import ConfigurationError, GrooveNotFound, PoseUnreachable, StartSeesNoGroove
-from tjscan.frames import Array, inverse
+from tjscan.frames import Array, inverse, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
@@ -16,8 +16,9 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.correction import correct
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.plausible import check_step
 from tjscan.scanning.prediction import predict
-from tjscan.scanning.progress import StopReason, finished
+from tjscan.scanning.progress import StopReason, finished, groove_length
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.scanning.target import Direction
 
@@ -36,12 +37,15 @@ class ScanResult:
         Why it ended.
     detail : str
         The same in one sentence, with numbers.
+    half_steps : int
+        How often a section was not found and tried again at half the step.
     """
 
     sections: tuple[Scan, ...]
     views: tuple[View, ...]
     stop: StopReason
     detail: str
+    half_steps: int
 
 
 class Scanner:
@@ -76,6 +80,7 @@ class Scanner:
         self._read, self._plan, self._journal = read, plan, journal
         self._views: list[View] = []
         self._sections: list[Scan] = []
+        self._half_steps = 0
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses until the plan is fulfilled or no step is possible.
@@ -102,13 +107,14 @@ class Scanner:
             except GrooveNotFound as error:
                 return self._end(StopReason.LOST, str(error))
             self._finish(scan)
-        return self._end(stop, str(stop))
+        return self._end(stop)
 
     def _step_or_half_step(self) -> Scan:
         """One step of the plan's length, or of half of it where the groove is not found."""
         try:
             return self._step(self._plan.step)
         except GrooveNotFound as error:
+            self._half_steps += 1
             self._journal.event("half step", f"section {len(self._sections)}: {error}")
             return self._step(self._plan.step / 2)
 
@@ -120,12 +126,16 @@ class Scanner:
         T_b_t = predict(
             last.T_b_t, before.T_b_g, last.T_b_g, d_st, plan.prediction, plan.direction
         )  # (7)
+        direction_b = unit(T_b_t[:3, 3] - last.T_b_t[:3, 3])
         predicted = self._scan(Substep.PREDICTION, T_b_t, last.T_s_t)
+        check_step(last.T_b_g[:3, 3], predicted.T_b_g[:3, 3], direction_b, d_st)
 
         # Correction substep
         T_s_t = plan.target(predicted.groove.work_angle)  # (14)
         T_b_t = correct(last.T_b_g, predicted.T_b_g)  # (12)
-        return self._scan(Substep.CORRECTION, T_b_t, T_s_t)
+        corrected = self._scan(Substep.CORRECTION, T_b_t, T_s_t)
+        check_step(last.T_b_g[:3, 3], corrected.T_b_g[:3, 3], direction_b, d_st)
+        return corrected
 
     def _scan(self, substep: Substep, T_b_t: Array, T_s_t: Array) -> Scan:
         """Lay frame t on its set-point, take a profile and read it."""
@@ -169,6 +179,10 @@ class Scanner:
                 key="scan.second",
             )
 
-    def _end(self, stop: StopReason, detail: str) -> ScanResult:
-        self._journal.event("stop", f"{stop}: {detail}" if detail != stop else detail)
-        return ScanResult(tuple(self._sections), tuple(self._views), stop, detail)
+    def _end(self, stop: StopReason, cause: str = "") -> ScanResult:
+        length = 1e3 * groove_length(self._sections[1:])
+        detail = f"{stop} after {length:.1f} mm from the second taught section"
+        detail = f"{detail}: {cause}" if cause else detail
+        self._journal.event("stop", detail)
+        sections, views = tuple(self._sections), tuple(self._views)
+        return ScanResult(sections, views, stop, detail, self._half_steps)
