@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Final, Self
@@ -141,6 +142,25 @@ class CalibrationFile(FileModel):
     def covariance_si(self) -> Array:
         """Of translation and small rotation in the axes of f, shape (6, 6), metres and radians."""
         return np.array(self.covariance) / np.outer(IN_FILE, IN_FILE)
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """A calibration, and where it was written.
+
+    Parameters
+    ----------
+    file : Path
+        ``calibration.toml``.
+    calibration : CalibrationFile
+        What stands in it.
+    caveats : tuple of str
+        What to know before relying on it.
+    """
+
+    file: Path
+    calibration: CalibrationFile
+    caveats: tuple[str, ...]
 
 
 def to_file(

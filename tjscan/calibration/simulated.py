@@ -1,4 +1,4 @@
-"""Lines that a simulated hand takes from a board, with errors as the noise model states them."""
+"""A simulated hand that takes lines from a board, and a simulated probe that touches it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Plane, transform_plane
+from tjscan.calibration.session import square_poses
 from tjscan.calibration.window import Window
+from tjscan.errors import PoseUnreachable
 from tjscan.frames import Array, inverse, pose
 from tjscan.laser.faults import speckle
 from tjscan.laser.profile import Profile
+from tjscan.robot.arm import Arm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,3 +67,56 @@ class SimulatedHand:
         points = points_b - self.plane.distance(points_b)[:, None] * self.plane.u
         sigma = 0.0 if self.noise is None else self.noise.touch
         return np.asarray(points + sigma * rng.standard_normal(points.shape))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedProbe:
+    """A `Probe` on a simulated arm: it stops where the tip meets the true board, or nearly.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm that carries the tip.
+    tip_f : ndarray, shape (3,)
+        The tip in frame f, in metres.
+    T_b_board : ndarray, shape (4, 4)
+        Where the board is believed to be: the tip comes down square to it.
+    plane : Plane
+        Where it truly is, frame b.
+    sigma : float
+        Standard deviation of the tip about it, in metres, in each axis.
+    approach : float
+        Metres above the board from which the tip comes down.
+    rng : numpy.random.Generator
+        Source of the errors.
+    """
+
+    arm: Arm
+    tip_f: Array
+    T_b_board: Array
+    plane: Plane
+    sigma: float
+    approach: float
+    rng: np.random.Generator
+
+    @property
+    def order(self) -> str:
+        """The arm itself moves."""
+        return "Move the probe tip down onto the board"
+
+    def touch(self, place_b: Array) -> Array:
+        """Come from above, touch, and go back up; raises as `Probe.touch` does."""
+        up = self.T_b_board[:3, 2]
+        below = float(self.plane.distance(place_b)) / float(self.plane.u @ up)
+        contact_b = place_b - below * up + self.sigma * self.rng.standard_normal(3)
+        for T_b_f in square_poses(self.T_b_board, self.tip_f, contact_b, self.arm.state().T_b_f):
+            above = pose(T_b_f[:3, :3], T_b_f[:3, 3] + self.approach * up)
+            try:
+                self.arm.move_joint(above)
+                touched = self.arm.move_linear(T_b_f).T_b_f
+            except PoseUnreachable as error:
+                unreachable = error
+                continue
+            self.arm.move_linear(above)
+            return touched
+        raise unreachable

@@ -22,6 +22,8 @@ IMPROBABLE: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
 
 
+NOT_FLAT: Final = "touched points not on one plane"
+"""The reason for which to touch again; none of the other reasons goes away by that."""
 STATED: Final = 0.2
 """Metres; see `stated_plane`."""
 
@@ -155,7 +157,7 @@ def _check_flatness(residuals: Array, sigma: float) -> None:
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1
     raise CalibrationRefused(
-        "touched points not on one plane",
+        NOT_FLAT,
         f"their distances from the best plane are {shown} mm, more than {1e3 * sigma:.3f} mm of "
         f"noise explain; touch number {worst} again first, then check that the board is flat",
     )

@@ -112,12 +112,10 @@ def calibrate(
         Print the calibration as JSON on stdout.
     """
     given = [] if recorded is None else recorded.given
-    ways = [job is not None, resume is not None, bool(given)]
-    if sum(ways) != 1:
+    if [job is not None, resume is not None, bool(given)].count(True) != 1:
         raise ConfigurationError(
             "calibrate takes either a job file, or --resume with a directory, or recorded "
-            "profiles with --lines and --poses"
-            + (f" (found: {written(given)})" if given and sum(ways) > 1 else "")
+            f"profiles with --lines and --poses (found: {written(given) or 'none of them'})"
         )
     if recorded is not None and given:
         from tjscan.cli.calibrate_recorded import calibrate_recorded
@@ -125,3 +123,20 @@ def calibrate(
         if unattended:
             raise ConfigurationError("--unattended has no meaning for recorded profiles")
         calibrate_recorded(recorded, out, json=json)
+        return
+    from tjscan.calibration_run import resume_calibration, start_calibration
+    from tjscan.cli.calibration_words import report_calibration
+    from tjscan.cli.operators import AtTerminal, Unattended
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.job import read_calibration_job
+    from tjscan.result.directory import default_directory
+
+    operator = Unattended() if unattended else AtTerminal()
+    if resume is not None:
+        if out is not None:
+            raise ConfigurationError("--resume goes on where it was: --out has no meaning")
+        found = resume_calibration(resume, operator)
+    elif job is not None:
+        parsed = read_calibration_job(job, parse_overrides(overrides))
+        found = start_calibration(parsed, job, out or default_directory(job), operator)
+    report_calibration(found, json=json)

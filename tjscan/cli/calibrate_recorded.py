@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.file import NoiseTable, to_file, write_calibration
+from tjscan.calibration.file import Calibrated, NoiseTable, to_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import calibrate_shots
 from tjscan.calibration.plucker import Plane
@@ -55,12 +55,9 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         date=datetime.now(UTC).replace(microsecond=0),
     )
     write_calibration(file, found)
-    report_calibration(found, result.caveats)
-    say(f"written to {file}")
+    report_calibration(Calibrated(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")
-    if json:
-        print(found.model_dump_json(indent=2))
 
 
 def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[Shot]:

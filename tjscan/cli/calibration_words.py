@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from tjscan.calibration.file import CalibrationFile, ResidualTable
+from tjscan.calibration.file import Calibrated, ResidualTable
 from tjscan.cli.console import say, stderr
 
 
-def report_calibration(found: CalibrationFile, caveats: tuple[str, ...]) -> None:
-    """Print a calibration for people: the pose, how sure it is, every line, what to beware of."""
+def report_calibration(done: Calibrated, *, json: bool) -> None:
+    """Print a calibration for people, and as JSON on stdout where that is asked."""
+    found = done.calibration
     table = Table(box=None, pad_edge=False)
     for name in ("", "used", "offset mm", "tilt °", "misfit σ", "moves it by mm"):
         table.add_column(name, justify="right" if name else "left")
@@ -23,8 +24,11 @@ def report_calibration(found: CalibrationFile, caveats: tuple[str, ...]) -> None
         f"sure to {found.sigma_position_mm:.3f} mm and {found.sigma_rotation_deg:.4f}° (RMS), "
         f"from {found.lines} lines, {found.method}, condition number {found.condition:.1f}"
     )
-    for caveat in caveats:
+    for caveat in done.caveats:
         say(f"beware: {caveat}")
+    say(f"written to {done.file}")
+    if json:
+        print(found.model_dump_json(indent=2))
 
 
 def _row(residual: ResidualTable) -> tuple[str, ...]:

@@ -1,0 +1,48 @@
+"""Who watches a calibration: a person at a terminal, another front end, or nobody."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tjscan.calibration.session import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Something to say yes or no to.
+
+    Parameters
+    ----------
+    text : str
+        In words.
+    default : bool
+        What happens when nobody is there to ask.
+    moves : bool
+        Whether yes makes the arm move.
+    """
+
+    text: str
+    default: bool
+    moves: bool = False
+
+
+class Operator(Protocol):
+    """Answers questions and is told what happens."""
+
+    @property
+    def present(self) -> bool:
+        """Whether a person is there. Without one no real arm moves."""
+        ...
+
+    def confirm(self, question: Question) -> bool:
+        """Say yes or no."""
+        ...
+
+    def tell(self, message: str) -> None:
+        """Hear what happened."""
+        ...
+
+    def show(self, progress: Progress) -> None:
+        """See how far the calibration has come, after each line."""
+        ...

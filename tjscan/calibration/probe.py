@@ -1,0 +1,55 @@
+"""Touching the board with the arm's probe tip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tjscan.frames import Array
+from tjscan.robot.arm import Arm
+
+
+class Probe(Protocol):
+    """Brings the tip onto the board."""
+
+    @property
+    def order(self) -> str:
+        """What is asked of the operator before each touch; yes means that `touch` may go on."""
+        ...
+
+    def touch(self, place_b: Array) -> Array:
+        """Touch the board near a point, shape (3,), and leave it again.
+
+        Returns
+        -------
+        ndarray, shape (4, 4)
+            Flange pose while the tip touched, as the arm read it.
+
+        Raises
+        ------
+        PoseUnreachable
+            If the arm can't reach there.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class JoggedProbe:
+    """A person jogs the arm until the tip touches; the pose is read from the arm.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm that carries the tip.
+    """
+
+    arm: Arm
+
+    @property
+    def order(self) -> str:
+        """Jog, then say yes."""
+        return "Jog the probe tip until it just touches the board, then say yes"
+
+    def touch(self, place_b: Array) -> Array:
+        """Flange pose where the arm stands; wherever on the board that is, it will do."""
+        return self.arm.state().T_b_f

@@ -1,0 +1,231 @@
+"""The steps of a calibration, without devices: what was measured says what comes next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.advice import Board, PoseGrid, Suggestion, candidate_poses, suggest_pose
+from tjscan.calibration.design import Reachable, Uncertainty, expected
+from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
+from tjscan.calibration.logbook import Measured
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.shot import line_samples
+from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.window import Window
+from tjscan.errors import CalibrationRefused
+from tjscan.frames import Array, pose, readonly, rot_x, rot_z, transform
+
+INSET: Final = 0.02
+"""Metres that touched places keep from the board's edges: it stands only about where stated."""
+CLEARANCE: Final = 0.03
+"""Metres that probe tip and sensor keep from the board while lines are taken."""
+APART: Final = (0.01, float(np.radians(5.0)))
+"""Metres and radians; poses nearer to each other in both count as the same."""
+YAWS: Final = 8
+"""Ways to turn the flange about the board's normal, evenly spaced."""
+CAUTIOUS: Final = PoseGrid(
+    tilts=tuple(np.radians((0.0, 15.0, 30.0))), depths=(0.5,), places=(-0.2, 0.0, 0.2)
+)
+"""What to choose from until there is a first result: the mount is known only roughly, and the
+line must not leave board or range."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What is known before anything is measured.
+
+    Parameters
+    ----------
+    T_b_board : ndarray, shape (4, 4)
+        About where the board is: origin in the middle of its face, z away from it.
+    half_sizes : ndarray, shape (2,)
+        Half its sides along its x and y, in metres.
+    tip_f : ndarray, shape (3,)
+        The probe's tip in frame f, in metres. The flange's z points into the board to touch.
+    T_f_s : ndarray, shape (4, 4)
+        About where the sensor sits on the flange.
+    window : Window
+        What the sensor sees.
+    noise : NoiseModel
+        What measurements err by.
+    touches, lines : int
+        How many to take.
+    """
+
+    T_b_board: Array
+    half_sizes: Array
+    tip_f: Array
+    T_f_s: Array
+    window: Window
+    noise: NoiseModel
+    touches: int
+    lines: int
+
+    def __post_init__(self) -> None:
+        for name in ("T_b_board", "half_sizes", "tip_f", "T_f_s"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Progress:
+    """How far a calibration has come.
+
+    Parameters
+    ----------
+    samples : tuple of LineSample
+        The lines there are.
+    wanted : int
+        Lines to take.
+    expected : Uncertainty
+        As the geometry of the poses foretells it, from the first line on.
+    result : HandEye or None
+        What the lines give.
+    refusal : CalibrationRefused or None
+        Why they give nothing yet.
+    """
+
+    samples: tuple[LineSample, ...]
+    wanted: int
+    expected: Uncertainty
+    result: HandEye | None
+    refusal: CalibrationRefused | None
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """As the result claims it; before there is one, as the geometry foretells it."""
+        return self.expected if self.result is None else self.result.uncertainty
+
+
+def touch_places(task: Task) -> Array:
+    """Where to touch the board: a grid of `task.touches` points, frame b, shape (n, 3)."""
+    rows = round(np.sqrt(task.touches))
+    columns = -(-task.touches // rows)
+    reach = task.half_sizes - INSET
+    grid = [
+        (x, y, 0.0)
+        for y in np.linspace(-reach[1], reach[1], rows)
+        for x in np.linspace(-reach[0], reach[0], columns)
+    ]
+    return transform(task.T_b_board, grid[: task.touches])
+
+
+def square_poses(T_b_board: Array, tip_f: Array, place_b: Array, near: Array) -> list[Array]:
+    """Flange poses whose z points into the board with `tip_f` on a place, nearest turn first.
+
+    Parameters
+    ----------
+    T_b_board : ndarray, shape (4, 4)
+        About where the board is.
+    tip_f, place_b : ndarray, shape (3,)
+        Point of the flange, and where to take it.
+    near : ndarray, shape (4, 4)
+        Flange pose to turn as little as possible from.
+    """
+    facing = T_b_board[:3, :3] @ rot_x(np.pi)
+    turns = [facing @ rot_z(2 * np.pi * k / YAWS) for k in range(YAWS)]
+    turns.sort(key=lambda R: Rotation.from_matrix(near[:3, :3].T @ R).magnitude())
+    return [pose(R, place_b - R @ tip_f) for R in turns]
+
+
+def ready_poses(task: Task, near: Array) -> list[Array]:
+    """Flange poses with the sensor square over the board in mid range, nearest turn first."""
+    depth = 0.5 * (task.window.near + task.window.far)
+    seen_f = transform(task.T_f_s, (0.0, 0.0, depth))
+    facing_f = task.T_f_s[:3, :3]
+    # The sensor's z, not the flange's, is to point into the board.
+    square = square_poses(task.T_b_board, np.zeros(3), np.zeros(3), near @ pose(facing_f))
+    R_b_f = [T[:3, :3] @ facing_f.T for T in square]
+    return [pose(R, task.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
+
+
+def touched_points(task: Task, measured: Measured) -> dict[int, Array]:
+    """Where the tip was, by place, frame b."""
+    touches = sorted(measured.touches.items())
+    return {k: transform(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
+
+
+def touched_board(task: Task, measured: Measured) -> tuple[PlaneTarget, Board]:
+    """The plane as touched, and the rectangle of it that the touches span.
+
+    Raises
+    ------
+    CalibrationRefused
+        As `fit_plane` does.
+    """
+    points = np.array(list(touched_points(task, measured).values())).reshape(-1, 3)
+    outside = task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    target = fit_plane(points, task.noise.touch, outside)
+    return target, Board.touched(points, target)
+
+
+def worst_touch(task: Task, measured: Measured) -> int:
+    """The place that lies farthest off the plane through all touches."""
+    points = touched_points(task, measured)
+    p = np.array(list(points.values()))
+    off = np.abs((p - p.mean(axis=0)) @ np.linalg.svd(p - p.mean(axis=0))[2][2])
+    return list(points)[int(np.argmax(off))]
+
+
+def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress:
+    """What the lines taken so far give."""
+    samples, _ = line_samples(measured.shots, task.noise)
+    result, refusal = None, None
+    try:
+        result = calibrate(samples, target, task.noise, T_f_s_guess=task.T_f_s)
+    except CalibrationRefused as refused:
+        refusal = refused
+    T_f_s = task.T_f_s if result is None else result.T_f_s
+    taken = np.array([sample.T_b_f for sample in samples]).reshape(-1, 4, 4)
+    foretold = expected(taken, T_f_s, target, task.window, task.noise)
+    return Progress(tuple(samples), task.lines, foretold, result, refusal)
+
+
+def next_pose(
+    task: Task,
+    measured: Measured,
+    target: PlaneTarget,
+    board: Board,
+    progress: Progress,
+    reachable: Reachable,
+) -> Suggestion:
+    """The pose that tells most, given the lines there are; none twice, none that was passed over.
+
+    Raises
+    ------
+    CalibrationRefused
+        If no pose is left that the arm reaches and that sees the board.
+    """
+    T_f_s, grid = task.T_f_s, CAUTIOUS
+    if progress.result is not None:
+        T_f_s, grid = progress.result.T_f_s, PoseGrid()
+    x_b = task.T_b_board[:3, 0]
+    candidates = candidate_poses(T_f_s, target, board, task.window, grid, x_b)
+    taken = [shot.T_b_f for shot in measured.shots]
+    done = [*taken, *(passed.T_b_f for passed in measured.passed)]
+    free = candidates[_apart(candidates, done) & _clear(candidates, task, T_f_s, target)]
+    return suggest_pose(
+        list(free), taken, T_f_s, target, task.window, task.noise, reachable=reachable
+    )
+
+
+def _apart(candidates: Array, others: list[Array]) -> NDArray[np.bool_]:
+    """Which candidates, shape (n, 4, 4), are not the same as any of the others."""
+    apart = np.ones(len(candidates), dtype=bool)
+    for T in others:
+        shift = np.linalg.norm(candidates[:, :3, 3] - T[:3, 3], axis=1)
+        cosine = 0.5 * (np.einsum("nij,ij->n", candidates[:, :3, :3], T[:3, :3]) - 1)
+        apart &= (shift > APART[0]) | (cosine < np.cos(APART[1]))
+    return apart
+
+
+def _clear(candidates: Array, task: Task, T_f_s: Array, target: PlaneTarget) -> NDArray[np.bool_]:
+    """Which candidates keep flange, probe tip and sensor clear of the board."""
+    points_f = np.stack((np.zeros(3), task.tip_f, T_f_s[:3, 3]))
+    points_b = np.einsum("nij,kj->nki", candidates[:, :3, :3], points_f)
+    heights = target.plane.distance(points_b + candidates[:, None, :3, 3])
+    return np.asarray((heights > CLEARANCE).all(axis=1))

@@ -1,0 +1,264 @@
+"""The calibration as an operator goes through it: touch, take lines, verify."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.advice import Board
+from tjscan.calibration.hand_eye import HandEye
+from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
+from tjscan.calibration.operator import Operator, Question
+from tjscan.calibration.probe import Probe
+from tjscan.calibration.session import (
+    Progress,
+    Task,
+    next_pose,
+    progress_of,
+    ready_poses,
+    touch_places,
+    touched_board,
+    worst_touch,
+)
+from tjscan.calibration.shot import Shot, line_samples
+from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
+from tjscan.calibration.verify import Verification, verify
+from tjscan.errors import CalibrationRefused, PoseUnreachable
+from tjscan.frames import Array, rotation_angle
+from tjscan.laser.line_laser import LineLaser
+from tjscan.robot.arm import Arm
+
+MOST_RETOUCHES: Final = 3
+"""Touches that are taken again before a board counts as not flat."""
+MOST_BLIND: Final = 5
+"""Poses in a row that may see no line before the calibration gives up."""
+MOST_LINES: Final = 2
+"""Times the lines asked for: more lines than that cure nothing."""
+THERE: Final = 1e-4
+"""Metres and radians from a pose within which the arm stands there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A calibration that a fresh line was held against.
+
+    Parameters
+    ----------
+    result : HandEye
+        The calibration.
+    verification : Verification
+        What the fresh line says.
+    """
+
+    result: HandEye
+    verification: Verification
+
+
+@dataclass(frozen=True, slots=True)
+class Wizard:
+    """Goes through a calibration. Interrupted anywhere, it goes on where its logbook ends.
+
+    Parameters
+    ----------
+    task : Task
+        What is to be done.
+    arm, laser, probe
+        The devices, connected.
+    operator : Operator
+        Is asked before every move.
+    logbook : Logbook
+        Gets every measurement at once; what it holds already is not measured again.
+    """
+
+    task: Task
+    arm: Arm
+    laser: LineLaser
+    probe: Probe
+    operator: Operator
+    logbook: Logbook
+
+    @property
+    def measured(self) -> Measured:
+        """All that was measured so far."""
+        return self.logbook.measured
+
+    def run(self) -> Outcome:
+        """Touch the board, take lines, verify with a fresh one.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the result could not be trusted; what was measured stays in the logbook.
+        TjscanError
+            If a device fails.
+        """
+        target, board = self.touch_board()
+        result = self.take_lines(target, board)
+        return Outcome(result, self.verify(result, target, board))
+
+    def touch_board(self) -> tuple[PlaneTarget, Board]:
+        """Touch every place that was not touched yet, and those again that don't fit a plane.
+
+        Raises
+        ------
+        CalibrationRefused
+            As `fit_plane` does.
+        """
+        places = touch_places(self.task)
+        for k in range(len(places)):
+            if k not in self.measured.touches:
+                self._touch(k, places[k])
+        for _ in range(MOST_RETOUCHES):
+            try:
+                return self._board()
+            except CalibrationRefused as refusal:
+                k = worst_touch(self.task, self.measured)
+                self.operator.tell(str(refusal))
+                again = Question(f"Touch place {k + 1} again?", True)
+                if refusal.reason != NOT_FLAT or not self.operator.confirm(again):
+                    raise
+                self._touch(k, places[k])
+        return self._board()
+
+    def take_lines(self, target: PlaneTarget, board: Board) -> HandEye:
+        """Take the lines that are still to be taken, and more where they are wanted.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the lines give nothing to trust, or too few poses see the board.
+        """
+        shown = -1
+        while True:
+            progress = progress_of(self.task, self.measured, target)
+            if len(progress.samples) != shown:
+                shown = len(progress.samples)
+                self.operator.show(progress)
+            if self.measured.fresh is not None or not self._wants_more(progress):
+                if progress.result is None:
+                    raise progress.refusal or CalibrationRefused("no lines", "none were taken")
+                return progress.result
+            self._take(target, board, progress, fresh=False)
+
+    def verify(self, result: HandEye, target: PlaneTarget, board: Board) -> Verification:
+        """Take one more line, where there is none yet, and see whether the result foretells it.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the line contradicts the result, and the operator does not insist.
+        """
+        while self.measured.fresh is None:
+            progress = progress_of(self.task, self.measured, target)
+            self._take(target, board, progress, fresh=True)
+        (sample,), _ = line_samples([self.measured.fresh], self.task.noise)
+        found = verify(result, sample, self.task.noise)
+        said = (
+            f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
+            f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
+        )
+        self.operator.tell(said)
+        if not found.agrees and not self.operator.confirm(
+            Question("It contradicts the calibration. Keep that all the same?", False)
+        ):
+            raise CalibrationRefused(
+                "a fresh line contradicts it",
+                f"{said}; see that board and sensor sit tight, then calibrate again",
+            )
+        return found
+
+    def _board(self) -> tuple[PlaneTarget, Board]:
+        target, board = touched_board(self.task, self.measured)
+        off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
+        self.operator.tell(
+            f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
+        )
+        return target, board
+
+    def _touch(self, k: int, place_b: Array) -> None:
+        x, y, z = 1e3 * place_b
+        question = f"{self.probe.order}: place {k + 1} of {self.task.touches}, about "
+        T_b_f = None
+        if self.operator.confirm(
+            Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)
+        ):
+            try:
+                T_b_f = self.probe.touch(place_b)
+            except PoseUnreachable as error:
+                self.operator.tell(f"place {k + 1} is passed over: {error}")
+        self.logbook.add(Touch(k, T_b_f))
+
+    def _wants_more(self, progress: Progress) -> bool:
+        count, wanted = len(progress.samples), progress.wanted
+        if count < wanted:
+            return True
+        if progress.result is not None:
+            return self.operator.confirm(Question("Take one more line?", False))
+        if count >= MOST_LINES * wanted or progress.refusal is None:
+            return False
+        self.operator.tell(str(progress.refusal))
+        return self.operator.confirm(Question("Take one more line?", True))
+
+    def _take(self, target: PlaneTarget, board: Board, progress: Progress, *, fresh: bool) -> None:
+        """Go to the pose that tells most and take its line; pass over a pose that shows none."""
+        if self.measured.blind >= MOST_BLIND:
+            raise CalibrationRefused(
+                "no line to be had",
+                f"{MOST_BLIND} poses in a row were passed over, the last because of: "
+                f"{self.measured.passed[-1].reason}. Check where the job says that the board is, "
+                "and how the laser sits on the hand",
+            )
+        ready = self._get_ready()
+        there = next_pose(self.task, self.measured, target, board, progress, self._reaches)
+        what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
+        way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
+        turn = np.degrees(rotation_angle(ready, there.T_b_f))
+        question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°?"
+        if not self.operator.confirm(Question(question, True, moves=True)):
+            self.logbook.add(Passed(there.T_b_f, "declined"))
+            return
+        reached = self.arm.move_linear(there.T_b_f).T_b_f
+        shot = Shot(what, reached, self.laser.capture())
+        samples, refused = line_samples([shot], self.task.noise)
+        if samples:
+            self.logbook.add(Line(shot, fresh))
+        else:
+            reason = refused[what].evidence
+            self.operator.tell(f"no line there: {reason}")
+            self.logbook.add(Passed(there.T_b_f, reason))
+        self.arm.move_linear(ready)
+
+    def _get_ready(self) -> Array:
+        """Where every line begins and ends: square over the board, clear of it.
+
+        All other poses are reached from here on a straight line that was checked from here.
+        """
+        state = self.arm.state().T_b_f
+        ready = ready_poses(self.task, state)
+        if _same(state, ready[0]):
+            return state
+        question = "Move to where the sensor stands square over the board?"
+        if not self.operator.confirm(Question(question, True, moves=True)):
+            raise CalibrationRefused(
+                "the arm may not move", "every line begins square over the board; go on later"
+            )
+        for T_b_f in ready[:-1]:
+            try:
+                return self.arm.move_joint(T_b_f).T_b_f
+            except PoseUnreachable:
+                continue
+        return self.arm.move_joint(ready[-1]).T_b_f
+
+    def _reaches(self, T_b_f: Array) -> bool:
+        try:
+            self.arm.check(T_b_f)
+        except PoseUnreachable:
+            return False
+        return True
+
+
+def _same(T_1: Array, T_2: Array) -> bool:
+    shift = float(np.linalg.norm(T_1[:3, 3] - T_2[:3, 3]))
+    return shift < THERE and rotation_angle(T_1, T_2) < THERE

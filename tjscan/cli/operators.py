@@ -1,0 +1,76 @@
+"""Operators of a calibration: a person at the terminal, or nobody."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import questionary
+
+from tjscan.calibration.operator import Question
+from tjscan.calibration.session import Progress
+from tjscan.cli.console import say
+from tjscan.errors import ConfigurationError
+
+
+class Unattended:
+    """Takes every question's default, and passes on what happens."""
+
+    present = False
+
+    def confirm(self, question: Question) -> bool:
+        """Say what the question proposes."""
+        return question.default
+
+    def tell(self, message: str) -> None:
+        """Print what happened."""
+        say(message)
+
+    def show(self, progress: Progress) -> None:
+        """Print a line on how sure the calibration is by now."""
+        sure, lines = progress.uncertainty, len(progress.samples)
+        how = f"certain to {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"
+        if progress.result is None:
+            say(f"{lines} of {progress.wanted} lines; expected {how}")
+            return
+        bad = f"; contradicting: {', '.join(progress.result.bad)}" if progress.result.bad else ""
+        say(
+            f"{lines} of {progress.wanted} lines; {how}, "
+            f"condition number {progress.result.condition:.1f}{bad}"
+        )
+
+
+class AtTerminal(Unattended):
+    """Asks a person.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no terminal to ask at.
+    """
+
+    present = True
+
+    def __init__(self) -> None:
+        if not sys.stdin.isatty():
+            raise ConfigurationError(
+                "there is no terminal to ask at; a simulated cell needs none with --unattended"
+            )
+        self._trusted = False
+
+    def confirm(self, question: Question) -> bool:
+        """Ask yes or no; for moves there is also a yes to all that follow.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the person leaves.
+        """
+        if not question.moves:
+            return bool(questionary.confirm(question.text, default=question.default).unsafe_ask())
+        if self._trusted:
+            return True
+        answers = ["move", "move, and don't ask again", "pass over"]
+        answer = questionary.select(question.text, choices=answers).unsafe_ask()
+        self._trusted = answer == answers[1]
+        return bool(answer != answers[2])
