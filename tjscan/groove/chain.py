@@ -31,13 +31,16 @@ PAIRS: Final = 3
 PATIENT_PAIRS: Final = 8
 """Most pairs of outer sides that are tried."""
 
-MOST_PROPOSALS: Final = 240
+MOST_PROPOSALS: Final = 120
 
-POOL: Final = 14
+POOL: Final = 10
 """Most lines that the template is laid over."""
 
 GAP_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
+
+COARSE: Final = 6
+"""Points between the ends that a stretch may have."""
 
 SUPPORTS: Final = 0.2
 """Gain from which a line counts as explaining a point."""
@@ -87,15 +90,18 @@ class Chain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lines:
-    """Straight lines with what they cost in a region; the running sums have shape (m, n + 1)."""
+    """Straight lines with what they cost in a region; the running sums have shape (m, n + 1).
+
+    `before` and `after` are the corners and turns with the outer side before or after them, if
+    there is one.
+    """
 
     point: Array
     direction: Array
     paid: Array
     support: Array
-
-    def take(self, which: Index) -> _Lines:
-        return _Lines(*(getattr(self, name)[which] for name in self.__slots__))
+    before: tuple[Array, Array] | None = None
+    after: tuple[Array, Array] | None = None
 
 
 def bearing(points: Array) -> Array:
@@ -165,7 +171,9 @@ def best_chains(
     lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance)
     if not len(lines):
         return []
-    gains = np.maximum(1 - scaled * scaled, 0)
+    gains = scaled * scaled
+    np.subtract(1, gains, out=gains)
+    np.maximum(gains, 0, out=gains)
     inner = len(model.sides) - 2
     layers = [ends[0]]
     for k in range(inner):
@@ -222,9 +230,12 @@ def _proposals(
     good = length > 3 * tolerance
     a, t = a[good], t[good] / length[good, None]
     n = normals(t)
-    d = n @ region.T
-    d -= (n * region[a]).sum(axis=1)[:, None]
-    d *= 1 / tolerance
+    # Scaled distances need no double precision; small arrays stay in the cache.
+    origin = region.mean(axis=0)
+    n4 = n.astype(np.float32)
+    d = n4 @ (region - origin).T.astype(np.float32)
+    d -= (n * (region[a] - origin)).sum(axis=1)[:, None].astype(np.float32)
+    d *= np.float32(1 / tolerance)
     return np.hstack((region[a], t)), d
 
 
@@ -246,11 +257,13 @@ def _pool(
     n = scaled.shape[1]
     keep = np.ones(len(lines), dtype=bool)
     bounds = [np.zeros(len(lines), dtype=np.intp), np.full(len(lines), n)]
+    met: list[tuple[Array, Array] | None] = [None, None]
     for i, (neighbour, following) in enumerate(((before, True), (after, False))):
         if neighbour is None:
             continue
         side, allowed = neighbour
         corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
+        met[i] = corner, turned
         with np.errstate(invalid="ignore"):
             keep &= (turned >= allowed.least) & (turned <= allowed.most)
             keep &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
@@ -263,24 +276,27 @@ def _pool(
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
     index = np.arange(n)
+    mine = index >= bounds[0][which, None]
+    mine &= index < bounds[1][which, None]
     gain = gains[which]
-    gain *= index >= bounds[0][which, None]
-    gain *= index < bounds[1][which, None]
-    score = gain.sum(axis=1)
+    gain *= mine
     if before is None and after is None:
         best = _one_by_one(gain)
+        score = np.ones(len(which))
     else:
-        stretch = gain - GAP_COST
-        stretch *= index >= bounds[0][which, None]
-        stretch *= index < bounds[1][which, None]
+        # Stretches end at every few points: that is near enough, and quicker to sum.
+        starts = np.arange(0, n, COARSE)
+        blocks = np.add.reduceat(gain, starts, axis=1)
+        blocks -= GAP_COST * np.add.reduceat(mine, starts, axis=1, dtype=gain.dtype)
         if before is None:
-            stretch = stretch[:, ::-1]
-        score = np.cumsum(stretch, axis=1).max(axis=1)
-        claim = (gain > SUPPORTS) * score[:, None]
+            blocks = blocks[:, ::-1]
+        score = np.cumsum(blocks, axis=1).max(axis=1)
+        claim = np.greater(gain, SUPPORTS, out=mine) * score[:, None]
         best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
         best = best[np.argsort(-score[best], kind="stable")[:POOL]]
     best = which[best[score[best] > 0]]
-    return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]))
+    ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
+    return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]), *ends)
 
 
 def _one_by_one(gain: Array) -> Index:
@@ -320,12 +336,10 @@ def _cheapest(
     joints = []
     for k, bounds in enumerate(model.turns):
         a, b = layers[k], layers[k + 1]
-        if k == 0:
-            corner, turned = _meet_outer(outer[0], b.point, b.direction, after=True)
-            corner, turned = corner[None], turned[None]
-        elif k == len(model.turns) - 1:
-            corner, turned = _meet_outer(outer[1], a.point, a.direction, after=False)
-            corner, turned = corner[:, None], turned[:, None]
+        if b.before is not None:
+            corner, turned = b.before[0][None], b.before[1][None]
+        elif a.after is not None:
+            corner, turned = a.after[0][:, None], a.after[1][:, None]
         else:
             corner, turned = _meet(a, b)
         joints.append(_joint(a, b, corner, turned, bounds, u, (low, high)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from tjscan.frames import Array
 from tjscan.groove.segments import Index
@@ -61,12 +62,12 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     parameters : int
         Number of coefficients that were fitted.
     """
-    size = 1 << (count + LONGEST - 1).bit_length()
+    size = next_fast_len(count + LONGEST, real=True)
     grid = np.zeros((2, size))
     grid[0, columns] = scaled
     grid[1, columns] = 1.0
     power = np.abs(np.fft.rfft(grid)) ** 2
-    product, pairs = np.fft.irfft(power)[:, :LONGEST]
+    product, pairs = np.fft.irfft(power, n=size)[:, :LONGEST]
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
     lost = 0.0
@@ -103,7 +104,18 @@ def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Ind
     ndarray, shape (k, p, p)
     """
     k, p = int(owner[-1]) + 1, len(basis)
-    grid = np.zeros((k, p, noise.size))
-    grid[owner, :, columns] = basis.T
+    # Sides that are not neighbours share a row of columns: too far apart to correlate.
+    grid = np.zeros((2, p, noise.size))
+    grid[owner % 2, :, columns] = basis.T
     smooth = np.fft.irfft(np.fft.rfft(grid) * noise.spectrum, n=noise.size)
-    return np.asarray(grid @ smooth.transpose(0, 2, 1))
+    smoothed = smooth[owner % 2, :, columns]
+    sums = [basis[:, owner == i] @ smoothed[owner == i] for i in range(k)]
+    return np.array(sums)
+
+
+def correlated_squares(noise: Correlation, shares: Array, owner: Index, columns: Index) -> Array:
+    """``h R hᵀ`` for each side, h being the shares of its points; arguments as above."""
+    grid = np.zeros((2, noise.size))
+    grid[owner % 2, columns] = shares
+    smooth = np.fft.irfft(np.fft.rfft(grid) * noise.spectrum, n=noise.size)
+    return np.asarray(np.bincount(owner, shares * smooth[owner % 2, columns]), dtype=np.float64)

@@ -184,7 +184,7 @@ def _why_not(row: Row, segments: Segments, settings: GrooveSettings) -> GrooveNo
     ):
         if len(part.sides) < LEAST_SIDES:
             continue
-        chains = _chains(row, segments, replace(settings, model=part), PAIRS)
+        chains = _chains(row, segments, replace(settings, model=part), PATIENT_PAIRS)
         if any(c.price < most for c in chains):
             return GrooveNotFound(
                 "out of range",
@@ -237,6 +237,8 @@ def _turns(outline: Outline) -> list[float]:
 def _before(row: Row, outline: Outline, tolerance: float) -> list[int]:
     """Number of points clearly before each side."""
     before = outline.residuals < -1.5 * tolerance
+    if not before.any():
+        return [0] * len(outline.curves)
     for corner in outline.corners:
         before &= np.abs(row.points - corner).max(axis=1) > CORNER
     counts: list[int] = np.bincount(outline.owner[before], minlength=len(outline.curves)).tolist()

@@ -7,7 +7,7 @@ pipes and bevels, whichever the points make the likelier.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from tjscan.frames import Array
 from tjscan.groove.curves import Curve, meet
 from tjscan.groove.models import Side
-from tjscan.groove.noise import Correlation, correlated_sums, correlation, lost_share
+from tjscan.groove.noise import (
+    Correlation,
+    correlated_squares,
+    correlated_sums,
+    correlation,
+    lost_share,
+)
 from tjscan.groove.segments import Index
 
 CUT: Final = 3.3
@@ -41,11 +47,11 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 3e-6
+SETTLED: Final = 5e-6
 """Corners that move less from one round to the next are final, in metres."""
 
 MOST_ROUNDS: Final = 10
-UNDECIDED_ROUNDS: Final = 5
+UNDECIDED_ROUNDS: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
 REBASED_ROUNDS: Final = 4
@@ -110,6 +116,10 @@ class Outline:
         Inverses of the normal matrices, in powers of s / 20 mm.
     weight : ndarray, shape (k, 4)
         What the prior added to their diagonals.
+    middles : tuple of float
+        Mean s of the points that each side's fit rests on.
+    noise : Correlation, optional
+        How the residuals of neighbouring columns correlate.
     """
 
     curves: tuple[Curve, ...]
@@ -123,15 +133,8 @@ class Outline:
     curved: NDArray[np.bool_]
     inverse: Array
     weight: Array
-
-    @property
-    def middles(self) -> list[float]:
-        """Mean s of the points that each side's fit rests on."""
-        owner = self.owner[self.keep]
-        k = len(self.curves)
-        sums = np.bincount(owner, self.along[self.keep], minlength=k)
-        middles: list[float] = (sums / np.bincount(owner, minlength=k)).tolist()
-        return middles
+    middles: tuple[float, ...]
+    noise: Correlation | None = None
 
     @property
     def parameters(self) -> Index:
@@ -181,7 +184,8 @@ def refine(
     inflation = _GUESSED_INFLATION
     limits = np.full(len(sides), (*widths, 1.0)[0] * tolerance)
     sigmas = np.full(len(sides), tolerance / 4)
-    outline, decided = None, False
+    outline: Outline | None = None
+    noise: Correlation | None = None
     for count in range(MOST_ROUNDS):
         before = outline
         weight = _weights(spread, curved, sigmas, inflation)
@@ -195,15 +199,14 @@ def refine(
         if count + 1 < len(widths):
             limits = np.full(len(sides), widths[count + 1] * tolerance)
         moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
-        if decided and moved < SETTLED:
+        if noise is not None and moved < SETTLED:
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if not decided and (settling or count + 1 == UNDECIDED_ROUNDS):
-            decided = True
+        if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
             noise = noise_of(row, outline)
             inflation = noise.inflation
             curved = _evidence(row, outline, noise, spread)
-    return outline
+    return None if outline is None else replace(outline, noise=noise)
 
 
 def _weights(spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation: float) -> Array:
@@ -269,8 +272,9 @@ def _round(
     met = _corners(fitted)
     if met is None:
         return None
+    middles = tuple((_UNIT * sums[1] / sums[0]).tolist())
     return Outline(
-        fitted, met[1], met[0], owner, s, residuals, keep, sigmas, curved, inverse, weight
+        fitted, met[1], met[0], owner, s, residuals, keep, sigmas, curved, inverse, weight, middles
     )
 
 
@@ -336,25 +340,35 @@ def coefficient_covariances(row: Row, outline: Outline, noise: Correlation, spre
     u = outline.along[keep] / _UNIT
     basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
     meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
-    lost = [
-        lost_share(p, noise.inflation, c)
-        for p, c in zip(outline.parameters.tolist(), outline.counts.tolist(), strict=True)
-    ]
-    meat *= (outline.sigmas**2 / (1 - np.array(lost)))[:, None, None]
+    meat *= (outline.sigmas**2 / (1 - _lost(outline, noise)))[:, None, None]
     doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
     meat[:, (2, 3), (2, 3)] += doubt**2
     scale = 1 / _POWERS
     return np.asarray((outline.inverse @ meat @ outline.inverse) * scale[:, None] * scale)
 
 
+def _lost(outline: Outline, noise: Correlation) -> Array:
+    """Share of the noise that each side's fit took up, shape (k,)."""
+    pairs = zip(outline.parameters.tolist(), outline.counts.tolist(), strict=True)
+    return np.array([lost_share(p, noise.inflation, c) for p, c in pairs])
+
+
 def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> NDArray[np.bool_]:
     """Which sides are likelier curved than straight (Savage–Dickey density ratio)."""
-    cov = coefficient_covariances(row, outline, noise, spread)
-    variance = np.maximum(cov[:, 2, 2], 1e-30)
-    bend = np.array([c.c2 for c in outline.curves])
-    prior = spread[:, 0] / _UNIT**2
-    with np.errstate(divide="ignore"):
-        straight = np.log(np.maximum(prior, 1e-30) / np.sqrt(variance)) - bend**2 / (2 * variance)
+    keep = outline.keep
+    owner = outline.owner[keep]
+    u = outline.along[keep] / _UNIT
+    c0, c1, c2, c3 = outline.inverse[owner, 2].T
+    # What each point adds to the bend of its side.
+    share = c0 + u * (c1 + u * (c2 + u * c3))
+    doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
+    scale = outline.sigmas**2 / (1 - _lost(outline, noise))
+    variance = scale * correlated_squares(noise, share, owner, row.columns[keep])
+    variance += ((outline.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
+    variance = np.maximum(variance, 1e-30)
+    bend = np.array([c.c2 for c in outline.curves]) * _UNIT**2
+    prior = np.maximum(spread[:, 0], 1e-15)
+    straight = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
     return np.asarray(outline.curved & (straight < CLEARLY))
 
 

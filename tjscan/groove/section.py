@@ -140,11 +140,12 @@ def section_from_points(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
-    values, origin, gammas = _measures(state)
     # Central differences: steps of a micrometre and a microradian lie deep in the linear range.
     step = 1e-6
-    around, _, _ = _measures(state + step * np.concatenate((np.eye(8), -np.eye(8))))
-    jacobian = (around[:8] - around[8:]).T / (2 * step)
+    around = np.concatenate((np.zeros((1, 8)), np.eye(8), -np.eye(8)))
+    all_values, all_origins, all_gammas = _measures(state + step * around)
+    values, origin, gammas = all_values[0], all_origins[0], all_gammas[0]
+    jacobian = (all_values[1:9] - all_values[9:]).T / (2 * step)
 
     c, s = np.cos(angles), np.sin(angles)
     y_g = np.array([-c[0], 0.0, -s[0]])

@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 WINDOWS: Final = (48, 24, 12, 6)
 """Lengths of the windows, in points, each half the one before."""
 
-THINNED: Final = 210
+THINNED: Final = 130
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 GAP_COST: Final = 0.35

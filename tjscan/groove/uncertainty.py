@@ -21,7 +21,8 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
     Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
     normal there and b the derivatives of its height by its coefficients c.
     """
-    spread = coefficient_covariances(row, outline, noise_of(row, outline), spread_of(model.sides))
+    noise = outline.noise or noise_of(row, outline)
+    spread = coefficient_covariances(row, outline, noise, spread_of(model.sides))
     k = len(outline.curves)
     sigma = np.zeros((4 * k, 4 * k))
     for i in range(k):
