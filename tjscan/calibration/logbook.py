@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -122,20 +123,22 @@ class Logbook:
         self._file = file
 
     def __enter__(self) -> Self:
+        begun = Begun(datetime.now(UTC).replace(microsecond=0))
         try:
-            self._stream = self._file.open("a+b")
-            self._stream.seek(0)
-            whole = self._stream.read()
+            whole = self._file.read_bytes() if self._file.exists() else b""
+            self._stream = self._file.open("ab")
             self._stream.truncate(whole.rfind(b"\n") + 1)
         except OSError as error:
             raise RecordingError(f"{self._file}: can't be opened: {error.strerror}") from error
-        entries = list(self._read(whole.split(b"\n")[:-1]))
-        begun = Begun(datetime.now(UTC).replace(microsecond=0))
-        first = next((entry for entry in entries if isinstance(entry, Begun)), begun)
-        self.measured = Measured(first.date, {})
-        for entry in entries:
-            self.measured = self.measured.after(entry)
-        self.add(begun)
+        with ExitStack() as stack:
+            stack.callback(self._stream.close)
+            entries = list(self._read(whole.split(b"\n")[:-1]))
+            first = next((entry for entry in entries if isinstance(entry, Begun)), begun)
+            self.measured = Measured(first.date, {})
+            for entry in entries:
+                self.measured = self.measured.after(entry)
+            self.add(begun)
+            stack.pop_all()
         return self
 
     def __exit__(

@@ -114,10 +114,11 @@ class Wizard:
             try:
                 return self._board()
             except CalibrationRefused as refusal:
-                k = worst_touch(self.task, self.measured)
+                if refusal.reason != NOT_FLAT:
+                    raise
                 self.operator.tell(str(refusal))
-                again = Question(f"Touch place {k + 1} again?", True)
-                if refusal.reason != NOT_FLAT or not self.operator.confirm(again):
+                k = worst_touch(self.task, self.measured)
+                if not self.operator.confirm(Question(f"Touch place {k + 1} again?", True)):
                     raise
                 self._touch(k, places[k])
         return self._board()
