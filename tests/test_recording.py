@@ -29,6 +29,7 @@ def view(index: int) -> View:
         T_b_s=from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
         profile=Profile(x, z, rng.uniform(size=640), time=1.5 * index),
         time=1.5 * index,
+        q=rng.normal(size=6),
     )
 
 
@@ -49,6 +50,7 @@ def assert_same(read: View, written: View) -> None:
     assert read.profile.intensity is not None
     assert written.profile.intensity is not None
     np.testing.assert_array_equal(read.profile.intensity, written.profile.intensity)
+    np.testing.assert_array_equal(read.q, written.q)
     assert (read.index, read.substep, read.time) == (written.index, written.substep, written.time)
 
 

@@ -40,6 +40,7 @@ from tjscan.robot.arm import Arm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
+from tjscan.scanning.scan import View
 
 _LASER_STREAM: Final = 1
 _PROBE_STREAM: Final = 2
@@ -117,7 +118,9 @@ def mount_of(job: CellFile, job_file: Path) -> Mount:
     return Mount(found.T_f_s, file)
 
 
-def open_cell(job: JobFile, T_f_s: Array, joint: JointDefinition | None) -> Cell:
+def open_cell(
+    job: JobFile, T_f_s: Array, joint: JointDefinition | None, left: View | None = None
+) -> Cell:
     """Make the cell that a job describes; entering it connects the devices.
 
     Parameters
@@ -128,6 +131,8 @@ def open_cell(job: JobFile, T_f_s: Array, joint: JointDefinition | None) -> Cell
         Where the laser sits, see `mount_of`.
     joint : JointDefinition, optional
         What a simulated laser looks at.
+    left : View, optional
+        Where an interrupted scan left the arm: a simulated one stands there again.
 
     Raises
     ------
@@ -136,7 +141,7 @@ def open_cell(job: JobFile, T_f_s: Array, joint: JointDefinition | None) -> Cell
     """
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
-    arm = _simulated_arm(job.arm, job.simulation)
+    arm = _simulated_arm(job.arm, job.simulation, left)
     mesh = build_mesh(joint)
     surface = Surface(mesh.vertices, mesh.triangles)
     laser = _simulated_laser(job.laser, job.simulation, arm, T_f_s, surface, job.joint.T_b_j)
@@ -217,7 +222,9 @@ def _simulated_laser(
     )
 
 
-def _simulated_arm(arm: ArmTable, simulation: SimulationTable) -> SimulatedArm:
+def _simulated_arm(
+    arm: ArmTable, simulation: SimulationTable, left: View | None = None
+) -> SimulatedArm:
     with naming(key="arm.model"):
         kinematics = Kinematics.load(arm.model)
     limits = MotionLimits(
@@ -226,12 +233,13 @@ def _simulated_arm(arm: ArmTable, simulation: SimulationTable) -> SimulatedArm:
     with naming(key="simulation.arm.home_deg"):
         return SimulatedArm(
             kinematics,
-            np.radians(simulation.arm.home_deg),
+            np.radians(simulation.arm.home_deg) if left is None else left.q,
             limits=limits,
             repeatability=1e-3 * simulation.arm.repeatability_mm,
             angular_repeatability=float(np.radians(simulation.arm.repeatability_deg)),
             seed=simulation.seed,
             realtime=simulation.arm.realtime,
+            time=0.0 if left is None else left.time,
         )
 
 

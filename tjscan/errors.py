@@ -110,6 +110,16 @@ class CalibrationRefused(TjscanError):
         super().__init__(f"calibration refused ({reason}): {evidence}")
 
 
+class JointMoved(LaserFault):
+    """The joint, or the arm's base, does not stand where it stood."""
+
+    def __init__(self, evidence: str) -> None:
+        super().__init__(
+            f"{evidence}. If joint or arm was moved, what was scanned before does not fit what "
+            "would follow: start a new scan."
+        )
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 

@@ -50,6 +50,7 @@ class ScanTable(FileModel):
     view_offset_mm: float = Field(default=-15.0, ge=-500, le=500)
     length_mm: float | None = Field(default=None, gt=0)
     sections: int | None = Field(default=None, ge=3)
+    resume_tolerance_mm: float = Field(default=0.5, gt=0, le=50)
     first: PoseTable
     second: PoseTable
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -10,19 +11,32 @@ from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
 from tjscan.errors import ConfigurationError, TjscanError
 from tjscan.groove.find import find_groove
-from tjscan.job import JobFile
+from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.recording.writer import Recording
-from tjscan.result.directory import make_directory
+from tjscan.recording.reader import read_progress
+from tjscan.recording.writer import Recording, next_part
+from tjscan.result.directory import JOB, make_directory
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
 from tjscan.result.write import write_results
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
-from tjscan.scanning.scanner import Scanner, ScanResult
+from tjscan.scanning.scanner import Progress, Scanner, ScanResult
 from tjscan.scanning.target import Direction
+
+RESUMABLE: Final = (
+    "scan.length_mm",
+    "scan.sections",
+    "scan.step_mm",
+    "scan.prediction_case",
+    "scan.resume_tolerance_mm",
+    "arm.speed_mm_s",
+    "arm.acceleration_mm_s2",
+    "simulation.",
+)
+"""Keys that may change while a scan goes on."""
 
 
 def plan_of(job: JobFile) -> ScanPlan:
@@ -73,11 +87,13 @@ def check_job(job: JobFile, job_file: Path) -> None:
         cell.arm.check(job.scan.first.T, job.scan.second.T)
 
 
-def scan_in(cell: Cell, job: JobFile, journal: Journal) -> ScanResult:
-    """Connect a cell and scan in it as a job says; raises as `Scanner.run` does."""
+def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = None) -> ScanResult:
+    """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
     with cell:
         scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, find_groove, plan_of(job), journal)
         try:
+            if done is not None and len(done.sections) >= 2:
+                return scanner.resume(done, 1e-3 * job.scan.resume_tolerance_mm)
             return scanner.run(job.scan.first.T, job.scan.second.T)
         except TjscanError as error:
             journal.event("failed", str(error))
@@ -111,7 +127,54 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         mount = mount_of(job, job_file)
         cell = open_cell(job, mount.T_f_s, joint and joint[1])
         make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
-        with Recording(directory / "scan.mcap") as recording:
+        with Recording(next_part(directory)) as recording:
             result = scan_in(cell, job, Journals(recording, watch))
+    return _write(directory, job, result, joint and joint[1])
+
+
+def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Summary:
+    """Go on with a scan that was interrupted, after its last finished section.
+
+    Parameters
+    ----------
+    directory : Path
+        Its run directory, which holds the job, the calibration and the recording.
+    overrides : dict
+        Dotted keys and values, those of `RESUMABLE` only.
+    watch : Journal
+        Is told of everything, after it is on disk.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no run, or a key changes what was scanned before.
+    JointMoved
+        If the last section is not where it was.
+    TjscanError
+        As `run_job` does.
+    """
+    job_file = directory / JOB
+    for key in overrides:
+        if not key.startswith(RESUMABLE):
+            raise ConfigurationError(
+                "can't change while a scan goes on: what was scanned before would not fit. "
+                f"What may: {', '.join(RESUMABLE)}",
+                file=job_file,
+                key=key,
+            )
+    job = read_job(job_file, overrides)
+    with naming(job_file):
+        joint = joint_of(job, job_file)
+        done = read_progress(directory, find_groove)
+        left = done.views[-1] if done.views else None
+        cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1], left)
+        with Recording(next_part(directory)) as recording:
+            result = scan_in(cell, job, Journals(recording, watch), done)
+    return _write(directory, job, result, joint and joint[1])
+
+
+def _write(
+    directory: Path, job: JobFile, result: ScanResult, joint: JointDefinition | None
+) -> Summary:
     frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)
-    return write_results(directory, result, plan_of(job), frame, joint and joint[1])
+    return write_results(directory, result, plan_of(job), frame, joint)

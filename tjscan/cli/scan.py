@@ -12,6 +12,7 @@ def scan(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
+    resume: bool = False,
     dry_run: bool = False,
     json: bool = False,
 ) -> None:
@@ -22,9 +23,11 @@ def scan(
     Parameters
     ----------
     job
-        The job file (TOML).
+        The job file (TOML); with --resume the run directory to go on in.
     out
         The run directory to make; ``runs/JOB-DATE`` where left out.
+    resume
+        Go on with an interrupted scan, after its last finished section.
     dry_run
         Check the job and the reach of the taught poses, and move nothing.
     json
@@ -32,18 +35,26 @@ def scan(
     """
     from tjscan.cli.console import report, say, watching
     from tjscan.cli.overrides import parse_overrides
+    from tjscan.errors import ConfigurationError
     from tjscan.job import read_job
-    from tjscan.result.directory import default_directory
-    from tjscan.run import check_job, plan_of, run_job
+    from tjscan.result.directory import JOB, default_directory
+    from tjscan.run import check_job, plan_of, resume_job, run_job
 
-    parsed = read_job(job, parse_overrides(overrides))
+    keys = parse_overrides(overrides)
+    file = job / JOB if resume else job
+    parsed = read_job(file, keys)
+    if resume and (out is not None or dry_run):
+        raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
     if dry_run:
-        check_job(parsed, job)
-        say(f"{job}: the job is sound and the arm reaches both taught poses")
+        check_job(parsed, file)
+        say(f"{file}: the job is sound and the arm reaches both taught poses")
         return
-    directory = out or default_directory(job)
+    directory = job if resume else out or default_directory(file)
     with watching(plan_of(parsed)) as watch:
-        summary = run_job(parsed, job, directory, watch)
+        if resume:
+            summary = resume_job(directory, keys, watch)
+        else:
+            summary = run_job(parsed, file, directory, watch)
     report(summary, directory, json=json)
     if not summary.complete:
         raise SystemExit(1)

@@ -37,7 +37,12 @@ _STAMP: Final = {
 _SUBSTEP: Final = {"index": _INTEGER, "substep": _TEXT, "arm_time": _NUMBER}
 
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {
-    "foxglove.PoseInFrame": {**_STAMP, "pose": _POSE, **_SUBSTEP},
+    "foxglove.PoseInFrame": {
+        **_STAMP,
+        "pose": _POSE,
+        "q": {"type": "array", "items": _NUMBER},
+        **_SUBSTEP,
+    },
     "foxglove.PointCloud": {
         **_STAMP,
         "pose": _POSE,
@@ -69,7 +74,7 @@ TOPICS: Final = {
 
 def flange_message(view: View) -> dict[str, Any]:
     """Where the flange was when the profile was taken, in frame b."""
-    return {"frame_id": "b", "pose": _from_pose(view.T_b_f), **_substep(view)}
+    return {"frame_id": "b", "pose": _from_pose(view.T_b_f), "q": view.q.tolist(), **_substep(view)}
 
 
 def profile_message(view: View) -> dict[str, Any]:
@@ -108,10 +113,11 @@ def read_view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
     return View(
         index=profile["index"],
         substep=Substep(profile["substep"]),
-        T_b_f=_to_pose(flange["pose"]),
-        T_b_s=_to_pose(profile["pose"]),
+        T_b_f=to_pose(flange["pose"]),
+        T_b_s=to_pose(profile["pose"]),
         profile=Profile(columns["x"], columns["z"], columns.get("intensity"), profile["arm_time"]),
         time=profile["arm_time"],
+        q=np.array(flange["q"]),
     )
 
 
@@ -131,7 +137,8 @@ def _from_point(p: Array) -> dict[str, float]:
     return dict(zip("xyz", p.tolist(), strict=True))
 
 
-def _to_pose(message: dict[str, dict[str, float]]) -> Array:
+def to_pose(message: dict[str, dict[str, float]]) -> Array:
+    """A pose as the messages write it."""
     quaternion = [message["orientation"][axis] for axis in "xyzw"]
     position = [message["position"][axis] for axis in "xyz"]
     return pose(Rotation.from_quat(quaternion).as_matrix(), position)

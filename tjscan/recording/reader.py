@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,9 +13,13 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from tjscan.errors import RecordingError
+from tjscan.frames import inverse
+from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.recording.messages import FLANGE, PROFILE, read_view
-from tjscan.scanning.scan import View
+from tjscan.recording.messages import EVENT, FLANGE, PROFILE, SECTION, read_view, to_pose
+from tjscan.recording.writer import parts
+from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.scanner import Progress
 
 
 def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -37,23 +41,64 @@ def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def read_views(file: Path) -> Iterator[View]:
     """Yield every view of a recording; raises as `read_messages` does."""
-    flange: dict[str, Any] = {}
-    for topic, message in read_messages(file):
-        if topic == FLANGE:
-            flange = message
-        elif topic == PROFILE:
-            try:
-                yield read_view(flange, message)
-            except (KeyError, ValueError, TypeError) as error:
-                raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
+    for _, view, _ in _with_views(file):
+        if view is not None:
+            yield view
 
 
 def read_run(directory: Path) -> dict[str, Profile]:
     """Every profile of a run directory, by section and substep; raises as `read_messages` does."""
-    profiles: dict[str, Profile] = {}
-    for number, view in enumerate(read_views(directory / "scan.mcap"), start=1):
-        profiles[f"profile {number}: section {view.index}, {view.substep}"] = view.profile
-    return profiles
+    views = (view for file in parts(directory) for view in read_views(file))
+    return {
+        f"profile {number}: section {view.index}, {view.substep}": view.profile
+        for number, view in enumerate(views, start=1)
+    }
+
+
+def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> Progress:
+    """What an interrupted scan had found: its finished sections, read again from their profiles.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    read : callable
+        The same reader as in the scan.
+
+    Raises
+    ------
+    RecordingError
+        As `read_messages` does.
+    """
+    views: list[View] = []
+    sections: dict[int, Scan] = {}
+    half_steps = 0
+    for file in parts(directory):
+        for topic, view, message in _with_views(file):
+            if view is not None:
+                views.append(view)
+            elif topic == SECTION:
+                last = views[-1]
+                T_s_t = inverse(last.T_b_s) @ to_pose(message["T_b_t"])
+                sections[last.index] = Scan(last, read(last.profile), T_s_t)
+            elif topic == EVENT:
+                half_steps += message["name"] == "half step"
+    return Progress(tuple(sections.values()), tuple(views), half_steps)
+
+
+def _with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]:
+    """Topic, view where it is a profile, and message."""
+    flange: dict[str, Any] = {}
+    for topic, message in read_messages(file):
+        view = None
+        if topic == FLANGE:
+            flange = message
+        elif topic == PROFILE:
+            try:
+                view = read_view(flange, message)
+            except (KeyError, ValueError, TypeError) as error:
+                raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
+        yield topic, view, message
 
 
 def _messages(stream: BinaryIO) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import time
+from itertools import count, takewhile
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -26,8 +28,21 @@ from tjscan.recording.messages import (
 from tjscan.scanning.scan import Scan, View
 
 
+def parts(directory: Path) -> list[Path]:
+    """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed."""
+    first = directory / "scan.mcap"
+    others = (directory / f"scan-{number}.mcap" for number in count(2))
+    return [first, *takewhile(Path.exists, others)]
+
+
+def next_part(directory: Path) -> Path:
+    """Where to record next: what is on disk is never written again."""
+    first = directory / "scan.mcap"
+    return directory / f"scan-{len(parts(directory)) + 1}.mcap" if first.exists() else first
+
+
 class Recording:
-    """A journal that writes ``scan.mcap``.
+    """A journal that writes a part of a recording. One process at a time writes to a run.
 
     Parameters
     ----------
@@ -45,7 +60,14 @@ class Recording:
 
     def __enter__(self) -> Self:
         try:
+            # The system lets go of the lock when the process ends, however it ends.
+            self._lock = os.open(self._file.parent, os.O_RDONLY)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._stream = self._file.open("xb")
+        except BlockingIOError:
+            raise RecordingError(
+                f"{self._file.parent}: another process is recording there; wait for it"
+            ) from None
         except OSError as error:
             raise self._lost(error) from error
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
@@ -68,6 +90,8 @@ class Recording:
         except OSError as full:
             if error is None:
                 raise self._lost(full) from full
+        finally:
+            os.close(self._lock)
 
     def view(self, view: View) -> None:
         """Write the flange pose and the raw profile, before anybody tries to read it."""

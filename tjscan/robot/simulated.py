@@ -51,6 +51,8 @@ class SimulatedArm:
     realtime : bool, optional
         Whether moves take as long as they say. If not they end at once; the arm's clock
         advances all the same.
+    time : float, optional
+        What its clock shows at first, in seconds.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class SimulatedArm:
         angular_repeatability: float = ANGULAR_REPEATABILITY,
         seed: int = 0,
         realtime: bool = False,
+        time: float = 0.0,
     ) -> None:
         _check_start(kinematics, np.asarray(q, dtype=float))
         self.kinematics = kinematics
@@ -75,7 +78,7 @@ class SimulatedArm:
         self.realtime = realtime
         self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
-        self._now = (readonly(q), 0.0)
+        self._now = (readonly(q), time)
         self._error = self._draw_error()
         self._connected = False
         self._moving = threading.Lock()

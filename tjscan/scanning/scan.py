@@ -16,6 +16,7 @@ class Substep(StrEnum):
     TAUGHT = "taught"
     PREDICTION = "prediction"
     CORRECTION = "correction"
+    RESUMED = "resumed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +35,8 @@ class View:
         What the laser saw.
     time : float
         Seconds on the arm's clock.
+    q : ndarray, shape (n,)
+        Joint angles, radians.
     """
 
     index: int
@@ -42,6 +45,7 @@ class View:
     T_b_s: Array
     profile: Profile
     time: float
+    q: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

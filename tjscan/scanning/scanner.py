@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError, GrooveNotFound, PoseUnreachable, StartSeesNoGroove
+from tjscan.errors import (
+    ConfigurationError,
+    GrooveNotFound,
+    JointMoved,
+    PoseUnreachable,
+    StartSeesNoGroove,
+)
 from tjscan.frames import Array, inverse, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
@@ -45,6 +51,23 @@ class ScanResult:
     views: tuple[View, ...]
     stop: StopReason
     detail: str
+    half_steps: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Progress:
+    """What an interrupted scan had found.
+
+    Parameters
+    ----------
+    sections, views : tuple
+        As in `ScanResult`.
+    half_steps : int
+        As in `ScanResult`.
+    """
+
+    sections: tuple[Scan, ...]
+    views: tuple[View, ...]
     half_steps: int
 
 
@@ -99,6 +122,44 @@ class Scanner:
         self._finish(self._taught("first", self._arm.move_joint, T_b_f_first))
         self._finish(self._taught("second", self._arm.move_linear, T_b_f_second))
         self._check_direction()
+        return self._go_on()
+
+    def resume(self, done: Progress, tolerance: float) -> ScanResult:
+        """Go back to the last section of an interrupted scan, see that nothing moved, and go on.
+
+        Parameters
+        ----------
+        done : Progress
+            What was found before, two sections or more.
+        tolerance : float
+            How far the last section may seem to have moved, metres.
+
+        Raises
+        ------
+        JointMoved
+            If it lies elsewhere now, or is not found any more.
+        ArmFault, LaserFault
+            As `run` does.
+        """
+        self._sections, self._views = list(done.sections), list(done.views)
+        self._half_steps = done.half_steps
+        last = self._sections[-1]
+        view = self._look(Substep.RESUMED, self._arm.move_joint(last.view.T_b_f))
+        try:
+            now = Scan(view, self._read(view.profile), last.T_s_t)
+        except GrooveNotFound as error:
+            raise JointMoved(f"the last section is not there any more: {error}") from None
+        moved = float(np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4].max())
+        if moved > tolerance:
+            raise JointMoved(
+                f"the last section lies {1e3 * moved:.2f} mm from where it was, "
+                f"{1e3 * tolerance:.2f} mm are allowed"
+            )
+        self._journal.event("resumed", f"after section {view.index}, moved {1e3 * moved:.3f} mm")
+        return self._go_on()
+
+    def _go_on(self) -> ScanResult:
+        """Step until the plan is fulfilled or no step is possible."""
         while (stop := finished(self._plan, self._sections)) is None:
             try:
                 scan = self._step_or_half_step()
@@ -155,7 +216,9 @@ class Scanner:
     def _look(self, substep: Substep, state: ArmState) -> View:
         profile = self._laser.capture()
         T_b_s = state.T_b_f @ self._T_f_s
-        view = View(len(self._sections), substep, state.T_b_f, T_b_s, profile, state.time)
+        resumed = substep is Substep.RESUMED  # looks at the last section once more
+        index = len(self._sections) - resumed
+        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
         self._views.append(view)
         self._journal.view(view)
         return view

@@ -1,0 +1,150 @@
+"""A scan that was cut short goes on where it was, and ends as if nothing had happened."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import FAULTLESS, PAPER
+from command import tjscan
+
+from tjscan.errors import RecordingError
+from tjscan.recording.messages import SECTION
+from tjscan.recording.reader import read_messages
+from tjscan.recording.writer import Recording, next_part, parts
+
+SAME = 1e-9
+"""Millimetres: what rounding leaves when noise is off."""
+
+OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that nothing interrupted, noise off."""
+    directory = tmp_path_factory.mktemp("runs") / "whole"
+    assert tjscan("scan", PAPER, "--out", directory, *OPTIONS) == 0
+    return directory
+
+
+def corners(run: Path) -> np.ndarray:
+    with (run / "sections.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return np.array([[float(v) for k, v in row.items() if k.startswith("p")] for row in rows])
+
+
+def recorded_corners(run: Path) -> np.ndarray:
+    """The five points of every section as recorded, in mm."""
+    sections = {
+        message["index"]: [[p[axis] for axis in "xyz"] for p in message["points"]]
+        for file in parts(run)
+        for topic, message in read_messages(file)
+        if topic == SECTION
+    }
+    return 1e3 * np.array([sections[i] for i in sorted(sections)])
+
+
+def cut(run: Path, copy: Path, share: float) -> Path:
+    """A copy of a run whose recording was cut off, with no results."""
+    shutil.copytree(run, copy)
+    for name in ("sections.csv", "groove.ply", "scan.png", "summary.json"):
+        (copy / name).unlink()
+    recording = copy / "scan.mcap"
+    recording.write_bytes(recording.read_bytes()[: int(share * recording.stat().st_size)])
+    return copy
+
+
+@pytest.mark.parametrize("share", [0.02, 0.06, 0.13, 0.37, 0.5, 0.77, 0.93])
+def test_a_scan_cut_anywhere_ends_as_the_whole_one(
+    whole: Path, tmp_path: Path, share: float
+) -> None:
+    run = cut(whole, tmp_path / "cut", share)
+    before = (run / "scan.mcap").read_bytes()
+    assert tjscan("scan", "--resume", run) == 0
+    assert (run / "scan.mcap").read_bytes() == before
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+    np.testing.assert_allclose(corners(run), corners(whole), atol=1.1e-4)  # four decimals
+    assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["sections"] == 16
+
+
+def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) -> None:
+    run = cut(whole, tmp_path / "cut", 0.3)
+    assert tjscan("scan", "--resume", run, "--scan.sections", "8") == 0
+    assert tjscan("scan", "--resume", run) == 0
+    assert [file.name for file in parts(run)] == ["scan.mcap", "scan-2.mcap", "scan-3.mcap"]
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+def test_a_joint_that_moved_is_not_scanned_on(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    job = run / "job.toml"
+    job.write_text(job.read_text(encoding="utf-8").replace("522.0", "524.0"), encoding="utf-8")
+    assert tjscan("scan", "--resume", run) == 4
+    told = " ".join(capsys.readouterr().err.split())
+    assert "from where it was" in told
+    assert not (run / "summary.json").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--scan.direction", "clockwise"],
+        ["--scan.standoff-mm", "200"],
+        ["--joint.file", "other.toml"],
+        ["--dry-run"],
+        ["--out", "elsewhere"],
+    ],
+)
+def test_what_matters_cannot_change_while_a_scan_goes_on(
+    whole: Path, tmp_path: Path, arguments: list[str]
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    assert tjscan("scan", "--resume", run, *arguments) == 2
+    assert len(parts(run)) == 1
+
+
+def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:
+    with (
+        Recording(next_part(tmp_path)),
+        pytest.raises(RecordingError, match="another process"),
+        Recording(next_part(tmp_path)),
+    ):
+        pass
+
+
+@pytest.fixture
+def scanning(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A scan in a process of its own, in real time, and its run directory."""
+    run = tmp_path / "run"
+    options = ["--simulation.arm.realtime", "true", "--arm.speed-mm-s", "3000"]
+    options += ["--arm.acceleration-mm-s2", "20000", *OPTIONS]
+    command = [sys.executable, "-c", "from tjscan.cli import main; main()"]
+    process = subprocess.Popen([*command, "scan", str(PAPER), "--out", str(run), *options])
+    try:
+        yield process, run
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_killed_scan_goes_on(whole: Path, scanning: tuple[subprocess.Popen[bytes], Path]) -> None:
+    process, run = scanning
+    recording = run / "scan.mcap"
+    while process.poll() is None and not (
+        recording.exists() and recording.stat().st_size > 200_000
+    ):
+        os.sched_yield()
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (run / "summary.json").exists()
+    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
