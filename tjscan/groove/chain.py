@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tjscan.frames import Array
 from tjscan.groove.curves import Curve
+from tjscan.groove.effort import Effort
 from tjscan.groove.models import GrooveModel, Side, Turn
 from tjscan.groove.segments import Index, Segments, normals
 
@@ -26,15 +27,6 @@ IN_FRONT: Final = 2.5
 
 LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
-
-PAIRS: Final = 3
-PATIENT_PAIRS: Final = 8
-"""Most pairs of outer sides that are tried."""
-
-MOST_PROPOSALS: Final = 120
-
-POOL: Final = 10
-"""Most lines that the template is laid over."""
 
 GAP_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
@@ -110,7 +102,7 @@ def bearing(points: Array) -> Array:
 
 
 def outer_pairs(
-    segments: Segments, model: GrooveModel, count: int, most: int = PAIRS
+    segments: Segments, model: GrooveModel, count: int, most: int
 ) -> list[tuple[int, int, float]]:
     """Pairs of segments that may be the first and the last side, likeliest first.
 
@@ -140,6 +132,7 @@ def best_chains(
     until: int,
     since: int,
     tolerance: float,
+    effort: Effort,
 ) -> list[Chain]:
     """Cheapest chain between two outer sides, and its distinct rivals; none if nothing fits.
 
@@ -156,6 +149,7 @@ def best_chains(
         Last point of the first side's stretch, and first point of the last side's.
     tolerance : float
         Distance at which a point stops supporting a side, in metres.
+    effort : Effort
     """
     d_first, d_last = (side.distances(points) / tolerance for side in outer)
     lo = max(_end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
@@ -168,7 +162,7 @@ def best_chains(
         _Lines(np.zeros((1, 2)), np.zeros((1, 2)), *_running(d[None, lo:hi]))
         for d in (d_first, d_last)
     ]
-    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance)
+    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, effort.proposals)
     if not len(lines):
         return []
     gains = scaled * scaled
@@ -180,7 +174,17 @@ def best_chains(
         before = (outer[0], model.turns[0]) if k == 0 else None
         after = (outer[1], model.turns[-1]) if k == inner - 1 else None
         layers.append(
-            _pool(lines, scaled, gains, region, u, before, after, model.sides[k + 1].longest)
+            _pool(
+                lines,
+                scaled,
+                gains,
+                region,
+                u,
+                before,
+                after,
+                model.sides[k + 1].longest,
+                effort.pool,
+            )
         )
     layers.append(ends[1])
     if any(len(layer.point) == 0 for layer in layers):
@@ -214,7 +218,7 @@ def _running(scaled: Array) -> tuple[Array, Array]:
 
 
 def _proposals(
-    region: Array, d_first: Array, d_last: Array, tolerance: float
+    region: Array, d_first: Array, d_last: Array, tolerance: float, most: int
 ) -> tuple[Array, Array]:
     """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n)."""
     # What an outer side explains needs no other line, except near the region's ends.
@@ -223,7 +227,7 @@ def _proposals(
     if not pairs:
         return np.zeros((0, 4)), np.zeros((0, len(region)))
     a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))
-    every = -(-len(a) // MOST_PROPOSALS)
+    every = -(-len(a) // most)
     a, b = a[::every], b[::every]
     t = region[b] - region[a]
     length = np.sqrt((t * t).sum(axis=1))
@@ -248,6 +252,7 @@ def _pool(
     before: tuple[Curve, Turn] | None,
     after: tuple[Curve, Turn] | None,
     longest: float,
+    most: int,
 ) -> _Lines:
     """The lines that may be an inner side: for every point the one that explains most.
 
@@ -281,7 +286,7 @@ def _pool(
     gain = gains[which]
     gain *= mine
     if before is None and after is None:
-        best = _one_by_one(gain)
+        best = _one_by_one(gain, most)
         score = np.ones(len(which))
     else:
         # Stretches end at every few points: that is near enough, and quicker to sum.
@@ -293,16 +298,16 @@ def _pool(
         score = np.cumsum(blocks, axis=1).max(axis=1)
         claim = np.greater(gain, SUPPORTS, out=mine) * score[:, None]
         best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
-        best = best[np.argsort(-score[best], kind="stable")[:POOL]]
+        best = best[np.argsort(-score[best], kind="stable")[:most]]
     best = which[best[score[best] > 0]]
     ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
     return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]), *ends)
 
 
-def _one_by_one(gain: Array) -> Index:
+def _one_by_one(gain: Array, most: int) -> Index:
     """Lines that explain most of what those before them left over."""
     gain, found = gain.copy(), []
-    for _ in range(POOL):
+    for _ in range(most):
         best = int(gain.sum(axis=1).argmax())
         explained = gain[best] > SUPPORTS
         if np.count_nonzero(explained) < FEWEST:

@@ -14,8 +14,6 @@ from tjscan.frames import Array
 from tjscan.groove.chain import (
     DISTINCT,
     IN_FRONT,
-    PAIRS,
-    PATIENT_PAIRS,
     RIVAL_MARGIN,
     RIVALS,
     Chain,
@@ -24,6 +22,7 @@ from tjscan.groove.chain import (
     outer_pairs,
 )
 from tjscan.groove.curves import Curve
+from tjscan.groove.effort import EFFORTS, Effort
 from tjscan.groove.models import LEAST_SIDES, Turn
 from tjscan.groove.refinement import Outline, Row, refine
 from tjscan.groove.segments import Segments, find_segments, with_halves
@@ -113,32 +112,40 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
     tangents = bearing(points)
     order = np.argsort(tangents, kind="stable")
     row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
-    tolerance = settings.tolerance
-    for patient in (False, True):
-        segments = find_segments(row.points, tolerance, patient=patient)
-        chains = _chains(row, segments, settings, PATIENT_PAIRS if patient else PAIRS)
-        if chains:
-            break
-    else:
-        raise _why_not(row, segments, settings)
+    for effort in EFFORTS[:-1]:
+        try:
+            return row, _search(row, settings, effort)
+        except GrooveNotFound:
+            continue
+    return row, _search(row, settings, EFFORTS[-1])
+
+
+def _search(row: Row, settings: GrooveSettings, effort: Effort) -> Outline:
+    """Look for an outline once."""
+    segments = find_segments(row.points, settings.tolerance, effort)
+    chains = _chains(row, segments, settings, effort)
+    if not chains and effort is not EFFORTS[-1]:
+        raise GrooveNotFound("no bevel", "nothing found yet")
+    if not chains:
+        raise _why_not(row, segments, settings, effort)
     chains.sort(key=lambda c: c.price)
     chains = [c for c in chains[:RIVALS] if c.price <= chains[0].price + RIVAL_MARGIN]
     candidates = [c for h in chains if (c := _candidate(row, h, settings)) is not None]
     if not candidates:
-        raise GrooveNotFound("no bevel", "no sides fit the points together", points)
+        raise GrooveNotFound("no bevel", "no sides fit the points together", row.points)
     best = min(candidates, key=lambda c: c.price)
     _check(row, best, candidates, settings)
-    return row, best.outline
+    return best.outline
 
 
-def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -> list[Chain]:
+def _chains(row: Row, segments: Segments, settings: GrooveSettings, effort: Effort) -> list[Chain]:
     """Chains between the likeliest outer sides."""
     across = settings.model.across
     if across.least < 0 < across.most:
         segments = with_halves(segments, row.points, settings.tolerance)
     chains: list[Chain] = []
     cheapest, likeliest = np.inf, -np.inf
-    for i, j, score in outer_pairs(segments, settings.model, len(row.points), most):
+    for i, j, score in outer_pairs(segments, settings.model, len(row.points), effort.pairs):
         # Only points still unexplained can make up for what this pair explains less.
         if likeliest - score > MADE_UP * cheapest:
             break
@@ -150,6 +157,7 @@ def _chains(row: Row, segments: Segments, settings: GrooveSettings, most: int) -
             int(segments.last[i]),
             int(segments.first[j]),
             settings.tolerance,
+            effort,
         )
         if chains:
             cheapest = min(c.price for c in chains)
@@ -164,7 +172,9 @@ def _curve(segments: Segments, k: int) -> Curve:
     )
 
 
-def _why_not(row: Row, segments: Segments, settings: GrooveSettings) -> GrooveNotFound:
+def _why_not(
+    row: Row, segments: Segments, settings: GrooveSettings, effort: Effort
+) -> GrooveNotFound:
     """What a profile without a groove of this model shows instead."""
     model = settings.model
     anything = Turn(-pi, pi)
@@ -184,7 +194,7 @@ def _why_not(row: Row, segments: Segments, settings: GrooveSettings) -> GrooveNo
     ):
         if len(part.sides) < LEAST_SIDES:
             continue
-        chains = _chains(row, segments, replace(settings, model=part), PATIENT_PAIRS)
+        chains = _chains(row, segments, replace(settings, model=part), effort)
         if any(c.price < most for c in chains):
             return GrooveNotFound(
                 "out of range",

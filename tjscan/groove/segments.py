@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.frames import Array
+from tjscan.groove.effort import Effort
 
 Index = NDArray[np.intp]
 
@@ -25,19 +26,11 @@ WINDOWS: Final = (48, 24, 12, 6)
 THINNED: Final = 130
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
-GAP_COST: Final = 0.35
-PATIENT_GAP_COST: Final = 0.12
-"""What an outlier costs a stretch, in points; less where reflections hide most of a side."""
-
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
 WIDE_GAP: Final = 10
 """Points without support that may divide a segment into two sides."""
-
-KEPT: Final = 8
-PATIENT_KEPT: Final = 16
-"""Most segments kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +84,7 @@ def normals(directions: Array) -> Array:
     return np.stack((directions[..., 1], -directions[..., 0]), axis=-1)
 
 
-def find_segments(points: Array, tolerance: float, *, patient: bool = False) -> Segments:
+def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
     """Find the long segments in a row of points, by falling score.
 
     Parameters
@@ -100,8 +93,7 @@ def find_segments(points: Array, tolerance: float, *, patient: bool = False) -> 
         x and z in metres, ordered from wall to leg.
     tolerance : float
         Distance from a segment at which a point stops supporting it, in metres.
-    patient : bool
-        Whether to look for long sides of which little is left.
+    effort : Effort
 
     Returns
     -------
@@ -110,16 +102,16 @@ def find_segments(points: Array, tolerance: float, *, patient: bool = False) -> 
     """
     step = max(1, round(len(points) / THINNED))
     row = points[::step]
-    gap_cost = PATIENT_GAP_COST if patient else GAP_COST
-    most = PATIENT_KEPT if patient else KEPT
     segments = _windows(points, tolerance)
     if not len(segments):
         return segments
-    segments, gain = _stretched(segments, row, tolerance, gap_cost)
-    segments = _distinct(segments, gain, most)
-    for _ in range(2):
-        segments, gain = _stretched(_refitted(segments, row, tolerance), row, tolerance, gap_cost)
-    segments = _distinct(segments, gain, most)
+    segments, gain = _stretched(segments, row, tolerance, effort.gap_cost)
+    segments = _distinct(segments, gain, effort.kept)
+    for _ in range(effort.refits):
+        segments, gain = _stretched(
+            _refitted(segments, row, tolerance), row, tolerance, effort.gap_cost
+        )
+    segments = _distinct(segments, gain, effort.kept)
     return replace(
         segments,
         first=segments.first * step,

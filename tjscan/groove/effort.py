@@ -1,0 +1,43 @@
+"""How hard a groove is looked for: quickly first, harder where nothing convincing comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Numbers of hypotheses.
+
+    Parameters
+    ----------
+    gap_cost : float
+        What an outlier costs the stretch of a long side, in points; less where reflections
+        hide most of it.
+    refits : int
+        How often long sides are fitted again before they are judged.
+    kept : int
+        Most segments kept as long sides.
+    pairs : int
+        Most pairs of outer sides tried.
+    proposals : int
+        Most pairs of points that propose a line between outer sides.
+    pool : int
+        Most lines that may be one inner side.
+    """
+
+    gap_cost: float
+    refits: int
+    kept: int
+    pairs: int
+    proposals: int
+    pool: int
+
+
+EFFORTS: Final = (
+    Effort(gap_cost=0.35, refits=1, kept=8, pairs=3, proposals=120, pool=10),
+    Effort(gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
+    Effort(gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
+)
+"""One after the other, until a groove is read."""
