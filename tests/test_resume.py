@@ -148,3 +148,23 @@ def test_a_killed_scan_goes_on(whole: Path, scanning: tuple[subprocess.Popen[byt
     assert not (run / "summary.json").exists()
     assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+def test_a_full_disk_is_told_and_what_was_written_before_is_whole(
+    whole: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    script = (
+        "import resource, sys\n"
+        "from tjscan.cli import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))\n"
+        "main(sys.argv[1:])\n"
+    )
+    command = [sys.executable, "-c", script, "scan", str(PAPER), "--out", str(run), *OPTIONS]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert told.returncode == 1
+    assert "can't be written" in told.stderr
+    assert "Traceback" not in told.stderr
+    assert not (run / "summary.json").exists()
+    assert tjscan("scan", "--resume", run) == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
