@@ -36,7 +36,7 @@ class Effort:
 
 
 EFFORTS: Final = (
-    Effort(gap_cost=0.35, refits=1, kept=8, pairs=3, proposals=120, pool=10),
+    Effort(gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=90, pool=8),
     Effort(gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
     Effort(gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
 )
