@@ -46,3 +46,19 @@ class Operator(Protocol):
     def show(self, progress: Progress) -> None:
         """See how far the calibration has come, after each line."""
         ...
+
+
+class Nobody:
+    """Takes every question's default and hears nothing."""
+
+    present = False
+
+    def confirm(self, question: Question) -> bool:
+        """Say what the question proposes."""
+        return question.default
+
+    def tell(self, message: str) -> None:
+        """Let it pass."""
+
+    def show(self, progress: Progress) -> None:
+        """Let it pass."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -212,7 +213,8 @@ class Wizard:
                 "and how the laser sits on the hand",
             )
         ready = self._get_ready()
-        there = next_pose(self.task, self.measured, target, board, progress, self._reaches)
+        reachable = partial(self._reaches, ready)
+        there = next_pose(self.task, self.measured, target, board, progress, reachable)
         what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
         way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
         turn = np.degrees(rotation_angle(ready, there.T_b_f))
@@ -252,9 +254,10 @@ class Wizard:
                 continue
         return self.arm.move_joint(ready[-1]).T_b_f
 
-    def _reaches(self, T_b_f: Array) -> bool:
+    def _reaches(self, ready: Array, T_b_f: Array) -> bool:
+        """Whether the arm gets from `ready` to a pose, and back, on a straight line."""
         try:
-            self.arm.check(T_b_f)
+            self.arm.check(ready, T_b_f, ready)
         except PoseUnreachable:
             return False
         return True

@@ -7,20 +7,14 @@ import sys
 import numpy as np
 import questionary
 
-from tjscan.calibration.operator import Question
+from tjscan.calibration.operator import Nobody, Question
 from tjscan.calibration.session import Progress
 from tjscan.cli.console import say
 from tjscan.errors import ConfigurationError
 
 
-class Unattended:
-    """Takes every question's default, and passes on what happens."""
-
-    present = False
-
-    def confirm(self, question: Question) -> bool:
-        """Say what the question proposes."""
-        return question.default
+class Unattended(Nobody):
+    """Nobody answers; what happens is printed."""
 
     def tell(self, message: str) -> None:
         """Print what happened."""
