@@ -24,6 +24,11 @@ app.command(
 )
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
+app.command(
+    "tjscan.cli.ur_loopback:ur_loopback",
+    name="ur-loopback",
+    help="Stand in for a Universal Robots controller on this machine.",
+)
 app.register_install_completion_command()
 
 EXIT_CODES: dict[type[TjscanError], int] = {ConfigurationError: 2, ArmFault: 4, LaserFault: 4}

@@ -1,0 +1,274 @@
+"""State of the controller: modes, registers, joints, the program that runs, and its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+
+from tjscan.frames import Array
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.faults import Fault, Order
+from tjscan.robot.loopback.motion import Motion, pose_of, values_of
+from tjscan.robot.loopback.program import Program, read_offset
+from tjscan.robot.loopback.wire import REGISTERS, Value, zero
+
+SPEED_UP: Final = 25
+"""A tick of a fast controller is worth as many ticks of motion."""
+
+MISSED_BY: Final = 0.01
+"""Radians by which the wrist stops short when it is told to miss."""
+
+UNLOCK_AFTER: Final = 5.0
+"""Seconds on the controller's clock that a protective stop lasts at least."""
+
+
+class Mode(IntEnum):
+    """Power of the robot, as RTDE numbers it."""
+
+    POWER_OFF = 3
+    IDLE = 5
+    RUNNING = 7
+
+
+class Safety(IntEnum):
+    """State of the safety system, as RTDE numbers it."""
+
+    NORMAL = 1
+    PROTECTIVE_STOP = 3
+    ROBOT_EMERGENCY_STOP = 7
+
+
+class Runtime(IntEnum):
+    """State of the program, as RTDE numbers it."""
+
+    STOPPED = 1
+    PLAYING = 2
+    PAUSED = 4
+
+
+SAFETY_BITS: Final = {
+    Safety.NORMAL: 1 << 0,
+    Safety.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
+    Safety.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
+}
+
+
+class Controller:
+    """A controller without a network.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Which arm it drives.
+    q : ndarray, shape (6,)
+        Joint angles it starts with, in radians.
+    hz : float
+        Its ticks per second.
+    fast : bool
+        Whether motion runs faster than the wall's clock; its own clock runs with the motion.
+    """
+
+    def __init__(self, kinematics: Kinematics, q: Array, *, hz: float, fast: bool) -> None:
+        self.kinematics = kinematics
+        self.mode, self.safety, self.runtime = Mode.RUNNING, Safety.NORMAL, Runtime.STOPPED
+        self.remote = True
+        self.refusing = self.frozen = self.dropping = False
+        self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
+        self.input_double, self.output_double = [0.0] * REGISTERS, [0.0] * REGISTERS
+        self.q, self.speed = np.array(q, dtype=float), np.zeros(6)
+        self.tcp = np.zeros(6)
+        self.payload, self.centre_of_gravity = 0.0, [0.0] * 3
+        self.time = 0.0
+        self._tick, self._worth = 1 / hz, SPEED_UP if fast else 1
+        self._stopped_at = -UNLOCK_AFTER
+        self._motion: Motion | None = None
+        self._elapsed = 0.0
+        self._missing = False
+        self._program: Program | None = None
+        self._orders: list[Order] = []
+        self._moves = 0
+
+    # What the network asks of it
+
+    def tick(self) -> None:
+        """Let one tick pass: time, motion, program."""
+        moving = self._motion is not None
+        step = self._tick * (self._worth if moving else 1)
+        self.time += step
+        if self._motion is not None:
+            self._advance(self._motion, step)
+        if (
+            self._program is not None
+            and self.runtime is Runtime.PLAYING
+            and not self._program.turn()
+        ):
+            self.stop_program()
+
+    def load(self, script: str) -> bool:
+        """Start a script; it is the client's own control script, or it is refused."""
+        if self.mode is not Mode.RUNNING or self.safety is not Safety.NORMAL or not self.remote:
+            return False
+        offset = read_offset(script)
+        if offset is None:
+            return False
+        self.stop_program()
+        self._program, self.runtime = Program(self, offset), Runtime.PLAYING
+        return True
+
+    def stop_program(self) -> None:
+        """End the program, and the motion with it."""
+        self._program, self.runtime = None, Runtime.STOPPED
+        self.halt()
+
+    def order(self, order: Order) -> None:
+        """Bring a fault about, now or in a later move."""
+        if order.move:
+            self._orders.append(Order(order.fault, self._moves + order.move))
+        else:
+            self._bring(order.fault)
+
+    def unlock(self) -> bool:
+        """Release a protective stop, if it has lasted long enough."""
+        if self.safety is Safety.PROTECTIVE_STOP:
+            if self.time - self._stopped_at < UNLOCK_AFTER:
+                return False
+            self.safety = Safety.NORMAL
+        return True
+
+    def power(self, mode: Mode) -> None:
+        """Switch the robot on or off."""
+        if mode is not Mode.RUNNING:
+            self.stop_program()
+        self.mode = mode
+
+    def write(self, name: str, value: Value) -> None:
+        """Set an input; all but registers are ignored."""
+        kind, _, number = name.rpartition("_")
+        if isinstance(value, Sequence):
+            return
+        if kind == "input_int_register":
+            self.input_int[int(number)] = int(value)
+        elif kind == "input_double_register":
+            self.input_double[int(number)] = float(value)
+
+    def read(self, name: str) -> Value:
+        """An output; those without meaning here are zero."""
+        kind, _, number = name.rpartition("_")
+        if kind == "output_int_register":
+            return self.output_int[int(number)]
+        if kind == "output_double_register":
+            return self.output_double[int(number)]
+        if name in _OUTPUTS:
+            return _OUTPUTS[name](self)
+        return zero(name)
+
+    def tcp_pose(self) -> list[float]:
+        """Position in metres and rotation vector of the active TCP in frame b."""
+        T_b_tcp = self.kinematics.forward(self.q) @ pose_of(self.tcp)
+        return [float(value) for value in values_of(T_b_tcp)]
+
+    # What the program asks of it
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is under way."""
+        return self._motion is not None
+
+    def start(self, motion: Motion) -> None:
+        """Begin a motion that the program commands."""
+        self._moves += 1
+        self._motion, self._elapsed = motion, 0.0
+
+    def brake(self, motion: Motion) -> None:
+        """Begin to stop; no fault counts that as a move."""
+        self._motion, self._elapsed = motion, 0.0
+
+    @property
+    def progress(self) -> tuple[Motion, float] | None:
+        """The motion under way, and the seconds of it that have passed."""
+        return None if self._motion is None else (self._motion, self._elapsed)
+
+    def halt(self) -> None:
+        """End a motion where it is."""
+        self._motion, self.speed = None, np.zeros(6)
+
+    def protective_stop(self) -> None:
+        """Stop as the safety system does; the program pauses."""
+        self.safety, self._stopped_at = Safety.PROTECTIVE_STOP, self.time
+        if self._program is not None:
+            self.runtime = Runtime.PAUSED
+        self.halt()
+
+    # Motion and faults
+
+    def _advance(self, motion: Motion, step: float) -> None:
+        due = [order for order in self._orders if order.move == self._moves]
+        end = motion.duration / 2 if due else motion.duration
+        before, self._elapsed = self.q, min(self._elapsed + step, end)
+        self.q = motion.at(self._elapsed)
+        self.speed = (self.q - before) / step
+        if due and self._elapsed >= end:
+            for order in due:
+                self._orders.remove(order)
+                self._bring(order.fault)
+        elif self._elapsed >= motion.duration:
+            if self._missing:
+                self.q, self._missing = self.q - MISSED_BY * np.eye(6)[5], False
+            self.halt()
+
+    def _bring(self, fault: Fault) -> None:
+        if fault is Fault.PROTECTIVE_STOP:
+            self.protective_stop()
+        elif fault is Fault.EMERGENCY_STOP:
+            self.safety = Safety.ROBOT_EMERGENCY_STOP
+            self.power(Mode.POWER_OFF)
+        elif fault is Fault.POWER_OFF:
+            self.power(Mode.POWER_OFF)
+        elif fault is Fault.LOCAL_MODE:
+            self.remote = False
+            self.stop_program()
+        elif fault is Fault.STOP_PROGRAM:
+            self.stop_program()
+        elif fault is Fault.DROP_LINK:
+            self.dropping = True
+        elif fault is Fault.FREEZE:
+            self.frozen = True
+        elif fault is Fault.REFUSE_TARGETS:
+            self.refusing = True
+        elif fault is Fault.MISS_TARGET:
+            self._missing = True
+        else:
+            self._clear()
+
+    def _clear(self) -> None:
+        self.mode, self.safety, self.remote = Mode.RUNNING, Safety.NORMAL, True
+        self.refusing = self.frozen = self._missing = False
+        self._orders.clear()
+        if self.runtime is Runtime.PAUSED:
+            self.stop_program()
+
+
+_OUTPUTS: Final[dict[str, Callable[[Controller], Value]]] = {
+    "timestamp": lambda c: c.time,
+    "actual_q": lambda c: c.q.tolist(),
+    "target_q": lambda c: c.q.tolist(),
+    "actual_qd": lambda c: c.speed.tolist(),
+    "target_qd": lambda c: c.speed.tolist(),
+    "actual_TCP_pose": Controller.tcp_pose,
+    "target_TCP_pose": Controller.tcp_pose,
+    "robot_mode": lambda c: int(c.mode),
+    "safety_mode": lambda c: int(c.safety),
+    "runtime_state": lambda c: int(c.runtime),
+    "robot_status_bits": lambda c: (
+        int(c.mode > Mode.POWER_OFF) | int(c.runtime is Runtime.PLAYING) << 1
+    ),
+    "safety_status_bits": lambda c: SAFETY_BITS[c.safety],
+    "payload": lambda c: c.payload,
+    "payload_cog": lambda c: list(c.centre_of_gravity),
+    "speed_scaling": lambda c: 1.0,
+    "target_speed_fraction": lambda c: 1.0,
+}
+"""What each output shows. The others are zero."""

@@ -1,0 +1,75 @@
+"""The dashboard server: a line asked, a line answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from tjscan.robot.loopback.controller import Controller, Mode, Runtime
+
+GREETING: Final = "Connected: Universal Robots Dashboard Server"
+SERIAL: Final = "00000000000"
+"""No real arm has this serial number."""
+
+
+class Dashboard:
+    """Answers lines.
+
+    Parameters
+    ----------
+    controller : Controller
+        Of whom it speaks.
+    model : str
+        Name of the arm, for instance ``ur10e``.
+    version : tuple of int
+        Of the controller.
+    """
+
+    def __init__(
+        self, controller: Controller, model: str, version: tuple[int, int, int, int]
+    ) -> None:
+        self._controller = controller
+        major, minor, bugfix, build = version
+        software = f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2024)"
+        self._answers: dict[str, Callable[[], str]] = {
+            "robotmode": lambda: f"Robotmode: {controller.mode.name}",
+            "safetymode": lambda: f"Safetymode: {controller.safety.name}",
+            "safetystatus": lambda: f"Safetystatus: {controller.safety.name}",
+            "polyscopeversion": lambda: software,
+            "get serial number": lambda: SERIAL,
+            "get robot model": lambda: model.upper().removesuffix("E"),
+            "is in remote control": lambda: str(controller.remote).lower(),
+            "running": lambda: (
+                f"Program running: {str(controller.runtime is Runtime.PLAYING).lower()}"
+            ),
+            "programstate": lambda: f"{controller.runtime.name} loopback",
+            "stop": self._stop,
+            "power on": lambda: self._power(Mode.IDLE, "Powering on"),
+            "brake release": lambda: self._power(Mode.RUNNING, "Brake releasing"),
+            "power off": lambda: self._power(Mode.POWER_OFF, "Powering off"),
+            "unlock protective stop": self._unlock,
+            "close popup": lambda: "closing popup",
+            "close safety popup": lambda: "closing safety popup",
+            "quit": lambda: "Disconnected",
+        }
+
+    def answer(self, line: str) -> str:
+        """Answer one line."""
+        words = line.strip()
+        if words.lower().startswith(("popup", "addtolog")):
+            return "showing popup" if words.lower().startswith("popup") else "Added log message"
+        known = self._answers.get(words.lower())
+        return f"could not understand: '{words}'" if known is None else known()
+
+    def _stop(self) -> str:
+        self._controller.stop_program()
+        return "Stopped"
+
+    def _power(self, mode: Mode, answer: str) -> str:
+        self._controller.power(mode)
+        return answer
+
+    def _unlock(self) -> str:
+        if self._controller.unlock():
+            return "Protective stop releasing"
+        return "Cannot unlock protective stop until 5s after occurrence"

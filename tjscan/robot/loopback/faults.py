@@ -1,0 +1,58 @@
+"""Faults that can be commanded, and when they come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tjscan.errors import ConfigurationError, nearest
+
+
+class Fault(StrEnum):
+    """What can go wrong with a controller, and what sets it right again."""
+
+    PROTECTIVE_STOP = "protective-stop"
+    EMERGENCY_STOP = "emergency-stop"
+    POWER_OFF = "power-off"
+    LOCAL_MODE = "local-mode"
+    DROP_LINK = "drop-link"
+    FREEZE = "freeze"
+    REFUSE_TARGETS = "refuse-targets"
+    STOP_PROGRAM = "stop-program"
+    MISS_TARGET = "miss-target"
+    CLEAR = "clear"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A fault and when it comes.
+
+    Parameters
+    ----------
+    fault : Fault
+        What.
+    move : int
+        0: at once. Else half way through the move of this number, counted from now.
+    """
+
+    fault: Fault
+    move: int = 0
+
+
+def parse_order(line: str) -> Order:
+    """Read ``FAULT`` (at once) or ``FAULT N`` (half way through the N-th move from now).
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither.
+    """
+    word, _, when = line.strip().partition(" ")
+    if word not in list(Fault):
+        close = nearest(word, list(Fault))
+        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
+    if not when:
+        return Order(Fault(word))
+    if not when.strip().isdigit() or int(when) < 1:
+        raise ConfigurationError(f"a fault comes in move 1, 2, ... (found {when.strip()!r})")
+    return Order(Fault(word), int(when))

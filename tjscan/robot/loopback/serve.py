@@ -1,0 +1,50 @@
+"""Run a loopback controller as this process."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from tjscan.config import naming
+from tjscan.errors import ConfigurationError
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.controller import Controller
+from tjscan.robot.loopback.server import Server, check_address
+
+
+def serve(
+    model: str, host: str, hz: float, *, home_deg: Sequence[float], fast: bool, attached: bool
+) -> None:
+    """Serve until interrupted, or until stdin ends if it is attached to that.
+
+    What it has to say goes to stdout, a line each.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm, the address, the frequency or the joint angles can't be.
+    """
+    check_address(host)
+    if not 1 <= hz <= 1000:
+        raise ConfigurationError(f"it ticks 1 to 1000 times a second (found {hz:g})", key="hz")
+    with naming(key="model"):
+        kinematics = Kinematics.load(model)
+    q = np.radians(home_deg)
+    if q.shape != kinematics.lower.shape or np.any((q < kinematics.lower) | (q > kinematics.upper)):
+        raise ConfigurationError(
+            f"{kinematics.name} can't stand at {list(home_deg)}", key="home_deg"
+        )
+    if hasattr(signal, "SIGTTIN"):
+        # In the background there is a terminal, but nobody to read from: carry on without.
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    server = Server(Controller(kinematics, q, hz=hz, fast=fast), model, host, hz, _tell)
+    asyncio.run(server.run(attached=attached))
+
+
+def _tell(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()

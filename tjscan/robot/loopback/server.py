@@ -1,0 +1,199 @@
+"""The controller on the network of this machine: RTDE, scripts and dashboard, on one address."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import sys
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from dataclasses import dataclass
+from ipaddress import AddressValueError, IPv4Address
+from typing import Any, Final
+
+from tjscan.errors import ConfigurationError
+from tjscan.robot.loopback.controller import Controller
+from tjscan.robot.loopback.dashboard import GREETING, Dashboard
+from tjscan.robot.loopback.faults import parse_order
+from tjscan.robot.loopback.wire import HEADER, Registry, Session
+
+RTDE_PORT: Final = 30004
+SCRIPT_PORTS: Final = (30001, 30002, 30003)
+DASHBOARD_PORT: Final = 29999
+
+VERSION: Final = (5, 12, 0, 1101319)
+"""Of the controller it pretends to be: an e-Series arm that has remote control."""
+
+BEHIND: Final = 0.1
+"""Seconds by which the clock may be late before it lets the lost ticks go."""
+
+BACKLOG: Final = 1 << 16
+"""Bytes that wait for a client that does not read; more are not sent."""
+
+_SCRIPT_END: Final = re.compile(r"^end\s*?\n", re.MULTILINE)
+
+
+def check_address(host: str) -> None:
+    """Refuse any address but this machine's own.
+
+    Raises
+    ------
+    ConfigurationError
+        If others could reach it.
+    """
+    try:
+        own = IPv4Address(host).is_loopback
+    except AddressValueError:
+        own = False
+    if not own:
+        raise ConfigurationError(
+            f"it listens on addresses of this machine alone, 127.0.0.1 to 127.255.255.254 "
+            f"(found {host!r})",
+            key="host",
+        )
+
+
+@dataclass(eq=False)
+class Server:
+    """Serves one controller.
+
+    Parameters
+    ----------
+    controller : Controller
+        The controller.
+    model : str
+        Name of its arm.
+    host : str
+        A loopback address.
+    hz : float
+        Its ticks per second.
+    tell : callable
+        Is told, in a line each, when it is ready and what it was ordered to do.
+    """
+
+    controller: Controller
+    model: str
+    host: str
+    hz: float
+    tell: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        check_address(self.host)
+        self._registry = Registry()
+        self._sessions: dict[Session, asyncio.StreamWriter] = {}
+        self._dashboard = Dashboard(self.controller, self.model, VERSION)
+        self._thawed = asyncio.Event()
+
+    async def run(self, *, attached: bool) -> None:
+        """Serve until cancelled, or until stdin ends if it is attached to that.
+
+        Raises
+        ------
+        ConfigurationError
+            If another program has one of the ports.
+        """
+        services = [(RTDE_PORT, self._rtde), (DASHBOARD_PORT, self._dash)]
+        services += [(port, self._script) for port in SCRIPT_PORTS]
+        for port, service in services:
+            try:
+                await asyncio.start_server(service, self.host, port)
+            except OSError as error:
+                raise ConfigurationError(
+                    f"port {port} of {self.host} can't be had: {error.strerror}. "
+                    "Give it another address, for instance 127.0.0.3.",
+                    key="host",
+                ) from None
+        self.tell(f"ready {self.host}")
+        clock = asyncio.ensure_future(self._clock())
+        orders = asyncio.ensure_future(self._orders())
+        await asyncio.wait({clock, orders} if attached else {clock}, return_when="FIRST_COMPLETED")
+        if clock.done():
+            clock.result()
+
+    async def _clock(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            due = max(due + 1 / self.hz, loop.time() - BEHIND)
+            await asyncio.sleep(max(due - loop.time(), 0))
+            if self.controller.frozen:
+                continue
+            self._thawed.set()
+            self.controller.tick()
+            if self.controller.dropping:
+                self.controller.dropping = False
+                for writer in self._sessions.values():
+                    writer.transport.abort()
+            for session, writer in list(self._sessions.items()):
+                if writer.transport.get_write_buffer_size() < BACKLOG:
+                    session.publish(self.controller.read)
+
+    async def _orders(self) -> None:
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        with suppress(OSError, ValueError):  # no stdin to speak of, or one that can't be awaited
+            await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+            while line := (await reader.readline()).decode():
+                self._obey(line)
+
+    def _obey(self, line: str) -> None:
+        try:
+            order = parse_order(line)
+        except ConfigurationError as error:
+            self.tell(f"refused {error}")
+            return
+        self.controller.order(order)
+        self.tell(f"ordered {line.strip()}")
+
+    async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        session = Session(writer.write, VERSION, self.hz, self._registry, self.controller.write)
+        self._sessions[session] = writer
+        try:
+            await self._serve(self._packages(reader, session), writer)
+        finally:
+            del self._sessions[session]
+            session.close()
+
+    async def _packages(self, reader: asyncio.StreamReader, session: Session) -> None:
+        while True:
+            size, kind = HEADER.unpack(await reader.readexactly(HEADER.size))
+            payload = await reader.readexactly(size - HEADER.size)
+            await self._awake()
+            session.receive(kind, payload)
+
+    async def _script(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await self._serve(self._scripts(reader), writer)
+
+    async def _scripts(self, reader: asyncio.StreamReader) -> None:
+        text = ""
+        while data := await reader.read(1 << 16):
+            text += data.decode(errors="replace")
+            await self._awake()
+            while (end := _SCRIPT_END.search(text)) is not None:
+                script, text = text[: end.end()], text[end.end() :]
+                self.tell("program started" if self.controller.load(script) else "script refused")
+
+    async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(f"{GREETING}\n".encode())
+        await self._serve(self._lines(reader, writer), writer)
+
+    async def _lines(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            await self._awake()
+            writer.write(f"{self._dashboard.answer(line.decode(errors='replace'))}\n".encode())
+
+    async def _awake(self) -> None:
+        """Wait while the controller is frozen: it answers nobody."""
+        if self.controller.frozen:
+            self._thawed.clear()
+            await self._thawed.wait()
+
+    async def _serve(
+        self, service: Coroutine[Any, Any, None], writer: asyncio.StreamWriter
+    ) -> None:
+        try:
+            await service
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass  # the client went
+        finally:
+            writer.close()
