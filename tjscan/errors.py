@@ -59,6 +59,38 @@ class PoseUnreachable(ArmFault):
         )
 
 
+class PathBlocked(PoseUnreachable):
+    """On the way there the arm, or what it carries, would come too near to something.
+
+    Parameters
+    ----------
+    reason : str
+        What touches what, where along the path and by how much, and what to do about it.
+    T_b_f : array_like, shape (4, 4)
+        The flange pose asked for, in the base frame.
+    moving, other : str
+        What would touch, and what would be touched.
+    share : float
+        Where along the path it begins: 0 at its start, 1 at its end.
+    distance : float
+        The smallest on the path, in metres; below zero they overlap, about that deep.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        T_b_f: ArrayLike,
+        *,
+        moving: str,
+        other: str,
+        share: float,
+        distance: float,
+    ) -> None:
+        self.moving, self.other = moving, other
+        self.share, self.distance = share, distance
+        super().__init__(reason, T_b_f)
+
+
 class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 

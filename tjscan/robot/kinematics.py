@@ -1,4 +1,6 @@
-"""Forward and inverse kinematics of an arm given as URDF. Nothing else imports Pinocchio.
+"""Forward and inverse kinematics of an arm given as URDF.
+
+Nothing but this and `robot/collision.py` imports Pinocchio.
 
 Frame b is the frame ``base`` of the URDF where it has one, else its root link; for the arms in
 ``robot/models`` that is the DH base frame, in which a Universal Robots controller shows its
@@ -73,6 +75,25 @@ class _Fit:
         return self.position <= POSITION_TOLERANCE and self.rotation <= ROTATION_TOLERANCE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """Pinocchio's own view of an arm, for `tjscan.robot.collision` alone.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The arm.
+    flange : int
+        Number of its frame f.
+    T_root_b : ndarray, shape (4, 4)
+        Frame b in the root of the URDF.
+    """
+
+    model: Any
+    flange: int
+    T_root_b: Array
+
+
 class _Workspace(threading.local):
     """Pinocchio's scratch memory, one for each thread."""
 
@@ -121,6 +142,11 @@ class Kinematics:
         self.velocity = readonly(model.velocityLimit)
         self._T_b_root = inverse(model.frames[self._base].placement.homogeneous)
         self._geometry = _ur_geometry(model)
+
+    @property
+    def chain(self) -> Chain:
+        """What a collision model is built on."""
+        return Chain(self._model, self._flange, inverse(self._T_b_root))
 
     @classmethod
     def load(cls, model: str | Path) -> Kinematics:

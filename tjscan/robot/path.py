@@ -47,6 +47,41 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
     Raises
     ------
     PoseUnreachable
+        As `linear_waypoints` does.
+    """
+    waypoints, points_b = linear_waypoints(kinematics, q, T_b_f)
+    return timed(waypoints, points_b, kinematics.velocity, limits)
+
+
+def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
+    """Move all joints in proportion, from `q` to `goal`, each of shape (n,), in radians."""
+    waypoints = joint_waypoints(q, goal)
+    points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
+    return timed(waypoints, points_b, kinematics.velocity, limits)
+
+
+def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Array, Array]:
+    """Where the joints and the flange's origin are along a straight line, evenly spaced.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    q : ndarray, shape (n,)
+        Where it starts, in radians.
+    T_b_f : ndarray, shape (4, 4)
+        Where the flange ends, in the base frame.
+
+    Returns
+    -------
+    waypoints : ndarray, shape (m, n)
+        Radians.
+    points_b : ndarray, shape (m, 3)
+        Metres, in the base frame.
+
+    Raises
+    ------
+    PoseUnreachable
         If the line leaves the reach or the joint limits, or if a joint would have to jump:
         near a singularity, or where it has to turn back from its limit.
     """
@@ -62,15 +97,13 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
             reason = _jump(kinematics, waypoints[-1], following)
             raise PoseUnreachable(_on_the_way(share, reason), T_b_f)
         waypoints.append(following)
-    return timed(np.array(waypoints), poses_b_f[:, :3, 3], kinematics.velocity, limits)
+    return np.array(waypoints), poses_b_f[:, :3, 3]
 
 
-def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
-    """Move all joints in proportion, from `q` to `goal`, each of shape (n,), in radians."""
+def joint_waypoints(q: Array, goal: Array) -> Array:
+    """Joint angles evenly spaced from `q` to `goal`, shape (m, n), in radians."""
     pieces = max(FEWEST, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
-    waypoints = np.linspace(q, goal, pieces + 1)
-    points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
-    return timed(waypoints, points_b, kinematics.velocity, limits)
+    return np.linspace(q, goal, pieces + 1)
 
 
 def _line(T_start: Array, T_end: Array) -> Array:

@@ -58,7 +58,7 @@ class ArmModel:
         Joint speed limits in degrees per second, shoulder to wrist 3.
     masses : tuple of float
         Link masses in kg, shoulder to wrist 3.
-    arm_radius, wrist_radius : float
+    arm_radius, forearm_radius, wrist_radius : float
         Radii of the capsules that stand for the links, in metres; assumptions.
     """
 
@@ -73,6 +73,7 @@ class ArmModel:
     speeds: tuple[float, float, float, float, float, float]
     masses: tuple[float, float, float, float, float, float]
     arm_radius: float
+    forearm_radius: float
     wrist_radius: float
 
 
@@ -80,23 +81,28 @@ class ArmModel:
 ARMS: Final = {
     "ur5e": ArmModel(
         0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007,
-        (180, 180, 180, 180, 180, 180), (3.761, 8.058, 2.846, 1.37, 1.3, 0.365), 0.06, 0.045,
+        (180, 180, 180, 180, 180, 180), (3.761, 8.058, 2.846, 1.37, 1.3, 0.365),
+        0.06, 0.052, 0.045,
     ),
     "ur10e": ArmModel(
         0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393,
-        (120, 120, 180, 180, 180, 180), (7.369, 13.051, 3.989, 2.1, 1.98, 0.615), 0.075, 0.06,
+        (120, 120, 180, 180, 180, 180), (7.369, 13.051, 3.989, 2.1, 1.98, 0.615),
+        0.075, 0.065, 0.06,
     ),
     "ur16e": ArmModel(
         0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393,
-        (120, 120, 180, 180, 180, 180), (7.369, 10.45, 4.321, 2.18, 2.033, 0.907), 0.075, 0.06,
+        (120, 120, 180, 180, 180, 180), (7.369, 10.45, 4.321, 2.18, 2.033, 0.907),
+        0.075, 0.065, 0.06,
     ),
     "ur20": ArmModel(
         0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543, 0.26, 0.043,
-        (120, 120, 150, 210, 210, 210), (16.343, 29.632, 7.879, 3.054, 3.126, 0.926), 0.09, 0.065,
+        (120, 120, 150, 210, 210, 210), (16.343, 29.632, 7.879, 3.054, 3.126, 0.926),
+        0.09, 0.078, 0.065,
     ),
     "ur30": ArmModel(
         0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543, 0.26, 0.043,
-        (120, 120, 150, 210, 210, 210), (16.343, 28.542, 7.156, 3.054, 3.126, 0.926), 0.09, 0.065,
+        (120, 120, 150, 210, 210, 210), (16.343, 28.542, 7.156, 3.054, 3.126, 0.926),
+        0.09, 0.078, 0.065,
     ),
 }
 # fmt: on
@@ -135,7 +141,7 @@ def bodies(arm: ArmModel) -> tuple[Capsule, ...]:
         Capsule((0, 0, thick), (0, 0, arm.d1), thick),
         Capsule((0, 0, arm.d1), (0, -upper, arm.d1), thick),
         Capsule((0, 0, upper), (arm.a2, 0, upper), thick),
-        Capsule((0, 0, fore), (arm.a3, 0, fore), thick),
+        Capsule((0, 0, fore), (arm.a3, 0, fore), arm.forearm_radius),
         Capsule((0, 0, fore), (0, 0, arm.d4), thin),
         Capsule((0, 0, 0), (0, 0, arm.d5), thin),
         # Its round end touches the flange's plane, and does not reach into the tool.

@@ -1,0 +1,225 @@
+"""Whether a whole path keeps clear: of everything around, of the arm itself, of singularities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.errors import ConfigurationError, PathBlocked, PoseUnreachable
+from tjscan.frames import Array
+from tjscan.robot.collision import CollisionModel, Pair
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.path import joint_waypoints, linear_waypoints
+
+RESOLUTION: Final = 1e-3
+"""Metres that bodies may come nearer between two looks at a path: by half of it, at most, they
+come nearer than their margin unseen."""
+
+ROUNDING: Final = 1e-4
+"""Metres by which a path that begins within a margin may come nearer still."""
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """What a path keeps.
+
+    Parameters
+    ----------
+    solids : float
+        Distance in metres of the arm and what it carries from everything around.
+    own : float
+        Distance in metres of the arm from itself and from what it carries.
+    singular : float
+        Smallest singular value, see `Kinematics.smallest_singular_value`.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is negative or no number.
+    """
+
+    solids: float = 0.01
+    own: float = 0.005
+    singular: float = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isfinite(value) and value >= 0):
+                raise ConfigurationError(f"it must be 0 or more (found {value})", key=field.name)
+
+
+class Clearance:
+    """Plans paths of an arm and refuses those that do not keep clear.
+
+    A path that begins within a margin is allowed as long as it comes no nearer, so that an arm
+    which was led by hand close to something can leave it.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    model : CollisionModel
+        What must keep apart.
+    margins : Margins, optional
+        How far apart.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, model: CollisionModel, margins: Margins | None = None
+    ) -> None:
+        self.kinematics, self._model = kinematics, model
+        self.margins = Margins() if margins is None else margins
+
+    def see(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
+        """Keep clear of a surface that has been measured. See `CollisionModel.see`."""
+        self._model.see(vertices_b, triangles)
+
+    def nearest(self, q: Array) -> tuple[Pair, float] | None:
+        """The two bodies nearest to each other and their distance in metres; none without bodies.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Joint angles in radians.
+        """
+        distances = self._model.distances(q)
+        if distances.size == 0:
+            return None
+        i = int(distances.argmin())
+        return self._model.pairs[i], float(distances[i])
+
+    def linear(self, q: Array, T_b_f: Array) -> Array:
+        """Joint angles at the end of a straight line of the flange that keeps clear.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Where it starts, in radians.
+        T_b_f : ndarray, shape (4, 4)
+            Where the flange ends, in the base frame.
+
+        Raises
+        ------
+        PathBlocked
+            If arm or tool come too near to something.
+        PoseUnreachable
+            If the line leaves the reach or the joint limits, or comes too near to a singularity.
+        """
+        path, _ = linear_waypoints(self.kinematics, q, T_b_f)
+        self._check_singular(path, T_b_f)
+        self._check_clear(path, T_b_f)
+        return np.asarray(path[-1])
+
+    def joint(self, q: Array, T_b_f: Array) -> Array:
+        """Joint angles at the end of a line in joint space that keeps clear.
+
+        Near a singularity such a move is harmless; only its end is kept from one. Parameters
+        and errors are those of `linear`.
+        """
+        path = joint_waypoints(q, self.kinematics.inverse(T_b_f, near=q))
+        self._check_singular(path[[0, -1]], T_b_f)
+        self._check_clear(path, T_b_f)
+        return np.asarray(path[-1])
+
+    def _check_singular(self, path: Array, T_b_f: Array) -> None:
+        smallest = np.array([self.kinematics.smallest_singular_value(q) for q in path])
+        # As with distances: an arm that stands near a singularity may leave it.
+        short = smallest < min(self.margins.singular, float(smallest[0]))
+        if short.any():
+            i = int(short.argmax())
+            raise PoseUnreachable(
+                f"{_where(i / (len(path) - 1))}the arm is too near to a singularity (smallest "
+                f"singular value {smallest.min():.3f}, at least {self.margins.singular:g} is "
+                "asked for). Move the base, or start from another configuration.",
+                T_b_f,
+            )
+
+    def _check_clear(self, path: Array, T_b_f: Array) -> None:
+        walk = _Walk(self._model, path)
+        start = walk.distances(0.0)
+        own = np.array([pair.own for pair in self._model.pairs], dtype=bool)
+        margins = np.where(own, self.margins.own, self.margins.solids)
+        least = np.where(start < margins, np.maximum(start - ROUNDING, 0.0), margins)
+        end = float(len(path) - 1)
+        touched = 0.0 if (start < least).any() else None
+        if touched is None:
+            touched = walk.first_below(least, (0.0, start), (end, walk.distances(end)))
+        if touched is None:
+            return
+        short = least - walk.distances(touched)
+        i = int(short.argmax())
+        later = np.arange(np.ceil(touched), end + 1)
+        distance = min(float(walk.distances(s)[i]) for s in (touched, *later))
+        pair, share = self._model.pairs[i], touched / end
+        raise PathBlocked(
+            _say(pair, share, distance, float(margins[i])),
+            T_b_f,
+            moving=pair.moving,
+            other=pair.other,
+            share=share,
+            distance=distance,
+        )
+
+
+class _Walk:
+    """Distances along a path, at s from 0 to the number of its pieces."""
+
+    def __init__(self, model: CollisionModel, path: Array) -> None:
+        self._model, self._path = model, path
+        turned = np.abs(np.diff(path, axis=0))
+        self._turned = np.vstack([np.zeros(path.shape[1]), turned.cumsum(axis=0)])
+
+    def distances(self, s: float) -> Array:
+        return self._model.distances(_at(self._path, s))
+
+    def first_below(
+        self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
+    ) -> float | None:
+        """First s where a distance falls below `least`, looking no closer than needed.
+
+        Where two bodies are `a` apart at one s and `b` at another, and come nearer by at most
+        `m` between them, they are never nearer than (a + b - m) / 2.
+        """
+        (s_0, d_0), (s_1, d_1) = from_, to
+        nearer = self._model.reach @ (_at(self._turned, s_1) - _at(self._turned, s_0))
+        if (d_0 + d_1 - nearer >= 2 * least).all():
+            return None
+        if nearer.max() <= RESOLUTION:
+            return s_1 if (d_1 < least).any() else None
+        s = (s_0 + s_1) / 2
+        middle = (s, self.distances(s))
+        found = self.first_below(least, from_, middle)
+        return self.first_below(least, middle, to) if found is None else found
+
+
+def _at(values: Array, s: float) -> Array:
+    """Rows between which `s` lies, interpolated."""
+    i = min(int(s), len(values) - 2)
+    return np.asarray(values[i] + (s - i) * (values[i + 1] - values[i]))
+
+
+def _where(share: float) -> str:
+    return "" if share in (0, 1) else f"{share:.0%} of the way there, "
+
+
+def _say(pair: Pair, share: float, distance: float, margin: float) -> str:
+    if share == 0 and distance <= 0:
+        return (
+            f"where the arm stands, {pair.moving} already overlaps {pair.other} by "
+            f"{-1e3 * distance:.1f} mm. Jog it free by hand, or correct the job's [clearance]."
+        )
+    how = (
+        f"would run into {pair.other}, up to {-1e3 * distance:.1f} mm deep"
+        if distance < 0
+        else f"would come within {1e3 * distance:.1f} mm of {pair.other}, where "
+        f"{1e3 * margin:g} mm are asked for"
+    )
+    return (
+        f"{_where(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, or "
+        "correct the job's [clearance]."
+    )

@@ -1,0 +1,210 @@
+"""An arm that looks before it moves."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+
+from tjscan.errors import ArmFault, PathBlocked, PoseUnreachable
+from tjscan.frames import Array
+from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.clearance import Clearance
+
+LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
+"""Metres that a detour draws the sensor back from where it looks, tried in this order."""
+
+SAME_CONFIGURATION: Final = 0.1
+"""Radians a joint may end from where it was planned: far more than a calibrated arm differs from
+its nominal model, far less than another configuration does."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """A part of a way that keeps clear.
+
+    Parameters
+    ----------
+    straight : bool
+        Whether the flange goes on a straight line, or the joints do.
+    T_b_f : ndarray, shape (4, 4)
+        Where the flange ends.
+    q : ndarray, shape (n,)
+        Where the joints end, in radians.
+    """
+
+    straight: bool
+    T_b_f: Array
+    q: Array
+
+
+class ClearedArm:
+    """Any arm, its paths checked as a whole before anything moves.
+
+    Where the direct path is blocked, the arm goes round: it draws the sensor back from where it
+    looks, moves, and comes forward again.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm that moves.
+    clearance : Clearance
+        What its paths must keep.
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange: detours draw it back along its z axis.
+    lifts : iterable of float, optional
+        How far, in metres, one after the other; none where detours are not wanted.
+    """
+
+    def __init__(
+        self, arm: Arm, clearance: Clearance, T_f_s: Array, *, lifts: Iterable[float] = LIFTS
+    ) -> None:
+        self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
+        self._back_f = -np.asarray(T_f_s)[:3, 2]
+        self._halt = threading.Event()
+
+    def __enter__(self) -> Self:
+        """Connect the arm."""
+        self._arm.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop and disconnect the arm."""
+        self._halt.set()
+        self._arm.__exit__(kind, error, trace)
+
+    def state(self) -> ArmState:
+        """State of the arm. See `Arm.state`."""
+        return self._arm.state()
+
+    def check(self, *T_b_f: Array) -> None:
+        """Check a move in joint space and straight lines on, detours included; move nothing.
+
+        Raises
+        ------
+        PathBlocked
+            If arm or tool come too near to something and no detour keeps clear.
+        PoseUnreachable
+            If a path leaves reach or limits or comes too near to a singularity.
+        """
+        q, direct = self._arm.state().q, True
+        for i, T in enumerate(T_b_f):
+            way = self.way(q, T, straight=i > 0)
+            q, direct = way[-1].q, direct and len(way) == 1
+        if direct:
+            # The driver may know more of its arm; of detours it can't be asked beforehand.
+            self._arm.check(*T_b_f)
+
+    def move_linear(self, T_b_f: Array) -> ArmState:
+        """Move on a straight line, or round what blocks it. See `Arm.move_linear`.
+
+        Raises
+        ------
+        PathBlocked
+            Before anything moves, if arm or tool come too near to something, detours included.
+        """
+        return self._move(T_b_f, straight=True)
+
+    def move_joint(self, T_b_f: Array) -> ArmState:
+        """Move along a line in joint space, or round what blocks it. See `move_linear`."""
+        return self._move(T_b_f, straight=False)
+
+    def stop(self) -> None:
+        """Bring the arm to rest now, and begin no further leg of a detour."""
+        self._halt.set()
+        self._arm.stop()
+
+    def way(self, q: Array, T_b_f: Array, *, straight: bool) -> tuple[Leg, ...]:
+        """Plan a way that keeps clear: the direct path, else a detour of three legs.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Where it starts, in radians.
+        T_b_f : ndarray, shape (4, 4)
+            Where the flange ends, in the base frame.
+        straight : bool
+            Whether the direct path is a line of the flange, or of the joints.
+
+        Raises
+        ------
+        PathBlocked, PoseUnreachable
+            Of the direct path, if no detour keeps clear either.
+        """
+        try:
+            return (self._leg(q, T_b_f, straight=straight),)
+        except PathBlocked as blocked:
+            for detour in self._detours(q, T_b_f, straight=straight):
+                try:
+                    return tuple(self._legs(q, detour))
+                except PoseUnreachable:
+                    continue
+            raise _without_detour(blocked, self._lifts) from None
+
+    def _detours(
+        self, q: Array, T_b_f: Array, *, straight: bool
+    ) -> Iterator[tuple[tuple[bool, Array], ...]]:
+        """Ways back, across and forward, as what `_legs` takes; the nearer ones first."""
+        T_start = self.clearance.kinematics.forward(q)
+        for lift, across in product(self._lifts, (straight, not straight)):
+            back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
+            yield (True, back), (across, ahead), (True, T_b_f)
+
+    def _drawn_back(self, T_b_f: Array, lift: float) -> Array:
+        T = np.array(T_b_f)
+        T[:3, 3] += lift * T[:3, :3] @ self._back_f
+        return T
+
+    def _legs(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> Iterator[Leg]:
+        for straight, T in detour:
+            leg = self._leg(q, T, straight=straight)
+            q = leg.q
+            yield leg
+
+    def _leg(self, q: Array, T_b_f: Array, *, straight: bool) -> Leg:
+        plan = self.clearance.linear if straight else self.clearance.joint
+        return Leg(straight, T_b_f, plan(q, T_b_f))
+
+    def _move(self, T_b_f: Array, *, straight: bool) -> ArmState:
+        # Before the planning, so that a stop given while it plans holds.
+        self._halt.clear()
+        state = self._arm.state()
+        for leg in self.way(state.q, T_b_f, straight=straight):
+            if self._halt.is_set():
+                raise ArmFault("the arm was stopped before its move. See that the way is clear.")
+            state = (self._arm.move_linear if leg.straight else self._arm.move_joint)(leg.T_b_f)
+            _check_configuration(state, leg)
+        return state
+
+
+def _check_configuration(state: ArmState, leg: Leg) -> None:
+    """Refuse to go on where the arm took joint angles that nobody checked."""
+    off = np.abs(state.q - leg.q)
+    if off.max() > SAME_CONFIGURATION:
+        raise ArmFault(
+            f"the arm holds the pose in another configuration than was checked: joint "
+            f"{int(off.argmax()) + 1} is {np.degrees(off.max()):.0f} deg off. Jog it back by hand "
+            "before anything else moves."
+        )
+
+
+def _without_detour(blocked: PathBlocked, lifts: tuple[float, ...]) -> PathBlocked:
+    tried = f" No detour up to {1e3 * max(lifts):g} mm back keeps clear either." if lifts else ""
+    return PathBlocked(
+        f"{blocked.reason}{tried}",
+        blocked.T_b_f,
+        moving=blocked.moving,
+        other=blocked.other,
+        share=blocked.share,
+        distance=blocked.distance,
+    )

@@ -1,0 +1,245 @@
+"""How far an arm and what it carries are from everything else, by Pinocchio and coal.
+
+The arm's bodies are the collision geometry of its URDF. URDF has no capsule: a cylinder there is
+given round ends, which is on the safe side, and spheres that these ends hold are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from tjscan.errors import ConfigurationError, nearest
+from tjscan.frames import Array
+from tjscan.robot.kinematics import Chain, Kinematics
+from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
+
+TOOL: Final = "tool"
+"""Stands for every solid the arm carries where pairs are ignored."""
+
+SEEN: Final = "scanned groove"
+"""What a refusal calls the surface that has been measured."""
+
+IGNORED: Final = (("forearm_link", "wrist_3_link"), ("wrist_1_link", TOOL))
+"""Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
+slimmer there, pass each other; an assumption about what is carried, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two bodies that must keep apart.
+
+    Parameters
+    ----------
+    moving : str
+        A link or a solid that the arm carries.
+    other : str
+        What it must not touch.
+    own : bool
+        Whether both belong to the arm.
+    """
+
+    moving: str
+    other: str
+    own: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """A body as Pinocchio knows it, with what it is to the pairs."""
+
+    geometry: Any
+    name: str
+    ignored_as: str
+
+    @property
+    def joint(self) -> int:
+        return int(self.geometry.parentJoint)
+
+
+class CollisionModel:
+    """Distances between an arm, what it carries, what stands around it, and itself.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    solids : sequence of Solid
+        What stands around it, in frame b.
+    tool : sequence of Solid
+        What it carries, in frame f.
+    self_collision : bool, optional
+        Whether the arm and what it carries are kept from each other.
+    ignored : iterable of (str, str), optional
+        Pairs of links, or a link and ``tool``, that are never looked at, beside `IGNORED`.
+
+    Attributes
+    ----------
+    pairs : tuple of Pair
+        What `distances` tells, in its order.
+    reach : ndarray, shape (p, n)
+        The bodies of a pair come nearer by at most so many metres per radian of each joint.
+
+    Raises
+    ------
+    ConfigurationError
+        If a mesh that the URDF names can't be read, or an ignored link is unknown.
+    """
+
+    pairs: tuple[Pair, ...]
+    reach: Array
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        solids: Sequence[Solid] = (),
+        tool: Sequence[Solid] = (),
+        *,
+        self_collision: bool = True,
+        ignored: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        self._chain = chain = kinematics.chain
+        self._data = chain.model.createData()
+        ignored = tuple(ignored)
+        known = (*kinematics.link_names, TOOL)
+        for name in (name for pair in ignored for name in pair if name not in known):
+            raise ConfigurationError(f"no link {name!r}; did you mean: {nearest(name, known)}?")
+        self._ignored = {frozenset(pair) for pair in (*IGNORED, *ignored)}
+        self._self_collision = self_collision
+        self._arm = [*_links(kinematics), *(_carried(chain, solid) for solid in tool)]
+        self._around = [_standing(chain, solid) for solid in solids]
+        self._build(self._around)
+
+    def distances(self, q: Array) -> Array:
+        """Distances of `pairs` in metres, shape (p,), for joint angles, shape (n,), in radians.
+
+        Below zero two bodies overlap, about that deep.
+        """
+        pin.computeDistances(self._chain.model, self._data, self._geometry, self._results, q)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def see(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
+        """Keep clear of a surface that has been measured, in place of the last one given.
+
+        Parameters
+        ----------
+        vertices_b : ndarray, shape (k, 3)
+            Metres, frame b.
+        triangles : ndarray, shape (m, 3)
+            Numbers of the vertices.
+        """
+        mesh = coal.BVHModelOBBRSS()
+        mesh.beginModel(len(triangles), len(vertices_b))
+        mesh.addVertices(np.asarray(vertices_b, dtype=float))
+        mesh.addTriangles(np.asarray(triangles, dtype=np.int64))
+        mesh.endModel()
+        T_root_b = pin.SE3(self._chain.T_root_b)
+        body = _Body(pin.GeometryObject(SEEN, 0, T_root_b, mesh), SEEN, SEEN)
+        self._build([*self._around, body])
+
+    def _build(self, around: Sequence[_Body]) -> None:
+        self._geometry = geometry = pin.GeometryModel()
+        bodies = [*self._arm, *around]
+        for body in bodies:
+            geometry.addGeometryObject(body.geometry)
+        pairs, reach = [], []
+        for i, first in enumerate(self._arm):
+            for k, second in enumerate(bodies[i + 1 :], start=i + 1):
+                own = k < len(self._arm)
+                if first.joint == second.joint or (own and not self._kept_apart(first, second)):
+                    continue
+                geometry.addCollisionPair(pin.CollisionPair(i, k))
+                # What is carried comes last: it is the more telling name of the two.
+                moving, other = (second, first) if own else (first, second)
+                pairs.append(Pair(moving.name, other.name, own))
+                reach.append(self._reach(first, second))
+        self.pairs = tuple(pairs)
+        self.reach = np.array(reach).reshape(len(pairs), self._chain.model.nq)
+        self._results = pin.GeometryData(geometry)
+
+    def _kept_apart(self, first: _Body, second: _Body) -> bool:
+        """Whether two bodies of the arm are looked at: not those that one joint connects."""
+        ignored = frozenset((first.ignored_as, second.ignored_as)) in self._ignored
+        return self._self_collision and abs(first.joint - second.joint) > 1 and not ignored
+
+    def _reach(self, first: _Body, second: _Body) -> Array:
+        """Farthest that a point of the outer body can be from each joint between the two."""
+        inner, outer = sorted((first, second), key=lambda body: body.joint)
+        shape = outer.geometry.geometry
+        shape.computeLocalAABB()
+        farthest = float(
+            np.linalg.norm(outer.geometry.placement.act(shape.aabb_center)) + shape.aabb_radius
+        )
+        model = self._chain.model
+        reach = np.zeros(model.nq)
+        for joint in range(outer.joint, inner.joint, -1):
+            reach[joint - 1] = farthest
+            farthest += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        return reach
+
+
+def _links(kinematics: Kinematics) -> list[_Body]:
+    model, urdf = kinematics.chain.model, kinematics.urdf
+    try:
+        # The second folder is for meshes named package://.
+        found = pin.buildGeomFromUrdf(
+            model, str(urdf), pin.GeometryType.COLLISION, [str(urdf.parent)]
+        )
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"its collision geometry can't be read: {error}", file=urdf) from (
+            None
+        )
+    objects = [_rounded(one) for one in found.geometryObjects]
+    capsules = [one for one in objects if isinstance(one.geometry, coal.Capsule)]
+    bodies = []
+    for one in objects:
+        if any(_is_end(one, capsule) for capsule in capsules):
+            continue
+        name = str(model.frames[one.parentFrame].name)
+        bodies.append(_Body(one, name, name))
+    return bodies
+
+
+def _rounded(one: Any) -> Any:
+    """A geometry object, its cylinder given round ends."""
+    shape = one.geometry
+    if not isinstance(shape, coal.Cylinder):
+        return one
+    capsule = coal.Capsule(shape.radius, 2 * shape.halfLength)
+    return pin.GeometryObject(one.name, one.parentJoint, one.parentFrame, one.placement, capsule)
+
+
+def _is_end(one: Any, capsule: Any) -> bool:
+    """Whether a geometry object is a sphere that a capsule of the same joint holds."""
+    if not isinstance(one.geometry, coal.Sphere) or one.parentJoint != capsule.parentJoint:
+        return False
+    x, y, z = capsule.placement.actInv(one.placement.translation)
+    aside = float(np.hypot(np.hypot(x, y), max(abs(z) - capsule.geometry.halfLength, 0.0)))
+    return bool(aside + one.geometry.radius <= capsule.geometry.radius + 1e-6)
+
+
+def _carried(chain: Chain, solid: Solid) -> _Body:
+    frame = chain.model.frames[chain.flange]
+    placement = frame.placement * pin.SE3(np.asarray(solid.T))
+    shape = _shape(solid.shape)
+    geometry = pin.GeometryObject(solid.name, frame.parentJoint, chain.flange, placement, shape)
+    return _Body(geometry, solid.name, TOOL)
+
+
+def _standing(chain: Chain, solid: Solid) -> _Body:
+    placement = pin.SE3(chain.T_root_b @ solid.T)
+    geometry = pin.GeometryObject(solid.name, 0, placement, _shape(solid.shape))
+    return _Body(geometry, solid.name, solid.name)
+
+
+def _shape(shape: Shape) -> Any:
+    if isinstance(shape, Box):
+        return coal.Box(*shape.size)
+    kinds = {Cylinder: coal.Cylinder, Capsule: coal.Capsule}
+    return kinds[type(shape)](shape.radius, shape.length)
