@@ -47,8 +47,8 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 5e-6
-"""Corners that move less from one round to the next are final, in metres."""
+SETTLED: Final = 0.4
+"""Corners that move less from one round to the next are final, in standard deviations."""
 
 MOST_ROUNDS: Final = 10
 UNDECIDED_ROUNDS: Final = 3
@@ -199,7 +199,7 @@ def refine(
         if count + 1 < len(widths):
             limits = np.full(len(sides), widths[count + 1] * tolerance)
         moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
-        if noise is not None and moved < SETTLED:
+        if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
