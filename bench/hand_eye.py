@@ -4,29 +4,41 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.advice import Board, default_poses
+from tjscan.calibration.advice import Board
 from tjscan.calibration.closed_form import bundle, solve_closed_form
 from tjscan.calibration.design import Uncertainty, expected
+from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate, points_rms
 from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.logbook import Line, Measured
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.operator import Nobody
 from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.calibration.session import Task, next_pose, progress_of
+from tjscan.calibration.shot import Shot
 from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
+from tjscan.calibration_run import start_calibration
 from tjscan.errors import CalibrationRefused
 from tjscan.frames import Array, from_rounded, inverse, pose
+from tjscan.job import read_calibration_job, read_job
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
+from tjscan.run import run_job
+from tjscan.scanning.journal import Journals
 
+EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 MM: Final = 1e-3
 LINES: Final = 12
 RUNS: Final = 1000
@@ -73,8 +85,8 @@ class Stage:
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
         board = Board.touched(places, target)
-        poses = np.stack(default_poses(T_F_S, target, board, window, NOISE, count=LINES))
-        return cls(plane, window, places, target, poses)
+        hand = SimulatedHand(T_F_S, plane, window)
+        return cls(plane, window, places, target, wizards_poses(hand, target, board))
 
     def touched(self, hand: SimulatedHand, rng: np.random.Generator) -> PlaneTarget:
         """The board as touched by a hand with errors."""
@@ -83,6 +95,20 @@ class Stage:
     def profiles(self, hand: SimulatedHand, rng: np.random.Generator) -> list[Profile]:
         """One profile from each pose."""
         return [hand.profile(T_b_f, rng) for T_b_f in self.poses]
+
+
+def wizards_poses(hand: SimulatedHand, target: PlaneTarget, board: Board) -> Array:
+    """The poses that the wizard goes to when the mount is known and every pose is in reach."""
+    at = np.eye(4)
+    at[:3, 3] = board.centre_b
+    task = Task(at, board.half_sizes, np.zeros(3), hand.T_f_s, hand.window, NOISE, 9, LINES)
+    measured, rng = Measured(datetime.now(UTC), {}), np.random.default_rng(0)
+    for k in range(LINES):
+        progress = progress_of(task, measured, target)
+        T_b_f = next_pose(task, measured, target, board, progress, lambda _: True).T_b_f
+        shot = Shot(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
+        measured = measured.after(Line(shot))
+    return np.stack([shot.T_b_f for shot in measured.shots])
 
 
 def samples(poses: Array, profiles: list[Profile], noise: NoiseModel = NOISE) -> list[LineSample]:
@@ -283,6 +309,36 @@ def openlmd(name: str) -> list[LineSample]:
     return found
 
 
+def end_to_end() -> list[Row]:
+    """Calibrate with the wizard on the simulated cell, then scan the paper's joint with it."""
+    with TemporaryDirectory() as folder:
+        job = read_calibration_job(EXAMPLES / "calibrate.toml")
+        start_calibration(job, EXAMPLES / "calibrate.toml", Path(folder) / "found", Nobody())
+        file = Path(folder) / "found" / "calibration.toml"
+        position, rotation = rms([error(read_calibration(file).T_f_s)])
+        with_it = corner_error({"calibration.file": str(file)}, Path(folder) / "with it")
+        with_truth = corner_error({}, Path(folder) / "with the truth")
+    return [
+        Row("wizard, truth hidden: position error", position / MM, 0.12, "mm"),
+        Row("the same: rotation error", float(np.degrees(rotation)), 0.03, "°"),
+        Row(
+            "scan with that result: mean corner error over that with the truth",
+            with_it - with_truth,
+            0.1,
+            "mm",
+        ),
+    ]
+
+
+def corner_error(keys: dict[str, Any], folder: Path) -> float:
+    """Mean corner error in millimetres of the paper's scan, with keys replaced."""
+    file = EXAMPLES / "paper.toml"
+    summary = run_job(read_job(file, keys), file, folder, Journals())
+    if summary.corner_error_mm is None:
+        raise SystemExit(f"{file} names no joint to compare with")
+    return summary.corner_error_mm.mean
+
+
 def measure() -> list[Row]:
     stage = Stage.set_up()
     return [
@@ -290,6 +346,7 @@ def measure() -> list[Row]:
         *monte_carlo(stage),
         *timing(stage),
         *refusals(stage),
+        *end_to_end(),
         *recorded(),
     ]
 

@@ -1,4 +1,4 @@
-"""Where to take the next line, and where to take all of them."""
+"""Where to take the next line: one after the other, that gives all of them."""
 
 from __future__ import annotations
 
@@ -170,51 +170,6 @@ def _tilt_axes(grid: PoseGrid, x: Array, y: Array) -> list[tuple[float, Array]]:
     return [(tilt, axis) for tilt in grid.tilts for axis in (axes if tilt else axes[:1])]
 
 
-def default_poses(
-    T_f_s: Array,
-    target: PlaneTarget,
-    board: Board,
-    window: Window,
-    noise: NoiseModel,
-    *,
-    count: int = 12,
-    grid: PoseGrid | None = None,
-    x_b: ArrayLike | None = None,
-    reachable: Reachable | None = None,
-) -> list[Array]:
-    """The flange poses whose lines together fix T_f_s best, the most telling first.
-
-    Parameters
-    ----------
-    T_f_s, target, board, window, grid, x_b
-        As in `candidate_poses`.
-    noise : NoiseModel
-        What lines and poses err by.
-    count : int
-        Lines to plan.
-    reachable : callable, optional
-        Says whether the arm can take its flange to T_b_f without touching anything.
-
-    Raises
-    ------
-    CalibrationRefused
-        If fewer than `count` poses can be reached with the line on the board.
-    """
-    candidates = candidate_poses(T_f_s, target, board, window, grid or PoseGrid(), x_b)
-    chosen: list[int] = []
-    if len(candidates):
-        seen = foresee(candidates, T_f_s, target, window, noise)
-        chosen = choose(list(candidates), seen.information, known_before(target), count, reachable)
-    if len(chosen) < count:
-        raise CalibrationRefused(
-            "too few poses within reach",
-            f"{count} poses are wanted, {len(chosen)} of {len(candidates)} candidates can be "
-            "reached; move the board to where the arm can tilt the sensor over it, or take a "
-            "larger board",
-        )
-    return [readonly(candidates[k]) for k in chosen]
-
-
 def suggest_pose(
     candidates: Sequence[Array],
     taken: Sequence[Array],
@@ -235,8 +190,15 @@ def suggest_pose(
         Flange poses of the lines there are.
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange, as far as it is known.
-    target, window, noise, reachable
-        As in `default_poses`.
+    target : PlaneTarget
+        The plane, touched or unknown.
+    window : Window
+        The sensor's range.
+    noise : NoiseModel
+        What lines and poses err by.
+    reachable : callable, optional
+        Says whether the arm can take its flange to T_b_f without touching anything. It is asked
+        about the poses that tell most, not about all.
 
     Raises
     ------
@@ -245,19 +207,19 @@ def suggest_pose(
     """
     poses = np.reshape(np.array(candidates, dtype=float), (-1, 4, 4))
     so_far = np.reshape(np.array(taken, dtype=float), (-1, 4, 4))
-    chosen: list[int] = []
+    chosen = None
     if len(poses):
         known = known_before(target)
         if len(so_far):
             known = known + foresee(so_far, T_f_s, target, window, noise).information.sum(axis=0)
         seen = foresee(poses, T_f_s, target, window, noise)
-        chosen = choose(list(poses), seen.information, known, 1, reachable)
-    if not chosen:
+        chosen = choose(poses, seen.information, known, reachable)
+    if chosen is None:
         raise CalibrationRefused(
             "no pose to suggest",
             f"none of {len(poses)} candidates sees the plane within reach; offer others",
         )
-    best = poses[chosen[0]]
+    best = poses[chosen]
     return Suggestion(
         best,
         expected(so_far, T_f_s, target, window, noise),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,8 +23,6 @@ MOUNT_POSITION: Final = 0.05
 MOUNT_ROTATION: Final = float(np.radians(10.0))
 """How well the sensor's place is known before any line: metres and radians, as for a drawing of
 the bracket. An assumption; it only keeps the first choices finite."""
-EXCHANGES: Final = 3
-"""Rounds in which each chosen pose may be exchanged for a better one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,64 +136,26 @@ def gain(before: Array, information: Array) -> Array:
 
 
 def choose(
-    candidates: Sequence[Array],
-    information: Array,
-    before: Array,
-    count: int,
-    reachable: Reachable | None = None,
-) -> list[int]:
-    """Indices of the candidates that together tell most, the most telling first.
+    candidates: Array, information: Array, before: Array, reachable: Reachable | None = None
+) -> int | None:
+    """Index of the reachable candidate that tells most; none where no line is seen or reached.
 
-    Each is chosen greedily, then exchanged while that helps (Fedorov 1972). A pose may be chosen
-    more than once only when nothing else is left. `reachable` is asked about the poses that are
-    about to be chosen, not about all.
-
-    Returns
-    -------
-    list of int
-        Fewer than `count` where fewer are reachable.
+    Parameters
+    ----------
+    candidates : ndarray, shape (n, 4, 4)
+        Flange poses.
+    information : ndarray, shape (n, 9, 9)
+        What a line from each tells.
+    before : ndarray, shape (9, 9)
+        What is known already.
+    reachable : callable, optional
+        Is asked about the most telling ones until it says yes.
     """
-    allowed = np.abs(information).max(axis=(1, 2)) > 0
-    asked: dict[int, bool] = {}
-
-    def best(known: Array, taken: list[int]) -> int | None:
-        score = gain(known, information)
-        score[~allowed] = -np.inf
-        score[taken] = -np.inf
-        for k in np.argsort(-score):
-            if not np.isfinite(score[k]):
-                return None
-            k = int(k)
-            if k not in asked:
-                asked[k] = reachable is None or reachable(candidates[k])
-            if asked[k]:
-                return k
-        return None
-
-    chosen: list[int] = []
-    while len(chosen) < count:
-        k = best(before + information[chosen].sum(axis=0), chosen)
-        if k is None:
-            return chosen
-        chosen.append(k)
-    for _ in range(EXCHANGES):
-        old = list(chosen)
-        for i in range(count):
-            rest = chosen[:i] + chosen[i + 1 :]
-            k = best(before + information[rest].sum(axis=0), rest)
-            if k is not None:
-                chosen[i] = k
-        if chosen == old:
-            break
-    return _most_telling_first(chosen, information, before)
-
-
-def _most_telling_first(chosen: list[int], information: Array, before: Array) -> list[int]:
-    left, order = list(chosen), list[int]()
-    known = before
-    while left:
-        k = left[int(np.argmax(gain(known, information[left])))]
-        order.append(k)
-        left.remove(k)
-        known = known + information[k]
-    return order
+    score = gain(before, information)
+    score[np.abs(information).max(axis=(1, 2)) == 0] = -np.inf
+    for k in np.argsort(-score):
+        if not np.isfinite(score[k]):
+            return None
+        if reachable is None or reachable(candidates[k]):
+            return int(k)
+    return None
