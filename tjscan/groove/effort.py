@@ -12,6 +12,8 @@ class Effort:
 
     Parameters
     ----------
+    windows : tuple of int
+        Lengths of the windows that propose long sides, in points, each half the one before.
     gap_cost : float
         What an outlier costs the stretch of a long side, in points; less where reflections
         hide most of it.
@@ -27,6 +29,7 @@ class Effort:
         Most lines that may be one inner side.
     """
 
+    windows: tuple[int, ...]
     gap_cost: float
     refits: int
     kept: int
@@ -35,9 +38,11 @@ class Effort:
     pool: int
 
 
+_COARSE, _FINE = (48, 24, 12), (48, 24, 12, 6)
+
 EFFORTS: Final = (
-    Effort(gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=90, pool=8),
-    Effort(gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
-    Effort(gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
+    Effort(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=90, pool=8),
+    Effort(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
+    Effort(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
 )
 """One after the other, until a groove is read."""

@@ -20,9 +20,6 @@ from tjscan.groove.effort import Effort
 
 Index = NDArray[np.intp]
 
-WINDOWS: Final = (48, 24, 12, 6)
-"""Lengths of the windows, in points, each half the one before."""
-
 THINNED: Final = 130
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
@@ -102,7 +99,7 @@ def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
     """
     step = max(1, round(len(points) / THINNED))
     row = points[::step]
-    segments = _windows(points, tolerance)
+    segments = _windows(points, tolerance, effort.windows)
     if not len(segments):
         return segments
     segments, gain = _stretched(segments, row, tolerance, effort.gap_cost)
@@ -138,7 +135,7 @@ def with_halves(segments: Segments, points: Array, tolerance: float) -> Segments
     return Segments(*(np.concatenate([getattr(p, n) for p in parts]) for n in Segments.__slots__))
 
 
-def _windows(points: Array, tolerance: float) -> Segments:
+def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segments:
     """Total least-squares lines through windows of several lengths, where they fit well.
 
     A window inside a longer one that fits has nothing to add.
@@ -148,9 +145,9 @@ def _windows(points: Array, tolerance: float) -> Segments:
     x, z = (points - origin).T
     sums = np.zeros((5, n + 1))
     np.cumsum((x, z, x * x, x * z, z * z), axis=1, out=sums[:, 1:])
-    first = np.concatenate([np.arange(0, max(n - k + 1, 0), k // 2) for k in WINDOWS])
-    counts = [len(range(0, n - k + 1, k // 2)) for k in WINDOWS]
-    count = np.repeat(WINDOWS, counts)
+    first = np.concatenate([np.arange(0, max(n - k + 1, 0), k // 2) for k in windows])
+    counts = [len(range(0, n - k + 1, k // 2)) for k in windows]
+    count = np.repeat(windows, counts)
     last = first + count
     mx, mz, xx, xz, zz = (sums[:, last] - sums[:, first]) / count
     xx, xz, zz = xx - mx * mx, xz - mx * mz, zz - mz * mz
@@ -159,7 +156,7 @@ def _windows(points: Array, tolerance: float) -> Segments:
     good = half - apart < (tolerance / 2) ** 2
     new = good.copy()
     ends = np.cumsum(counts)
-    for k in range(1, len(WINDOWS)):
+    for k in range(1, len(windows)):
         longer = np.zeros(counts[k] // 2 + 2, dtype=bool)
         above = good[ends[k - 1] - counts[k - 1] : ends[k - 1]]
         longer[1 : len(above) + 1] = above[: len(longer) - 1]
