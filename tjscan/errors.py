@@ -91,6 +91,80 @@ class PathBlocked(PoseUnreachable):
         super().__init__(reason, T_b_f)
 
 
+class ArmNotReached(ArmFault):
+    """The arm's controller can't be connected to, or does not take this program's orders."""
+
+
+class RegistersInUse(ArmFault):
+    """Another client writes the inputs of the arm's controller."""
+
+
+class ArmNotRemote(ArmFault):
+    """The arm takes orders from its pendant alone: it is in local mode."""
+
+
+class ArmNotPowered(ArmFault):
+    """The arm is switched off, or its brakes are on."""
+
+
+class ProtectiveStop(ArmFault):
+    """The arm's safety system stopped it."""
+
+
+class EmergencyStop(ArmFault):
+    """Somebody pressed an emergency stop."""
+
+
+class ArmLinkLost(ArmFault):
+    """The connection to the arm's controller broke."""
+
+
+class ArmSilent(ArmFault):
+    """The arm's controller no longer answers, or shows the same state again and again."""
+
+
+class TargetRefused(ArmFault):
+    """The arm's controller does not go where it was told.
+
+    Parameters
+    ----------
+    reason : str
+        What it says, and what to do about it.
+    T_b_f : array_like, shape (4, 4)
+        The flange pose asked for, in the base frame.
+    """
+
+    def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
+        self.reason = reason
+        self.T_b_f: NDArray[np.float64] = np.array(T_b_f, dtype=float)
+        x, y, z = 1e3 * self.T_b_f[:3, 3]
+        super().__init__(
+            f"the controller refuses to move the flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the "
+            f"base frame: {reason}"
+        )
+
+
+class ProgramStopped(ArmFault):
+    """Somebody else stopped the program that the arm ran for this one."""
+
+
+class PoseMissed(ArmFault):
+    """The arm says it has arrived, and stands somewhere else.
+
+    Parameters
+    ----------
+    asked, reached : array_like, shape (4, 4)
+        Flange poses in the base frame.
+    detail : str
+        How far apart they are, and what to do about it.
+    """
+
+    def __init__(self, detail: str, asked: ArrayLike, reached: ArrayLike) -> None:
+        self.asked: NDArray[np.float64] = np.array(asked, dtype=float)
+        self.reached: NDArray[np.float64] = np.array(reached, dtype=float)
+        super().__init__(f"the arm did not arrive where it was told to: {detail}")
+
+
 class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
+from math import inf
 from typing import Final
 
 import numpy as np
@@ -82,6 +83,8 @@ class Controller:
         self.tcp = np.zeros(6)
         self.payload, self.centre_of_gravity = 0.0, [0.0] * 3
         self.time = 0.0
+        self.patience = inf
+        self._wall = self._heard = 0.0
         self._tick, self._worth = 1 / hz, SPEED_UP if fast else 1
         self._stopped_at = -UNLOCK_AFTER
         self._motion: Motion | None = None
@@ -98,6 +101,9 @@ class Controller:
         moving = self._motion is not None
         step = self._tick * (self._worth if moving else 1)
         self.time += step
+        self._wall += self._tick
+        if self._wall - self._heard > self.patience:
+            self.stop_program()  # the watchdog that the client has set: nobody writes any more
         if self._motion is not None:
             self._advance(self._motion, step)
         if (
@@ -120,7 +126,7 @@ class Controller:
 
     def stop_program(self) -> None:
         """End the program, and the motion with it."""
-        self._program, self.runtime = None, Runtime.STOPPED
+        self._program, self.runtime, self.patience = None, Runtime.STOPPED, inf
         self.halt()
 
     def order(self, order: Order) -> None:
@@ -149,6 +155,7 @@ class Controller:
         kind, _, number = name.rpartition("_")
         if isinstance(value, Sequence):
             return
+        self._heard = self._wall
         if kind == "input_int_register":
             self.input_int[int(number)] = int(value)
         elif kind == "input_double_register":

@@ -31,7 +31,7 @@ READY, DONE = 1, 2
 MOVE_J, MOVE_J_IK, MOVE_L, MOVE_L_FK, STOP_L, STOP_J = 1, 2, 3, 4, 33, 34
 PAYLOAD, SET_TCP, INVERSE_NEAR, PROTECT, POSE_SAFE, JOINTS_SAFE = 17, 29, 30, 31, 36, 37
 TCP_OFFSET, FORWARD, FORWARD_OF, INVERSE, STEADY = 40, 43, 44, 46, 47
-HAS_INVERSE, HAS_INVERSE_NEAR, END = 60, 61, 255
+WATCHDOG, HAS_INVERSE, HAS_INVERSE_NEAR, END = 35, 60, 61, 255
 """Commands of the control script."""
 
 COUNTS: Final = 128
@@ -125,6 +125,8 @@ class Program:
         elif command == FORWARD_OF:
             T_b_f = controller.kinematics.forward(self._six(0))
             self._give(values_of(T_b_f @ pose_of(self._six(6))))
+        elif command == WATCHDOG:
+            controller.patience = 1 / max(self._double(0), 1e-3)
         elif command == STEADY:
             self._answer(not controller.moving)
         return True

@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
+from threading import Thread
 from typing import Any, Final
 
 from tjscan.errors import ConfigurationError
@@ -129,12 +130,19 @@ class Server:
                     session.publish(self.controller.read)
 
     async def _orders(self) -> None:
-        reader = asyncio.StreamReader()
-        loop = asyncio.get_running_loop()
-        with suppress(OSError, ValueError):  # no stdin to speak of, or one that can't be awaited
-            await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-            while line := (await reader.readline()).decode():
-                self._obey(line)
+        """Obey the lines of stdin until it ends."""
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+
+        def listen() -> None:
+            # A thread, for stdin may be a terminal, a pipe, a file or nothing at all.
+            with suppress(OSError, ValueError, RuntimeError):
+                for line in sys.stdin:
+                    loop.call_soon_threadsafe(self._obey, line)
+            with suppress(RuntimeError):  # the loop has ended before stdin did
+                loop.call_soon_threadsafe(ended.set)
+
+        Thread(target=listen, daemon=True).start()
+        await ended.wait()
 
     def _obey(self, line: str) -> None:
         try:
