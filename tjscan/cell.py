@@ -37,6 +37,9 @@ from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface
 from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import Arm
+from tjscan.robot.clearance import Clearance, Margins
+from tjscan.robot.cleared import ClearedArm
+from tjscan.robot.collision import CollisionModel
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
@@ -61,11 +64,14 @@ class Cell:
         The laser.
     T_f_s : ndarray, shape (4, 4)
         Pose of the laser in the flange frame.
+    clearance : Clearance
+        What the arm's paths keep; it wants to be told what is seen.
     """
 
     arm: Arm
     laser: LineLaser
     T_f_s: Array
+    clearance: Clearance
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -145,7 +151,7 @@ def open_cell(
     mesh = build_mesh(joint)
     surface = Surface(mesh.vertices, mesh.triangles)
     laser = _simulated_laser(job.laser, job.simulation, arm, T_f_s, surface, job.joint.T_b_j)
-    return Cell(arm, laser, T_f_s)
+    return _cleared(job, arm, laser, T_f_s)
 
 
 def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
@@ -173,8 +179,9 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
     thick = trimesh.creation.box((*1e-3 * np.array(board.size_mm), BOARD_THICKNESS))
     surface = Surface(thick.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), thick.faces)
     laser = _simulated_laser(job.laser, simulation, arm, T_f_s, surface, truth.T)
+    cell = _cleared(job, arm, laser, T_f_s)
     probe = SimulatedProbe(
-        arm,
+        cell.arm,
         1e-3 * np.array(board.probe_tip_mm),
         board.T,
         plane_through(truth.T[:3, 3], truth.T[:3, 2]),
@@ -182,7 +189,7 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         approach=1e-3 * board.approach_mm,
         rng=np.random.default_rng([simulation.seed, _PROBE_STREAM]),
     )
-    return Cell(arm, laser, T_f_s), probe
+    return cell, probe
 
 
 def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
@@ -199,6 +206,40 @@ def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
         board.touches,
         board.lines,
     )
+
+
+def clearance_of(job: CellFile) -> Clearance:
+    """What a job's arm keeps clear of, whichever driver moves it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm's model is unknown or its geometry can't be read, or an ignored link is unknown.
+    """
+    table = job.clearance
+    with naming(key="arm.model"):
+        kinematics = Kinematics.load(job.arm.model)
+    with naming(key="clearance.ignore"):
+        model = CollisionModel(
+            kinematics,
+            [one.solid for one in table.solid],
+            [one.solid for one in table.tool],
+            self_collision=table.self_collision,
+            ignored=table.ignore,
+        )
+    margins = Margins(
+        solids=1e-3 * table.margin_mm,
+        own=1e-3 * table.self_margin_mm,
+        singular=table.smallest_singular_value,
+    )
+    return Clearance(kinematics, model, margins)
+
+
+def _cleared(job: CellFile, arm: Arm, laser: LineLaser, T_f_s: Array) -> Cell:
+    """A cell whose arm, whatever it is, looks before it moves."""
+    clearance = clearance_of(job)
+    lifts = 1e-3 * np.array(job.clearance.lifts_mm)
+    return Cell(ClearedArm(arm, clearance, T_f_s, lifts=lifts), laser, T_f_s, clearance)
 
 
 def _simulated_laser(

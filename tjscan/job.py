@@ -12,6 +12,7 @@ from tjscan.calibration.file import NoiseTable, PoseRows, rows_to_pose
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, from_euler_zyx
+from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 
 FARTHEST_MM: Final = 1e5
 """A hundred metres: nothing in a cell is further."""
@@ -19,6 +20,7 @@ FARTHEST_MM: Final = 1e5
 Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
 Vector3 = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Length = Annotated[float, Field(gt=0, le=FARTHEST_MM)]
 
 SMALLEST_BOARD_MM: Final = 100.0
 EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
@@ -107,6 +109,58 @@ class CalibrationTable(FileModel):
     def T_f_s(self) -> Array | None:
         """Pose of the sensor in the flange frame, shape (4, 4), metres, where it stands here."""
         return None if self.T_f_s_mm is None else rows_to_pose(self.T_f_s_mm)
+
+
+class SolidTable(PoseTable):
+    """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis."""
+
+    name: str = Field(min_length=1)
+    kind: Literal["box", "cylinder", "capsule"]
+    size_mm: Annotated[tuple[Length, Length, Length], Field(strict=False)] | None = None
+    radius_mm: Length | None = None
+    length_mm: Length | None = None
+    euler_zyx_deg: Vector3 = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _has_its_sizes(self) -> SolidTable:
+        is_box = self.kind == "box"
+        round_sizes = (self.radius_mm, self.length_mm)
+        if is_box != (self.size_mm is not None) or any(is_box != (s is None) for s in round_sizes):
+            raise ValueError(
+                f"a {self.kind} takes {'size_mm' if is_box else 'radius_mm and length_mm'} alone"
+            )
+        return self
+
+    @property
+    def solid(self) -> Solid:
+        """In metres."""
+        return Solid(self.name, self._shape, self.T)
+
+    @property
+    def _shape(self) -> Shape:
+        if self.size_mm is not None:
+            x, y, z = self.size_mm
+            return Box((1e-3 * x, 1e-3 * y, 1e-3 * z))
+        shape = Cylinder if self.kind == "cylinder" else Capsule
+        return shape(1e-3 * (self.radius_mm or 0.0), 1e-3 * (self.length_mm or 0.0))
+
+
+class ClearanceTable(FileModel):
+    """What the arm keeps clear of: `solid` stands in frame b, `tool` sits on the flange, frame f.
+
+    The defaults are assumptions about a cell that was measured with a tape.
+    """
+
+    margin_mm: float = Field(default=10.0, ge=0, le=500)
+    self_margin_mm: float = Field(default=5.0, ge=0, le=500)
+    self_collision: bool = True
+    smallest_singular_value: float = Field(default=0.02, ge=0, le=1)
+    lifts_mm: Annotated[tuple[Length, ...], Field(strict=False)] = (50.0, 100.0, 200.0, 300.0)
+    ignore: Annotated[
+        tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)
+    ] = ()
+    solid: Annotated[tuple[SolidTable, ...], Field(strict=False)] = ()
+    tool: Annotated[tuple[SolidTable, ...], Field(strict=False)] = ()
 
 
 class BoardTable(FileModel):
@@ -206,6 +260,7 @@ class CellFile(FileModel):
     calibration: CalibrationTable
     board: BoardTable | None = None
     joint: JointTable | None = None
+    clearance: ClearanceTable = ClearanceTable()
     simulation: SimulationTable | None = None
 
     @model_validator(mode="after")

@@ -24,6 +24,7 @@ from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
 from tjscan.scanning.scanner import Progress, Scanner, ScanResult
+from tjscan.scanning.seen import SeenGroove
 from tjscan.scanning.target import Direction
 
 RESUMABLE: Final = (
@@ -34,6 +35,7 @@ RESUMABLE: Final = (
     "scan.resume_tolerance_mm",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
+    "clearance.",
     "simulation.",
 )
 """Keys that may change while a scan goes on."""
@@ -71,14 +73,14 @@ def joint_of(job: JobFile, job_file: Path) -> tuple[Path, JointDefinition] | Non
 
 
 def check_job(job: JobFile, job_file: Path) -> None:
-    """Check a job, what it names, and the reach of its taught poses; move nothing.
+    """Check a job, what it names, and the way to its taught poses; move nothing.
 
     Raises
     ------
     ConfigurationError
         If the job is wrong.
     PoseUnreachable
-        If a taught pose is.
+        If a taught pose is, or the way there is blocked.
     """
     with naming(job_file):
         joint = joint_of(job, job_file)
@@ -89,6 +91,8 @@ def check_job(job: JobFile, job_file: Path) -> None:
 
 def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = None) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
+    seen = SeenGroove(cell.clearance, () if done is None else done.sections)
+    journal = Journals(journal, seen)
     with cell:
         scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, find_groove, plan_of(job), journal)
         try:

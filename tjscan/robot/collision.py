@@ -26,7 +26,11 @@ TOOL: Final = "tool"
 SEEN: Final = "scanned groove"
 """What a refusal calls the surface that has been measured."""
 
-IGNORED: Final = (("forearm_link", "wrist_3_link"), ("wrist_1_link", TOOL))
+IGNORED: Final = (
+    ("forearm_link", "wrist_3_link"),
+    ("wrist_1_link", "wrist_3_link"),
+    ("wrist_1_link", TOOL),
+)
 """Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
 slimmer there, pass each other; an assumption about what is carried, too."""
 
@@ -187,9 +191,8 @@ class CollisionModel:
 def _links(kinematics: Kinematics) -> list[_Body]:
     model, urdf = kinematics.chain.model, kinematics.urdf
     try:
-        # The second folder is for meshes named package://.
         found = pin.buildGeomFromUrdf(
-            model, str(urdf), pin.GeometryType.COLLISION, [str(urdf.parent)]
+            model, str(urdf), pin.GeometryType.COLLISION, package_dirs=str(urdf.parent)
         )
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"its collision geometry can't be read: {error}", file=urdf) from (
