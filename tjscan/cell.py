@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from math import radians
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -29,6 +31,7 @@ from tjscan.job import (
     SimulatedBoardTable,
     SimulatedLaserTable,
     SimulationTable,
+    UrTable,
 )
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
@@ -43,6 +46,7 @@ from tjscan.robot.collision import CollisionModel
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
+from tjscan.robot.ur import UrArm, UrSettings
 from tjscan.scanning.scan import View
 
 _LASER_STREAM: Final = 1
@@ -147,10 +151,10 @@ def open_cell(
     """
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
-    arm = _simulated_arm(job.arm, job.simulation, left)
+    arm, flange = _arm(job.arm, job.simulation, left)
     mesh = build_mesh(joint)
     surface = Surface(mesh.vertices, mesh.triangles)
-    laser = _simulated_laser(job.laser, job.simulation, arm, T_f_s, surface, job.joint.T_b_j)
+    laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, job.joint.T_b_j)
     return _cleared(job, arm, laser, T_f_s)
 
 
@@ -172,13 +176,13 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
     simulation, board = job.simulation, job.board
     if simulation is None:
         raise ConfigurationError("a simulated cell needs the table [simulation]")
-    arm = _simulated_arm(job.arm, simulation)
+    arm, flange = _arm(job.arm, simulation)
     truth = simulation.board or SimulatedBoardTable(
         position_mm=board.position_mm, euler_zyx_deg=board.euler_zyx_deg
     )
     thick = trimesh.creation.box((*1e-3 * np.array(board.size_mm), BOARD_THICKNESS))
     surface = Surface(thick.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), thick.faces)
-    laser = _simulated_laser(job.laser, simulation, arm, T_f_s, surface, truth.T)
+    laser = _simulated_laser(job.laser, simulation, flange, T_f_s, surface, truth.T)
     cell = _cleared(job, arm, laser, T_f_s)
     probe = SimulatedProbe(
         cell.arm,
@@ -242,35 +246,76 @@ def _cleared(job: CellFile, arm: Arm, laser: LineLaser, T_f_s: Array) -> Cell:
     return Cell(ClearedArm(arm, clearance, T_f_s, lifts=lifts), laser, T_f_s, clearance)
 
 
+@dataclass(frozen=True, slots=True)
+class Flange:
+    """What a simulated laser on an arm's hand needs to know of it.
+
+    Parameters
+    ----------
+    T_b_f : callable
+        Gives where the flange truly is, shape (4, 4).
+    time : callable
+        Gives the seconds on the arm's clock.
+    """
+
+    T_b_f: Callable[[], Array]
+    time: Callable[[], float]
+
+
 def _simulated_laser(
     laser: LaserTable,
     simulation: SimulationTable,
-    arm: SimulatedArm,
+    flange: Flange,
     T_f_s: Array,
     surface: Surface,
     T_b_j: Array,
 ) -> SimulatedLaser:
-    """A laser on the hand of a simulated arm, before a surface whose frame j stands in b."""
+    """A laser on an arm's hand, before a surface whose frame j stands in b."""
     T_j_b = inverse(T_b_j)
     T_f_s = T_f_s if simulation.T_f_s_mm is None else rows_to_pose(simulation.T_f_s_mm)
     return SimulatedLaser(
         surface,
         # Where the laser truly is, not where the arm believes it to be.
-        pose=lambda: T_j_b @ arm.true_T_b_f @ T_f_s,
+        pose=lambda: T_j_b @ flange.T_b_f() @ T_f_s,
         model=_laser_model(laser, simulation.laser),
         rng=np.random.default_rng([simulation.seed, _LASER_STREAM]),
-        clock=lambda: arm.state().time,
+        clock=flange.time,
+    )
+
+
+def _arm(
+    table: ArmTable, simulation: SimulationTable, left: View | None = None
+) -> tuple[Arm, Flange]:
+    """The arm by its driver, and where a simulated laser finds its flange."""
+    with naming(key="arm.model"):
+        kinematics = Kinematics.load(table.model)
+    limits = MotionLimits(
+        tcp_speed=1e-3 * table.speed_mm_s, tcp_acceleration=1e-3 * table.acceleration_mm_s2
+    )
+    if table.ur is not None and table.driver == "ur":
+        real = UrArm(kinematics, _ur_settings(table.ur), limits)
+        # Nobody knows the truth about a real arm: what it says has to do.
+        return real, Flange(lambda: real.state().T_b_f, lambda: real.state().time)
+    arm = _simulated_arm(kinematics, limits, simulation, left)
+    return arm, Flange(lambda: arm.true_T_b_f, lambda: arm.state().time)
+
+
+def _ur_settings(table: UrTable) -> UrSettings:
+    x, y, z = table.payload_centre_mm
+    return UrSettings(
+        table.host,
+        payload=table.payload_kg,
+        centre_of_gravity=(1e-3 * x, 1e-3 * y, 1e-3 * z),
+        position_tolerance=1e-3 * table.position_tolerance_mm,
+        rotation_tolerance=radians(table.rotation_tolerance_deg),
+        connect_limit=table.connect_s,
+        silence_limit=table.silence_s,
     )
 
 
 def _simulated_arm(
-    arm: ArmTable, simulation: SimulationTable, left: View | None = None
+    kinematics: Kinematics, limits: MotionLimits, simulation: SimulationTable, left: View | None
 ) -> SimulatedArm:
-    with naming(key="arm.model"):
-        kinematics = Kinematics.load(arm.model)
-    limits = MotionLimits(
-        tcp_speed=1e-3 * arm.speed_mm_s, tcp_acceleration=1e-3 * arm.acceleration_mm_s2
-    )
     with naming(key="simulation.arm.home_deg"):
         return SimulatedArm(
             kinematics,

@@ -57,14 +57,36 @@ class ScanTable(FileModel):
     second: PoseTable
 
 
+class UrTable(FileModel):
+    """A Universal Robots arm: where its controller is, what it carries, what it is held to.
+
+    Without `payload_kg` the payload of its pendant holds.
+    """
+
+    host: str = Field(min_length=1)
+    payload_kg: float | None = Field(default=None, ge=0, le=50)
+    payload_centre_mm: Vector3 = (0.0, 0.0, 0.0)
+    position_tolerance_mm: float = Field(default=0.5, gt=0, le=10)
+    rotation_tolerance_deg: float = Field(default=0.1, gt=0, le=5)
+    connect_s: float = Field(default=15.0, ge=1, le=120)
+    silence_s: float = Field(default=1.0, ge=0.1, le=60)
+
+
 class ArmTable(FileModel):
     """The arm and the bounds it moves within."""
 
-    driver: Literal["simulated"] = "simulated"
+    driver: Literal["simulated", "ur"] = "simulated"
     model: str = "ur10e"
     id: str | None = Field(default=None, min_length=1)
     speed_mm_s: float = Field(default=250.0, ge=1, le=3000)
     acceleration_mm_s2: float = Field(default=1200.0, ge=10, le=50_000)
+    ur: UrTable | None = None
+
+    @model_validator(mode="after")
+    def _has_its_table(self) -> ArmTable:
+        if self.driver == "ur" and self.ur is None:
+            raise ValueError('driver "ur" needs a table [arm.ur] with the host of the controller')
+        return self
 
     @property
     def device(self) -> str:

@@ -1,0 +1,103 @@
+"""The controller's dashboard: a line asked, a line answered, within a time limit.
+
+Spoken directly, for it has to work when the client library hangs.
+"""
+
+from __future__ import annotations
+
+import socket
+from types import TracebackType
+from typing import Final, Self
+
+from tjscan.errors import ArmNotReached, ArmSilent
+
+PORT: Final = 29999
+
+LIMIT: Final = 2.0
+"""Seconds to wait for an answer."""
+
+LONGEST: Final = 4096
+"""Bytes of a line."""
+
+
+class Dashboard:
+    """A connection to the dashboard; a context manager.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+
+    Raises
+    ------
+    ArmNotReached
+        If there is nobody at that address.
+    ArmSilent
+        If there is somebody who does not answer.
+    """
+
+    def __init__(self, host: str) -> None:
+        self._host = host
+        try:
+            self._socket = socket.create_connection((host, PORT), LIMIT)
+        except OSError as error:
+            raise ArmNotReached(
+                f"no controller answers at {host} (port {PORT}: {error.strerror or error}). See "
+                "that the arm is on, that [arm.ur] host is the address its pendant shows, and "
+                "that this machine is in the same network."
+            ) from None
+        self._lines = self._socket.makefile("rb")
+        try:
+            self._read()
+        except ArmSilent:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def ask(self, line: str) -> str:
+        """Ask a line and return the answer.
+
+        Raises
+        ------
+        ArmSilent
+            If there is none.
+        """
+        try:
+            self._socket.sendall(f"{line}\n".encode())
+        except OSError as error:
+            raise self._silent(str(error)) from None
+        return self._read()
+
+    def value(self, line: str) -> str:
+        """What stands behind the colon of an answer, or all of it."""
+        return self.ask(line).rpartition(": ")[2].strip()
+
+    def close(self) -> None:
+        """Hang up."""
+        self._lines.close()
+        self._socket.close()
+
+    def _read(self) -> str:
+        try:
+            line = self._lines.readline(LONGEST)
+        except OSError as error:
+            raise self._silent(str(error)) from None
+        if not line:
+            raise self._silent("it hung up")
+        return line.decode(errors="replace").strip()
+
+    def _silent(self, why: str) -> ArmSilent:
+        return ArmSilent(
+            f"the dashboard of the controller at {self._host} does not answer ({why}). Look at "
+            "its pendant, restart the controller if it hangs, then start again."
+        )

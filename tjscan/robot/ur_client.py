@@ -1,0 +1,175 @@
+"""The client library in a process of its own: ``python -m tjscan.robot.ur_client SOCKET``.
+
+Its constructors hold the interpreter's lock, some of its calls wait for minutes, and when it
+loses the controller it reconnects for ever and then takes its process down. Here it harms
+nobody: the main process asks over a socket, waits as long as it likes, and ends this process.
+When the main process is gone, this one stops the arm and ends.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from tjscan.robot.ur_words import Answer, Request, Six, Snapshot
+
+FREQUENCY: Final = 125.0
+"""Hz at which the controller publishes to this client: what every controller can do."""
+
+OUTPUTS: Final = [
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "actual_TCP_pose",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+]
+PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
+"""Older controllers have no such outputs."""
+
+WATCHDOG: Final = 2.0
+"""Hz: a controller that hears less often from this process stops the arm."""
+
+KICK: Final = 0.1
+"""Seconds between signs of life, when nothing else is asked."""
+
+STOP: Final = 2.0
+"""rad/s² with which the arm is stopped when the main process is gone."""
+
+
+class Client:
+    """Both RTDE links to one controller."""
+
+    def __init__(self) -> None:
+        self._control: Any = None
+        self._receive: Any = None
+        self._tells_payload = True
+        self._watched = False
+        self._kicked = 0.0
+
+    def connect(self, host: str) -> None:
+        """Connect, and start the control script."""
+        from rtde_control import RTDEControlInterface
+        from rtde_receive import RTDEReceiveInterface
+
+        try:
+            self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS + PAYLOAD_OUTPUTS)
+        except (RuntimeError, ValueError):
+            self._tells_payload = False
+            self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS)
+        self._control = RTDEControlInterface(host, FREQUENCY)
+
+    def watch(self) -> bool:
+        """Let the controller stop the arm when this process falls silent."""
+        self._watched = bool(self._control.setWatchdog(WATCHDOG))
+        return self._watched
+
+    def look(self) -> Snapshot:
+        """Read the state."""
+        receive, status = self._receive, self._control.getAsyncOperationProgressEx()
+        told = self._tells_payload
+        return Snapshot(
+            connected=bool(receive.isConnected() and self._control.isConnected()),
+            time=receive.getTimestamp(),
+            q=tuple(receive.getActualQ()),
+            speed=tuple(receive.getActualQd()),
+            tcp=tuple(receive.getActualTCPPose()),
+            robot_mode=receive.getRobotMode(),
+            safety_mode=receive.getSafetyMode(),
+            runtime_state=receive.getRuntimeState(),
+            operation=status.operationId(),
+            moving=status.isAsyncOperationRunning(),
+            payload=receive.getPayload() if told else None,
+            centre_of_gravity=tuple(receive.getPayloadCog()) if told else None,
+        )
+
+    def set_tcp(self, T_f_tcp: Six) -> bool:
+        """Set the active TCP."""
+        return bool(self._control.setTcp(list(T_f_tcp)))
+
+    def tcp(self) -> list[float]:
+        """Read the active TCP; nothing if the controller does not answer."""
+        return list(self._control.getTCPOffset())
+
+    def set_payload(self, mass: float, centre_of_gravity: tuple[float, ...]) -> bool:
+        """Set the payload."""
+        return bool(self._control.setPayload(mass, list(centre_of_gravity)))
+
+    def pose_is_safe(self, tcp: Six) -> bool:
+        """Ask whether a pose is within the safety limits."""
+        return bool(self._control.isPoseWithinSafetyLimits(list(tcp)))
+
+    def inverse(self, tcp: Six, near: Six) -> list[float]:
+        """Ask the controller, which knows its own calibration; nothing if there is no solution."""
+        if not self._control.getInverseKinematicsHasSolution(list(tcp), list(near)):
+            return []
+        return list(self._control.getInverseKinematics(list(tcp), list(near)))
+
+    def move_joint(self, q: Six, speed: float, acceleration: float) -> bool:
+        """Begin a move in joint space."""
+        return bool(self._control.moveJ(list(q), speed, acceleration, True))
+
+    def move_linear(self, tcp: Six, speed: float, acceleration: float) -> bool:
+        """Begin a linear move."""
+        return bool(self._control.moveL(list(tcp), speed, acceleration, True))
+
+    def stop(self, deceleration: float) -> None:
+        """Stop the move under way, and wait until the arm is at rest."""
+        self._control.stopJ(deceleration)
+
+    def end(self) -> None:
+        """End the control script."""
+        self._watched = False
+        self._control.stopScript()
+
+    def kick(self) -> None:
+        """Give a sign of life, if it is time for one."""
+        if self._watched and time.monotonic() - self._kicked >= KICK:
+            self._kicked = time.monotonic()
+            self._control.kickWatchdog()
+
+    def abandon(self) -> None:
+        """Stop the arm: nobody is there to watch over it."""
+        if self._control is not None:
+            self._control.stopJ(STOP)
+            self._control.stopScript()
+
+
+def serve(connection: Connection, client: Client) -> None:
+    """Do as asked until the main process is gone."""
+    while True:
+        try:
+            if not connection.poll(KICK):
+                client.kick()
+                continue
+            request: Request = connection.recv()
+        except (EOFError, OSError):
+            client.abandon()
+            return
+        try:
+            value = getattr(client, request.name)(*request.arguments)
+            answer = Answer(request.number, value)
+        except Exception as error:  # the library raises what it likes; the main process judges
+            answer = Answer(request.number, None, str(error) or type(error).__name__)
+        try:
+            connection.send(answer)
+        except OSError:
+            continue  # the main process is gone: the next poll finds out
+        client.kick()
+
+
+def main() -> None:
+    """Serve the socket whose number is the only argument."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to handle
+    serve(Connection(int(sys.argv[1])), Client())
+    # The library's destructors would wait half a second, or for a controller that is gone.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""From what a controller says of itself to the error that tells what happened and what to do."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tjscan.errors import (
+    ArmFault,
+    ArmLinkLost,
+    ArmNotPowered,
+    ArmNotReached,
+    ArmNotRemote,
+    EmergencyStop,
+    ProgramStopped,
+    ProtectiveStop,
+    RegistersInUse,
+)
+from tjscan.robot.ur_words import PLAYING, RobotMode, SafetyMode, Snapshot
+
+_EMERGENCY: Final = "an emergency stop is pressed. Release it, switch the arm on, then start again."
+_PROTECTIVE: Final = (
+    "the arm made a protective stop. Find out what stopped it and clear the way, wait five "
+    "seconds, unlock it on its pendant, then start again."
+)
+_SAFEGUARD: Final = "a safeguard input stops the arm. Close the guard, then start again."
+_POWER: Final = "Switch it on and release its brakes on the pendant, then start again."
+_REMOTE: Final = (
+    "the arm is in local control. Choose remote control at the upper right of its pendant, "
+    "then start again."
+)
+_PROGRAM: Final = (
+    "somebody else stopped or paused the program on the arm's controller, on its pendant or over "
+    "the network. See that nobody works at the arm, then start again."
+)
+_REGISTERS: Final = (
+    "another client writes the RTDE inputs of the arm's controller. Switch off EtherNet/IP, "
+    "PROFINET and MODBUS on its pendant and end other programs that use it, then start again."
+)
+_LINK: Final = (
+    "the connection to the arm's controller broke. See that the arm stands still and its network "
+    "cable sits, then start again."
+)
+
+
+def safety_fault(mode: str) -> ArmFault | None:
+    """What a state of the safety system means, by the name that the dashboard gives it."""
+    if "EMERGENCY" in mode:
+        return EmergencyStop(_EMERGENCY)
+    if mode == "PROTECTIVE_STOP":
+        return ProtectiveStop(_PROTECTIVE)
+    if "SAFEGUARD" in mode:
+        return ProtectiveStop(_SAFEGUARD)
+    if mode in ("VIOLATION", "FAULT", "RECOVERY"):
+        return ProtectiveStop(
+            f"the arm's safety system is in {mode.lower()}. Follow its pendant, then start again."
+        )
+    return None
+
+
+def power_fault(mode: str) -> ArmFault | None:
+    """What a robot mode means, by the name that the dashboard gives it."""
+    if mode == RobotMode.RUNNING.name:
+        return None
+    return ArmNotPowered(f"the arm is not ready to move (its mode is {mode}). {_POWER}")
+
+
+def remote_fault(answer: str) -> ArmFault | None:
+    """What the dashboard's answer on remote control means; old controllers know no such thing."""
+    return ArmNotRemote(_REMOTE) if answer.lower() == "false" else None
+
+
+def fault_of(now: Snapshot) -> ArmFault | None:
+    """What is wrong, as far as a snapshot tells, the cause before its consequences."""
+    if not now.connected:
+        return ArmLinkLost(_LINK)
+    if (fault := safety_fault(_name(SafetyMode, now.safety_mode))) is not None:
+        return fault
+    if (fault := power_fault(_name(RobotMode, now.robot_mode))) is not None:
+        return fault
+    return None if now.runtime_state == PLAYING else ProgramStopped(_PROGRAM)
+
+
+def start_fault(host: str, words: str) -> ArmFault:
+    """What kept the client library from starting, by its own words."""
+    if "already in use" in words:
+        return RegistersInUse(_REGISTERS)
+    if "remote control" in words:
+        return ArmNotRemote(_REMOTE)
+    return ArmNotReached(
+        f"the controller at {host} does not take this program's orders ({words}). See that its "
+        "network services RTDE, dashboard and the interfaces 30001 to 30004 are enabled."
+    )
+
+
+def _name(modes: type[RobotMode] | type[SafetyMode], number: int) -> str:
+    return modes(number).name if number in list(modes) else str(number)

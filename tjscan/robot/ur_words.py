@@ -1,0 +1,112 @@
+"""What the main process and the client's process say to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+Six = tuple[float, float, float, float, float, float]
+"""Joint angles, or a position and a rotation vector."""
+
+
+class RobotMode(IntEnum):
+    """Power, as RTDE numbers it. A mode that is not here is none to move in."""
+
+    POWER_OFF = 3
+    POWER_ON = 4
+    IDLE = 5
+    RUNNING = 7
+
+
+class SafetyMode(IntEnum):
+    """State of the safety system, as RTDE numbers it."""
+
+    NORMAL = 1
+    REDUCED = 2
+    PROTECTIVE_STOP = 3
+    RECOVERY = 4
+    SAFEGUARD_STOP = 5
+    SYSTEM_EMERGENCY_STOP = 6
+    ROBOT_EMERGENCY_STOP = 7
+    VIOLATION = 8
+    FAULT = 9
+
+
+PLAYING = 2
+"""Runtime state of a program that runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What the controller says of itself at one moment.
+
+    Parameters
+    ----------
+    connected : bool
+        Whether both RTDE links stand.
+    time : float
+        Seconds on the controller's clock.
+    q, speed : tuple of float
+        Joint angles in radians and joint speeds in rad/s.
+    tcp : tuple of float
+        Pose of the active TCP in frame b: metres and a rotation vector.
+    robot_mode, safety_mode, runtime_state : int
+        As RTDE numbers them.
+    operation : int
+        Number of the latest asynchronous move.
+    moving : bool
+        Whether that move is under way.
+    payload, centre_of_gravity : float, tuple of float
+        The active payload in kilograms and metres; None where the controller does not tell.
+    """
+
+    connected: bool
+    time: float
+    q: Six
+    speed: Six
+    tcp: Six
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+    operation: int
+    moving: bool
+    payload: float | None
+    centre_of_gravity: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One thing that the client shall do.
+
+    Parameters
+    ----------
+    number : int
+        Counts the requests.
+    name : str
+        A method of `ur_client.Client`.
+    arguments : tuple
+        What it takes.
+    """
+
+    number: int
+    name: str
+    arguments: tuple[object, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What came of it.
+
+    Parameters
+    ----------
+    number : int
+        Of the request.
+    value : object
+        What the method returned.
+    failure : str, optional
+        What it raised.
+    """
+
+    number: int
+    value: object
+    failure: str | None = None
