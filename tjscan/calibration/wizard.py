@@ -218,7 +218,8 @@ class Wizard:
         what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
         way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
         turn = np.degrees(rotation_angle(ready, there.T_b_f))
-        question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°?"
+        hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
+        question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
         if not self.operator.confirm(Question(question, True, moves=True)):
             self.logbook.add(Passed(there.T_b_f, "declined"))
             return
