@@ -21,7 +21,7 @@ from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.file import read_calibration, rows_to_pose
+from tjscan.calibration.file import pose_to_rows, read_calibration, rows_to_pose
 from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
 from tjscan.calibration.operator import Question
 from tjscan.calibration.probe import JoggedProbe
@@ -33,7 +33,7 @@ from tjscan.calibration_run import MEASURED, resume_calibration, start_calibrati
 from tjscan.cell import Cell, mount_of, open_board_cell, task_of
 from tjscan.cli.operators import AtTerminal
 from tjscan.errors import CalibrationRefused, RecordingError
-from tjscan.frames import Array, inverse
+from tjscan.frames import Array, inverse, pose
 from tjscan.job import read_calibration_job
 from tjscan.laser.profile import Profile
 
@@ -238,6 +238,14 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
     assert not any(question.moves for question in watcher.questions)
     found, first = ((d / "calibration.toml").read_bytes() for d in (copy, calibrated))
     assert found == first
+
+
+def test_a_guess_that_is_far_off_leads_to_the_same_place(tmp_path: Path) -> None:
+    turn = Rotation.from_rotvec(np.radians(10) * np.array((0.6, 0.8, 0.0))).as_matrix()
+    guess = pose(turn @ TRUTH[:3, :3], TRUTH[:3, 3] + 20 * MM * np.array((0.0, 0.6, -0.8)))
+    rows = [list(row) for row in pose_to_rows(guess)]
+    outcome = Stage(tmp_path, calibration__T_f_s_mm=rows, board__lines=8).run(Watcher())
+    assert off(outcome.result.T_f_s)[0] < 3 * outcome.result.uncertainty.position < 0.5 * MM
 
 
 def test_uncertainty_shrinks_from_line_to_line(tmp_path: Path) -> None:
