@@ -227,13 +227,8 @@ class UrArm:
     def _connect(self) -> None:
         host = self.settings.host
         self._dashboard = dashboard = Dashboard(host)
-        for fault in (
-            safety_fault(dashboard.value("safetystatus")),
-            power_fault(dashboard.value("robotmode")),
-            remote_fault(dashboard.ask("is in remote control")),
-        ):
-            if fault is not None:
-                raise fault
+        if (fault := _unready(dashboard)) is not None:
+            raise fault
         self._link = Link()
         try:
             self._link.ask(NoneType, "connect", host, limit=self.settings.connect_limit)
@@ -319,8 +314,15 @@ class UrArm:
         except ClientFailed as failed:
             fault = ArmLinkLost(f"the connection to the arm's controller broke ({failed}).")
         if fault is not None:
-            raise self._end_with(fault)
+            raise self._end_with(self._cause(fault))
         return now
+
+    def _cause(self, fault: ArmFault) -> ArmFault:
+        """Why the program stopped, where the dashboard knows."""
+        if isinstance(fault, ProgramStopped) and self._dashboard is not None:
+            with suppress(ArmFault):
+                return _unready(self._dashboard) or fault
+        return fault
 
     def _state_of(self, now: Snapshot) -> ArmState:
         return ArmState(np.array(now.q), _pose_of(now.tcp) @ self._T_tcp_f, now.time)
@@ -514,6 +516,15 @@ class _Watch:
                 "silent, and could not be told to stop. Press the emergency stop if the arm "
                 "still moves; look at its pendant and cable, then start again."
             )
+
+
+def _unready(dashboard: Dashboard) -> ArmFault | None:
+    """What keeps the arm from moving, as the dashboard tells, the cause before its consequences."""
+    return (
+        safety_fault(dashboard.value("safetystatus"))
+        or power_fault(dashboard.value("robotmode"))
+        or remote_fault(dashboard.ask("is in remote control"))
+    )
 
 
 def _bounds(path: JointPath, length: float) -> tuple[float, float]:

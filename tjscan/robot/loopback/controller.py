@@ -70,10 +70,20 @@ class Controller:
         Its ticks per second.
     fast : bool
         Whether motion runs faster than the wall's clock; its own clock runs with the motion.
+    tell : callable
+        Is told of moves and programs, in a line each.
     """
 
-    def __init__(self, kinematics: Kinematics, q: Array, *, hz: float, fast: bool) -> None:
-        self.kinematics = kinematics
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        q: Array,
+        *,
+        hz: float,
+        fast: bool,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.kinematics, self.tell = kinematics, tell
         self.mode, self.safety, self.runtime = Mode.RUNNING, Safety.NORMAL, Runtime.STOPPED
         self.remote = True
         self.refusing = self.frozen = self.dropping = False
@@ -121,11 +131,14 @@ class Controller:
         if offset is None:
             return False
         self.stop_program()
+        self.tell("program started")
         self._program, self.runtime = Program(self, offset), Runtime.PLAYING
         return True
 
     def stop_program(self) -> None:
         """End the program, and the motion with it."""
+        if self._program is not None:
+            self.tell("program stopped")
         self._program, self.runtime, self.patience = None, Runtime.STOPPED, inf
         self.halt()
 
@@ -187,6 +200,7 @@ class Controller:
     def start(self, motion: Motion) -> None:
         """Begin a motion that the program commands."""
         self._moves += 1
+        self.tell(f"move {self._moves}")
         self._motion, self._elapsed = motion, 0.0
 
     def brake(self, motion: Motion) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -41,10 +42,11 @@ def serve(
     if hasattr(signal, "SIGTTIN"):
         # In the background there is a terminal, but nobody to read from: carry on without.
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
-    server = Server(Controller(kinematics, q, hz=hz, fast=fast), model, host, hz, _tell)
-    asyncio.run(server.run(attached=attached))
+    controller = Controller(kinematics, q, hz=hz, fast=fast, tell=_tell)
+    asyncio.run(Server(controller, model, host, hz, _tell).run(attached=attached))
 
 
 def _tell(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
+    with suppress(BrokenPipeError):  # nobody listens any more
+        sys.stdout.write(f"{line}\n")
+        sys.stdout.flush()

@@ -179,7 +179,8 @@ class Server:
             await self._awake()
             while (end := _SCRIPT_END.search(text)) is not None:
                 script, text = text[: end.end()], text[end.end() :]
-                self.tell("program started" if self.controller.load(script) else "script refused")
+                if not self.controller.load(script):
+                    self.tell("script refused")
 
     async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(f"{GREETING}\n".encode())

@@ -1,0 +1,288 @@
+"""A real arm's driver, through the real client library and TCP, against the loopback controller."""
+
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import FAULTLESS, PAPER, scan_example
+from command import tjscan
+from ur import HOME, KINEMATICS, address, arm_at, beside_home, client_processes, park
+
+from tjscan.errors import (
+    ArmFault,
+    ArmLinkLost,
+    ArmNotPowered,
+    ArmNotReached,
+    ArmNotRemote,
+    ArmSilent,
+    ConfigurationError,
+    EmergencyStop,
+    PoseMissed,
+    PoseUnreachable,
+    ProgramStopped,
+    ProtectiveStop,
+    RegistersInUse,
+    TargetRefused,
+)
+from tjscan.frames import rotation_angle
+from tjscan.recording.messages import EVENT, SECTION
+from tjscan.recording.reader import read_messages
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.ur import UrArm, UrSettings
+
+pytest.importorskip("rtde_control")
+
+SAME = 1e-6
+"""Metres and radians: both sides solve the same inverse, to 1e-7."""
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[LoopbackProcess]:
+    """A controller that stays for all tests of this module."""
+    with LoopbackProcess(address(), "--fast") as loopback:
+        yield loopback
+
+
+@pytest.fixture
+def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
+    """That controller, all right again, and no client's process left behind."""
+    running.order("clear")
+    yield running
+    running.order("clear")
+    assert client_processes() == []
+
+
+def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        for move, T_b_f in (
+            (arm.move_joint, beside_home(0.05, 0.0, 0.03)),
+            (arm.move_linear, beside_home(0.0, 0.04, 0.0)),
+            (arm.move_linear, beside_home()),
+        ):
+            reached = move(T_b_f)
+            np.testing.assert_allclose(reached.T_b_f[:3, 3], T_b_f[:3, 3], atol=SAME)
+            assert rotation_angle(reached.T_b_f, T_b_f) < SAME
+            np.testing.assert_allclose(
+                KINEMATICS.forward(reached.q), reached.T_b_f, rtol=0, atol=SAME
+            )
+            before = reached
+        assert arm.state().time >= before.time
+
+
+def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProcess) -> None:
+    settings = UrSettings(loopback.host, payload=1.25, centre_of_gravity=(0.0, 0.01, 0.08))
+    with UrArm(KINEMATICS, settings) as arm:
+        assert arm.identity.model == "UR10"
+        assert arm.identity.serial
+        assert "5.12" in arm.identity.software
+        assert arm.identity.payload == pytest.approx(1.25)
+
+
+def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        for move in (arm.move_joint, arm.move_linear, arm.check):
+            with pytest.raises(PoseUnreachable):
+                move(beside_home(3.0))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+
+
+def test_another_arm_than_the_job_says_is_refused(loopback: LoopbackProcess) -> None:
+    with (
+        pytest.raises(ConfigurationError, match=r"arm\.model"),
+        arm_at(loopback.host, Kinematics.load("ur5e")),
+    ):
+        pass
+
+
+MID_MOVE = {
+    "protective-stop": ProtectiveStop,
+    "emergency-stop": EmergencyStop,
+    "power-off": ArmNotPowered,
+    "stop-program": ProgramStopped,
+    "drop-link": ArmLinkLost,
+    "freeze": ArmSilent,
+    "local-mode": ArmNotRemote,
+    "miss-target": PoseMissed,
+}
+
+
+@pytest.mark.parametrize("fault", MID_MOVE)
+def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
+    loopback: LoopbackProcess, fault: str
+) -> None:
+    with arm_at(loopback.host) as arm:
+        start = arm.move_joint(beside_home())
+        loopback.order(f"{fault} 1" if fault != "miss-target" else fault)
+        with pytest.raises(MID_MOVE[fault]) as caught:
+            arm.move_linear(beside_home(0.08))
+        if fault != "miss-target":
+            with pytest.raises(type(caught.value)):
+                arm.move_linear(beside_home())
+            with pytest.raises(type(caught.value)):
+                arm.state()
+    loopback.order("clear")
+    with arm_at(loopback.host) as arm:
+        # It stands where the fault left it: on the way, or beside where it should be.
+        moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - start.T_b_f[:3, 3])
+        assert 1e-3 < moved < 0.09
+        arm.move_linear(beside_home())
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        ("protective-stop", ProtectiveStop),
+        ("emergency-stop", EmergencyStop),
+        ("power-off", ArmNotPowered),
+        ("local-mode", ArmNotRemote),
+        ("freeze", ArmSilent),
+    ],
+)
+def test_an_arm_that_is_not_ready_is_not_connected(
+    loopback: LoopbackProcess, fault: str, error: type[ArmFault]
+) -> None:
+    loopback.order(fault)
+    with pytest.raises(error), arm_at(loopback.host):
+        pass
+
+
+def test_nobody_at_the_address_is_told_at_once() -> None:
+    with pytest.raises(ArmNotReached, match="no controller answers"), arm_at(address()):
+        pass
+
+
+def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as first:
+        with pytest.raises(RegistersInUse), arm_at(loopback.host):
+            pass
+        first.move_joint(beside_home(0.02))  # and the other client is not disturbed
+
+
+def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackProcess) -> None:
+    # A dashboard, and nothing else behind that address.
+    with socket.create_server((address(), 29999)) as server:
+        host = server.getsockname()[0]
+        answers = b"hello\nSafetystatus: NORMAL\nRobotmode: RUNNING\ntrue\n"
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(answers)
+                while connection.recv(1 << 16):
+                    pass
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises((ArmNotReached, ArmLinkLost)), arm_at(host):
+            pass
+        thread.join()
+
+
+def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.move_joint(beside_home())
+        loopback.order("refuse-targets")
+        with pytest.raises(TargetRefused, match="safety"):
+            arm.move_linear(beside_home(0.05))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+        loopback.order("clear")
+        arm.move_linear(beside_home(0.05))  # refused targets do no harm
+
+
+def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
+    with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
+
+        def stop() -> None:
+            loopback.wait_for("move")
+            arm.stop()
+
+        stopper = threading.Thread(target=stop)
+        stopper.start()
+        with pytest.raises(ArmFault, match="stopped on its way"):
+            arm.move_joint(beside_home(0.3))
+        stopper.join()
+        stands = arm.state()
+        assert np.abs(stands.q - HOME).max() < 0.2
+        np.testing.assert_allclose(arm.move_joint(beside_home()).q, HOME, atol=1e-5)
+    assert client_processes() == []
+
+
+ORPHAN = """
+import sys
+sys.path.insert(0, sys.argv[2])
+from ur import arm_at, beside_home
+with arm_at(sys.argv[1]) as arm:
+    arm.move_joint(beside_home(0.3))
+"""
+
+
+def test_the_arm_stops_when_the_program_is_killed() -> None:
+    with LoopbackProcess(address()) as loopback:
+        folder = str(Path(__file__).parent)
+        with subprocess.Popen([sys.executable, "-c", ORPHAN, loopback.host, folder]) as program:
+            loopback.wait_for("move")
+            program.kill()
+        loopback.wait_for("program stopped")
+        with arm_at(loopback.host) as arm:
+            assert np.abs(arm.state().q - HOME).max() < 0.2
+
+
+def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
+    loopback: LoopbackProcess,
+) -> None:
+    park(loopback.host)
+    keys = FAULTLESS | {"scan.sections": 6}
+    simulated = scan_example(keys)
+    driven = scan_example(keys | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
+    assert len(driven.sections) == len(simulated.sections) == 6
+    for one, other in zip(driven.sections, simulated.sections, strict=True):
+        np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-5)  # 0.01 mm
+
+
+def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
+    loopback: LoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    park(loopback.host)
+    run = tmp_path / "run"
+    loopback.order("protective-stop 6")
+    ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
+    assert tjscan("scan", PAPER, *ur, "--out", run) == 4
+    assert "protective stop" in capsys.readouterr().err
+    messages = list(read_messages(run / "scan.mcap"))
+    assert sum(topic == SECTION for topic, _ in messages) == 3
+    assert any(m["name"] == "failed" for topic, m in messages if topic == EVENT)
+
+
+def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
+    with (
+        LoopbackProcess(address(), "--fast") as second,
+        arm_at(loopback.host) as one,
+        arm_at(second.host) as other,
+    ):
+        one.move_joint(beside_home(0.05))
+        reached = other.move_joint(beside_home(0.0, 0.05))
+        np.testing.assert_allclose(reached.T_b_f[:3, 3], beside_home(0.0, 0.05)[:3, 3], atol=SAME)
+        np.testing.assert_allclose(one.state().T_b_f[:3, 3], beside_home(0.05)[:3, 3], atol=SAME)
+        second.order("protective-stop 1")
+        with pytest.raises(ProtectiveStop):
+            other.move_linear(beside_home())
+        one.move_linear(beside_home())
+
+
+def test_the_loopback_listens_to_this_machine_alone() -> None:
+    for host in ("0.0.0.0", "192.168.0.10", "localhost", "::1"):
+        assert tjscan("ur-loopback", "--host", host) == 2
+    assert tjscan("ur-loopback", "--model", "ur99", "--host", address()) == 2
+    assert tjscan("ur-loopback", "--hz", "0", "--host", address()) == 2
+
+
+def test_a_job_for_a_real_arm_needs_its_host(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tjscan("scan", PAPER, "--arm.driver", "ur", "--dry-run") == 2
+    assert "[arm.ur]" in capsys.readouterr().err
