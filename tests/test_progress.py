@@ -33,7 +33,9 @@ def section(turned: float, index: int) -> Scan:
     R = rot_z(turned) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
     T_b_g = pose(R, RADIUS * rot_z(turned)[:, 0])
     T_b_s = T_b_g @ inverse(GROOVE.T_s_g)
-    view = View(index, Substep.CORRECTION, T_b_s, T_b_s, Profile(np.zeros(1), np.zeros(1)), 0.0, np.zeros(6))
+    view = View(
+        index, Substep.CORRECTION, T_b_s, T_b_s, Profile(np.zeros(1), np.zeros(1)), 0.0, np.zeros(6)
+    )
     return Scan(view, GROOVE, GROOVE.T_s_g)
 
 
