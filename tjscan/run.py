@@ -72,6 +72,19 @@ def joint_of(job: JobFile, job_file: Path) -> tuple[Path, JointDefinition] | Non
     return file, read_joint(file)
 
 
+def cell_of(job: JobFile, job_file: Path) -> Cell:
+    """Make the cell of a job, with all that the job names.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job, or a file that it names, is wrong.
+    """
+    with naming(job_file):
+        joint = joint_of(job, job_file)
+        return open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1])
+
+
 def check_job(job: JobFile, job_file: Path) -> None:
     """Check a job, what it names, and the way to its taught poses; move nothing.
 
@@ -82,10 +95,7 @@ def check_job(job: JobFile, job_file: Path) -> None:
     PoseUnreachable
         If a taught pose is, or the way there is blocked.
     """
-    with naming(job_file):
-        joint = joint_of(job, job_file)
-        cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1])
-    with cell:
+    with cell_of(job, job_file) as cell:
         cell.arm.check(job.scan.first.T, job.scan.second.T)
 
 

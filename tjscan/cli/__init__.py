@@ -22,6 +22,12 @@ app.command(
     name="calibrate",
     help="Find where the laser sits on the hand.",
 )
+app.command(
+    "tjscan.cli.teach:teach", name="teach", help="Write where the arm stands as a start pose."
+)
+app.command(
+    "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and say what to do."
+)
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(
@@ -35,6 +41,11 @@ EXIT_CODES: dict[type[TjscanError], int] = {ConfigurationError: 2, ArmFault: 4, 
 """What each branch of the error tree ends with; 1 for the rest."""
 
 
+def exit_code(error: TjscanError) -> int:
+    """What the program ends with after an error."""
+    return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
+
+
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run the command line and turn errors into one message and an exit code."""
     try:
@@ -43,7 +54,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
         sys.exit(2)
     except TjscanError as error:
         print(f"tjscan: {error}", file=sys.stderr)
-        sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
+        sys.exit(exit_code(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough
     except KeyboardInterrupt:

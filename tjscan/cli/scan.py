@@ -29,7 +29,7 @@ def scan(
     resume
         Go on with an interrupted scan, after its last finished section.
     dry_run
-        Check the job and the reach of the taught poses, and move nothing.
+        Check the job and the whole way to the taught poses, and move nothing.
     json
         Print the summary as JSON on stdout.
     """
@@ -47,7 +47,7 @@ def scan(
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
     if dry_run:
         check_job(parsed, file)
-        say(f"{file}: the job is sound and the arm reaches both taught poses")
+        say(f"{file}: the job is sound, and the way to both taught poses is clear")
         return
     directory = job if resume else out or default_directory(file)
     with watching(plan_of(parsed)) as watch:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from tjscan.frames import Array, readonly
 
@@ -91,4 +91,33 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Bring the arm to rest now."""
+        ...
+
+
+class Identity(Protocol):
+    """Which arm it is, as far as its controller tells; empty where not."""
+
+    @property
+    def model(self) -> str:
+        """Name of its model."""
+        ...
+
+    @property
+    def serial(self) -> str:
+        """Serial number."""
+        ...
+
+    @property
+    def software(self) -> str:
+        """Version of its controller's software."""
+        ...
+
+
+@runtime_checkable
+class Identified(Protocol):
+    """An arm whose controller says which one it is."""
+
+    @property
+    def identity(self) -> Identity:
+        """Which arm it is; known while connected."""
         ...

@@ -13,7 +13,7 @@ import numpy as np
 
 from tjscan.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.frames import Array
-from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.arm import Arm, ArmState, Identified, Identity
 from tjscan.robot.clearance import Clearance
 
 LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
@@ -86,6 +86,10 @@ class ClearedArm:
     def state(self) -> ArmState:
         """State of the arm. See `Arm.state`."""
         return self._arm.state()
+
+    def identity(self) -> Identity | None:
+        """Which arm it is, where its controller tells; known while connected."""
+        return self._arm.identity if isinstance(self._arm, Identified) else None
 
     def check(self, *T_b_f: Array) -> None:
         """Check a move in joint space and straight lines on, detours included; move nothing.

@@ -1,0 +1,42 @@
+"""``tjscan doctor``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def doctor(
+    job: Path,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    json: bool = False,
+) -> None:
+    """Check a job's cell: files, arm, laser, and the way to its start poses. Nothing moves.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    json
+        Print the findings as JSON on stdout.
+    """
+    from json import dumps
+
+    from tjscan.cli import exit_code
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.doctor import examine
+
+    findings = []
+    for finding in examine(job, parse_overrides(overrides)):
+        findings.append(finding)
+        if not json:
+            mark = "ok   " if finding.sound else "WRONG"
+            print(f"{mark} {finding.what}: {' '.join(finding.detail.split())}", flush=True)
+    if json:
+        rows = [{"what": f.what, "sound": f.sound, "detail": f.detail} for f in findings]
+        print(dumps(rows, indent=2))
+    codes = {exit_code(finding.error) for finding in findings if finding.error is not None}
+    # A configuration comes first: nothing runs before it is right.
+    raise SystemExit(2 if 2 in codes else max(codes, default=0))

@@ -1,0 +1,45 @@
+"""``tjscan teach``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+
+def teach(
+    job: Path,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    which: Literal["first", "second"],
+    json: bool = False,
+) -> None:
+    """Write where the arm stands into a job file as a start pose, if the laser sees a groove.
+
+    Lead the arm there by hand or pendant before; nothing moves. Comments in the file stay. Every
+    key of the job file is an option too, for this once.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML), which is changed.
+    which
+        The first or the second start pose.
+    json
+        Print the pose as JSON on stdout.
+    """
+    from json import dumps
+
+    from tjscan.cli.console import say
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.job import read_job
+    from tjscan.result.readings import measures
+    from tjscan.teaching import teach_pose
+
+    taught = teach_pose(read_job(job, parse_overrides(overrides)), job, which)
+    pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}
+    if json:
+        print(dumps({"which": which, **pose}, indent=2))
+    seen = ", ".join(f"{name} {value:.2f}" for name, value, _ in measures(taught.groove))
+    say(f"the laser sees a groove there: {seen}")
+    say(f"{job}: scan.{which} is now {list(taught.position_mm)} mm, {list(taught.euler_zyx_deg)}°")
