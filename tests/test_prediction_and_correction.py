@@ -21,7 +21,7 @@ def groove(azimuth: float) -> Array:
 
 
 def chord(angle: float) -> float:
-    return 2 * RADIUS * np.sin(angle / 2)
+    return float(2 * RADIUS * np.sin(angle / 2))
 
 
 def predict_on_ring(case: int, direction: Direction, angle: float = 0.2) -> tuple[Array, Array]:
