@@ -18,7 +18,7 @@ from tjscan.job import read_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
 from tjscan.robot.cleared import ClearedArm
-from tjscan.robot.collision import SEEN, CollisionModel
+from tjscan.robot.collision import SEEN, CollisionModel, check_links
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
@@ -224,7 +224,7 @@ def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
 
 def test_an_unknown_link_to_ignore_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(ConfigurationError, match="did you mean: forearm_link"):
-        CollisionModel(kinematics(), ignored=[("forarm_link", "tool")])
+        check_links(kinematics(), [("forarm_link", "tool")])
 
 
 def test_a_clear_path_is_passed_on_unchanged() -> None:

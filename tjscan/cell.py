@@ -42,7 +42,7 @@ from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import Arm
 from tjscan.robot.clearance import Clearance, Margins
 from tjscan.robot.cleared import ClearedArm
-from tjscan.robot.collision import CollisionModel
+from tjscan.robot.collision import CollisionModel, check_links
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
@@ -224,6 +224,8 @@ def clearance_of(job: CellFile) -> Clearance:
     with naming(key="arm.model"):
         kinematics = Kinematics.load(job.arm.model)
     with naming(key="clearance.ignore"):
+        check_links(kinematics, table.ignore)
+    with naming(key="arm.model"):
         model = CollisionModel(
             kinematics,
             [one.solid for one in table.solid],

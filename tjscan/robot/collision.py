@@ -93,7 +93,7 @@ class CollisionModel:
     Raises
     ------
     ConfigurationError
-        If a mesh that the URDF names can't be read, or an ignored link is unknown.
+        If a mesh that the URDF names can't be read.
     """
 
     pairs: tuple[Pair, ...]
@@ -110,10 +110,6 @@ class CollisionModel:
     ) -> None:
         self._chain = chain = kinematics.chain
         self._data = chain.model.createData()
-        ignored = tuple(ignored)
-        known = (*kinematics.link_names, TOOL)
-        for name in (name for pair in ignored for name in pair if name not in known):
-            raise ConfigurationError(f"no link {name!r}; did you mean: {nearest(name, known)}?")
         self._ignored = {frozenset(pair) for pair in (*IGNORED, *ignored)}
         self._self_collision = self_collision
         self._arm = [*_links(kinematics), *(_carried(chain, solid) for solid in tool)]
@@ -186,6 +182,19 @@ class CollisionModel:
             reach[joint - 1] = farthest
             farthest += float(np.linalg.norm(model.jointPlacements[joint].translation))
         return reach
+
+
+def check_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> None:
+    """Check that pairs to ignore name links of the arm, or ``tool``.
+
+    Raises
+    ------
+    ConfigurationError
+        With the nearest name there is.
+    """
+    known = (*kinematics.link_names, TOOL)
+    for name in (name for pair in pairs for name in pair if name not in known):
+        raise ConfigurationError(f"no link {name!r}; did you mean: {nearest(name, known)}?")
 
 
 def _links(kinematics: Kinematics) -> list[_Body]:
