@@ -1,0 +1,272 @@
+"""Clouds, meshes, edges and runs from files, as shapes in metres."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import zipfile
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.comparison.shapes import Mesh, Shape, Stated
+from tjscan.comparison.sidecar import Told, read_sidecar, sidecar_of, state
+from tjscan.errors import ConfigurationError, nearest
+from tjscan.frames import Array, readonly
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
+from tjscan.joint.file import read_joint
+from tjscan.joint.mesh import build_mesh
+from tjscan.laser.files import UNITS
+
+MOST_BYTES: Final = 4_000_000_000
+"""A larger file would fill the memory."""
+
+Content = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
+"""Points, triangles or None, and the unit that the file states with where it states it."""
+
+
+def read_shape(path: Path, told: Told | None = None) -> Shape:
+    """Read a run directory, a joint's TOML, a mesh, a cloud or ``edges.csv``.
+
+    Parameters
+    ----------
+    path : Path
+        PLY, PCD, XYZ, CSV, STL, OBJ, 3MF; STEP and E57 where their extras are installed.
+    told : Told, optional
+        Unit and frame of a file that does not state them.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, damaged or empty, or nobody states its unit or its frame.
+    """
+    told = told or Told()
+    if path.is_dir():
+        return _read_run(path)
+    kind = path.suffix.lower()
+    if kind == ".toml":
+        return _joint_shape(read_joint(path), Stated("mm", "the joint's file", "j"))
+    if not path.is_file():
+        near = nearest(path.name, [f.name for f in path.parent.glob("*")][:1000])
+        raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
+    if path.stat().st_size > MOST_BYTES:
+        raise ConfigurationError("is too large to be read at once", file=path)
+    if kind == ".json":
+        return _read_joint_sidecar(path)
+    if kind not in READERS:
+        known = " ".join(sorted(READERS))
+        raise ConfigurationError(f"can't read {kind or 'a file without ending'}; {known}", file=path)
+    if kind == ".csv" and (edges := _read_edges(path)) is not None:
+        return Shape(path.name, Stated("mm", "the names of its columns", "j"), edges=edges)
+    try:
+        points, triangles, own = READERS[kind](path)
+    except ConfigurationError:
+        raise
+    except Exception as error:  # parsers raise whatever they stumble on
+        told_by = f"{type(error).__name__}: {error}".strip(": ")
+        raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {told_by}", file=path) from None
+    sidecar = sidecar_of(path)
+    if sidecar is None and path.name == "groove.ply" and (path.parent / "summary.json").is_file():
+        run = _read_run(path.parent)
+        return Shape(path.name, run.stated, run.points, dropped=run.dropped)
+    stated = state(path, told, sidecar, own)
+    scaled = UNITS[stated.unit] * points.reshape(-1, 3)
+    if triangles is not None and len(triangles):
+        _check_triangles(path, scaled, triangles)
+        # The edges of a joint are in frame j, whatever the sidecar says of the mesh.
+        joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
+        edges = None if joint is None else feature_edges(joint)
+        return Shape(path.name, stated, mesh=Mesh(readonly(scaled), triangles), edges=edges)
+    finite = np.isfinite(scaled).all(axis=1)
+    if not finite.any():
+        raise ConfigurationError("holds no point", file=path)
+    dropped = int((~finite).sum())
+    return Shape(path.name, stated, readonly(scaled[finite]), dropped=dropped)
+
+
+def _joint_shape(joint: JointDefinition, stated: Stated) -> Shape:
+    built = build_mesh(joint)
+    mesh = Mesh(built.vertices, built.triangles.astype(np.intp))
+    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint))
+
+
+def _read_joint_sidecar(path: Path) -> Shape:
+    sidecar = read_sidecar(path)
+    if sidecar.joint is None:
+        raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
+    return _joint_shape(sidecar.joint, Stated("mm", "the joint's sidecar", "j"))
+
+
+def _read_run(directory: Path) -> Shape:
+    """``groove.ply`` and ``sections.csv``, in mm, in the frame that ``summary.json`` names."""
+    summary = directory / "summary.json"
+    try:
+        frame = json.loads(summary.read_text(encoding="utf-8"))["frame"]
+        if not isinstance(frame, str):
+            raise TypeError("the frame is no word")
+        with (directory / "sections.csv").open(newline="", encoding="utf-8") as stream:
+            corners = 1e-3 * np.array(
+                [
+                    [[float(row[f"p{i}{axis}_mm"]) for axis in "xyz"] for i in range(1, 6)]
+                    for row in csv.DictReader(stream)
+                ]
+            ).reshape(-1, 5, 3)
+    except OSError as error:
+        name = Path(error.filename).name
+        raise ConfigurationError(
+            f"is no finished run: {name}: {error.strerror}", file=directory
+        ) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"is no run, or is damaged: {error!r}", file=directory) from None
+    if not np.isfinite(corners).all():
+        raise ConfigurationError("sections.csv holds corners that are no points", file=directory)
+    try:
+        points, _, _ = _read_ply(directory / "groove.ply")
+    except Exception as error:  # parsers raise whatever they stumble on
+        raise ConfigurationError(f"groove.ply can't be read: {error}", file=directory) from None
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.any() or not len(corners):
+        raise ConfigurationError("holds no section", file=directory)
+    return Shape(
+        directory.name or str(directory),
+        Stated("mm", "the run", frame),
+        readonly(1e-3 * points[finite]),
+        readonly(corners),
+        dropped=int((~finite).sum()),
+    )
+
+
+def _read_edges(path: Path) -> FeatureEdges | None:
+    """``edges.csv`` of a joint; None where the file is another table."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        if stream.readline(1000).strip() != "edge,azimuth_deg,x_mm,y_mm,z_mm":
+            return None
+        lines: dict[str, list[list[float]]] = {"p2": [], "p3": [], "p4": []}
+        try:
+            for name, *values in csv.reader(stream):
+                lines[name].append([float(value) for value in values])
+            azimuth, *_ = (np.radians(np.array(line)[:, 0]) for line in lines.values())
+            edges = [ClosedPolyline(1e-3 * np.array(line)[:, 1:]) for line in lines.values()]
+        except (ValueError, KeyError, IndexError) as error:
+            raise ConfigurationError(f"is damaged: {error!r}", file=path) from None
+    return FeatureEdges(azimuth, *edges)
+
+
+def _read_trimesh(path: Path) -> Content:
+    import trimesh
+
+    loaded = trimesh.load(path, process=False)
+    if isinstance(loaded, trimesh.Scene):
+        loaded = loaded.to_mesh()
+    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.intp).reshape(-1, 3)
+    return np.asarray(loaded.vertices, dtype=float), faces if len(faces) else None, None
+
+
+_read_ply = _read_trimesh
+
+
+def _read_3mf(path: Path) -> Content:
+    """3MF states its unit in the model, millimetre where it says none."""
+    _need("networkx", "3MF", "3mf")
+    with zipfile.ZipFile(path) as archive:
+        model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
+        head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
+    match = re.search(r"<model\b[^>]*\bunit=[\"'](\w+)[\"']", head)
+    word = match[1] if match else "millimeter"
+    unit = {"millimeter": "mm", "micron": "um", "meter": "m"}.get(word)
+    if unit is None:
+        raise ConfigurationError(f"is in {word}; write it in millimetres", file=path, key="unit")
+    points, triangles, _ = _read_trimesh(path)
+    return points, triangles, (unit, "the model in it")
+
+
+def _read_step(path: Path) -> Content:
+    """STEP states its unit; it is triangulated to metres on the way in."""
+    _need("cascadio", "STEP", "step")
+    points, triangles, _ = _read_trimesh(path)
+    return points, triangles, ("m", "its conversion to triangles")
+
+
+def _read_e57(path: Path) -> Content:
+    """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
+    _need("pye57", "E57", "e57")
+    import pye57
+
+    file = pye57.E57(str(path))
+    scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
+    points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
+    return np.concatenate(points), None, ("m", "its standard")
+
+
+def _read_pcd(path: Path) -> Content:
+    import open3d as o3d
+
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        cloud = o3d.t.io.read_point_cloud(str(path), remove_nan_points=False)
+    if "positions" not in cloud.point:
+        raise ValueError("it holds no points")
+    return cloud.point["positions"].numpy().astype(float), None, None
+
+
+def _read_xyz(path: Path) -> Content:
+    """Three numbers per line, and more that don't matter; separated by spaces, commas or both."""
+    with path.open(encoding="utf-8") as stream:
+        lines = (line.replace(",", " ").replace(";", " ") for line in stream)
+        return np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")), None, None
+
+
+def _read_csv(path: Path) -> Content:
+    """Columns x, y, z, with a unit in their names or without."""
+    with path.open(newline="", encoding="utf-8-sig") as stream:
+        names = [name.strip().lower() for name in next(csv.reader(stream), [])]
+        unit_words = "|".join(UNITS)
+        places, units = [], set()
+        for axis in "xyz":
+            form = rf"{axis}(?:_[a-z])?(?:[_ ]*[\[(]?({unit_words})[\])]?)?"
+            found = [(i, match[1]) for i, n in enumerate(names) if (match := re.fullmatch(form, n))]
+            if not found:
+                raise ConfigurationError(
+                    f"has no column {axis} (found: {', '.join(names[:12])})", file=path, key=axis
+                )
+            places.append(found[0][0])
+            units.add(found[0][1])
+        if len(units) > 1:
+            raise ConfigurationError("its columns are in different units", file=path)
+        values = np.loadtxt(stream, delimiter=",", usecols=places, ndmin=2)
+    unit = units.pop()
+    return values, None, None if unit is None else (unit, "the names of its columns")
+
+
+def _check_triangles(path: Path, points: Array, triangles: Array | Any) -> None:
+    if not np.isfinite(points).all():
+        raise ConfigurationError("holds vertices that are no finite points", file=path)
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise ConfigurationError("has triangles without vertices", file=path)
+
+
+def _need(package: str, what: str, extra: str) -> None:
+    if find_spec(package) is None:
+        raise ConfigurationError(
+            f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"
+        )
+
+
+READERS: Final[dict[str, Callable[[Path], Content]]] = {
+    ".ply": _read_ply,
+    ".stl": _read_trimesh,
+    ".obj": _read_trimesh,
+    ".3mf": _read_3mf,
+    ".step": _read_step,
+    ".stp": _read_step,
+    ".e57": _read_e57,
+    ".pcd": _read_pcd,
+    ".xyz": _read_xyz,
+    ".txt": _read_xyz,
+    ".csv": _read_csv,
+}
+"""What reads which ending."""

@@ -1,0 +1,99 @@
+"""What is compared: points, meshes and edges, in metres, with what their files say of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tjscan.comparison.facets import Ids
+from tjscan.frames import Array, readonly, transform
+from tjscan.joint.edges import FeatureEdges
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """Unit and frame of a file, and who states them.
+
+    Parameters
+    ----------
+    unit : str
+        mm, um or m; what the file's numbers are.
+    unit_by : str
+        What states it, for instance ``the sidecar plate.json``.
+    frame : str
+        Letter or name of the frame.
+    """
+
+    unit: str
+    unit_by: str
+    frame: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A surface of triangles.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Metres.
+    triangles : ndarray of int, shape (m, 3)
+        Counter-clockwise seen from outside.
+    """
+
+    vertices: Array
+    triangles: Ids
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """What a file, or a run directory, holds. Any part may be missing, but not all.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    stated : Stated
+        Its unit and frame.
+    points : ndarray, shape (n, 3), optional
+        A cloud, metres.
+    corners : ndarray, shape (k, 5, 3), optional
+        The five points of each section of a run, metres.
+    mesh : Mesh, optional
+        Its surface.
+    edges : FeatureEdges, optional
+        The edges of a joint's groove, in frame j.
+    dropped : int
+        How many points of the file were no finite points, and left out.
+    """
+
+    name: str
+    stated: Stated
+    points: Array | None = None
+    corners: Array | None = None
+    mesh: Mesh | None = None
+    edges: FeatureEdges | None = None
+    dropped: int = 0
+
+    @property
+    def extent(self) -> float:
+        """Diagonal of a box about it, in metres; a cloud's farthest points do not count."""
+        if self.mesh is not None:
+            return float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
+        if self.points is not None:
+            low, high = np.percentile(self.points, (1, 99), axis=0)
+            return float(np.linalg.norm(high - low))
+        if self.edges is not None:
+            return float(np.linalg.norm(np.ptp(self.edges.p2.points_j, axis=0)))
+        return float("nan")
+
+    def moved(self, T: Array, frame: str) -> Shape:
+        """Points and corners mapped by a pose, shape (4, 4), into another frame."""
+        return Shape(
+            self.name,
+            Stated(self.stated.unit, self.stated.unit_by, frame),
+            None if self.points is None else readonly(transform(T, self.points)),
+            None if self.corners is None else readonly(transform(T, self.corners)),
+            dropped=self.dropped,
+        )

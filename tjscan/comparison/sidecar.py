@@ -1,0 +1,134 @@
+"""Who says what a file's numbers mean: its sidecar, else the user, and never a guess."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from tjscan.comparison.shapes import Stated
+from tjscan.config import validate
+from tjscan.errors import ConfigurationError
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import JointFile
+from tjscan.laser.files import UNITS
+
+MOST_BYTES: Final = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What the user states for files that don't state it themselves.
+
+    Parameters
+    ----------
+    units : str, optional
+        mm, um or m.
+    frame : str, optional
+        Letter or name of a frame.
+    """
+
+    units: str | None = None
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.units is not None and self.units not in UNITS:
+            known = ", ".join(UNITS)
+            raise ConfigurationError(f"unknown unit {self.units!r}; one of {known}", key="units")
+
+
+@dataclass(frozen=True, slots=True)
+class Sidecar:
+    """``NAME.json`` beside ``NAME.stl``: unit and frame, and the joint if it is one of ours."""
+
+    file: Path
+    units: str | None = None
+    frame: str | None = None
+    joint: JointDefinition | None = None
+
+
+def read_sidecar(file: Path) -> Sidecar:
+    """Read a sidecar.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no JSON object, its unit is unknown or its joint can't be built.
+    """
+    try:
+        if file.stat().st_size > MOST_BYTES:
+            raise ConfigurationError("is far too large for a sidecar", file=file)
+        data: Any = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ConfigurationError(f"is no JSON: {error}", file=file) from None
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    if not isinstance(data, dict):
+        raise ConfigurationError("is no sidecar: it holds no table", file=file)
+    units, frame, joint = data.get("units"), data.get("frame"), data.get("joint")
+    if units is not None and units not in UNITS:
+        raise ConfigurationError(
+            f"unknown unit {units!r}; one of {', '.join(UNITS)}", file=file, key="units"
+        )
+    if frame is not None and not isinstance(frame, str):
+        raise ConfigurationError("a frame is named by a word", file=file, key="frame")
+    if joint is None:
+        return Sidecar(file, units, frame)
+    if not isinstance(joint, dict):
+        raise ConfigurationError("a joint is a table", file=file, key="joint")
+    # JSON gives lists where the file's model is strict about tuples only in appearance.
+    definition = validate(JointFile, joint, file).definition(file.stem)
+    return Sidecar(file, units, frame, definition)
+
+
+def sidecar_of(file: Path) -> Sidecar | None:
+    """The sidecar beside a file, None where there is none."""
+    beside = file.with_suffix(".json")
+    return read_sidecar(beside) if beside != file and beside.is_file() else None
+
+
+def state(
+    file: Path, told: Told, sidecar: Sidecar | None, own: tuple[str, str] | None = None
+) -> Stated:
+    """Unit and frame of a file.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    told : Told
+        What the user states.
+    sidecar : Sidecar or None
+        What stands beside the file.
+    own : (str, str), optional
+        The unit that the file itself states, and where in it.
+
+    Raises
+    ------
+    ConfigurationError
+        If nobody states unit or frame, or two state different units.
+    """
+    beside = None
+    if sidecar is not None and sidecar.units is not None:
+        beside = (sidecar.units, f"the sidecar {sidecar.file.name}")
+    if own is not None and beside is not None and own[0] != beside[0]:
+        raise ConfigurationError(
+            f"{own[1]} says {own[0]}, {beside[1]} says {beside[0]}", file=file, key="units"
+        )
+    asked = None if told.units is None else (told.units, "--units")
+    unit = own or beside or asked
+    if unit is None:
+        raise ConfigurationError(
+            "does not say what its numbers are: --units mm, um or m, or a sidecar "
+            f'{file.stem}.json with "units"',
+            file=file,
+        )
+    frame = (sidecar.frame if sidecar is not None else None) or told.frame
+    if frame is None:
+        raise ConfigurationError(
+            "does not say in which frame it is: --frame NAME (j for the joint's own), or a sidecar "
+            f'{file.stem}.json with "frame"',
+            file=file,
+        )
+    return Stated(*unit, frame)
