@@ -1,5 +1,7 @@
 """A real arm's driver, through the real client library and TCP, against the loopback controller."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -11,9 +13,10 @@ import numpy as np
 import pytest
 from cells import FAULTLESS, PAPER, scan_example
 from command import tjscan
-from ur import HOME, KINEMATICS, address, arm_at, beside_home, client_processes, park
+from ur_cell import HOME, KINEMATICS, address, arm_at, beside_home, client_processes, park
 
 from tjscan.errors import (
+    ArmBusy,
     ArmFault,
     ArmLinkLost,
     ArmNotPowered,
@@ -34,6 +37,8 @@ from tjscan.recording.messages import EVENT, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.loopback.server import RTDE_PORT
+from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur import UrArm, UrSettings
 
 pytest.importorskip("rtde_control")
@@ -158,18 +163,27 @@ def test_nobody_at_the_address_is_told_at_once() -> None:
         pass
 
 
-def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
+def test_a_program_of_somebody_else_is_left_alone(loopback: LoopbackProcess) -> None:
     with arm_at(loopback.host) as first:
+        with pytest.raises(ArmBusy), arm_at(loopback.host):
+            pass
+        first.move_joint(beside_home(0.02))
+
+
+def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
+    names = b"input_int_register_0,input_double_register_0"
+    with socket.create_connection((loopback.host, RTDE_PORT)) as other:
+        other.sendall(HEADER.pack(HEADER.size + len(names), INPUTS) + names)
+        assert b"IN_USE" not in other.recv(1 << 12)
         with pytest.raises(RegistersInUse), arm_at(loopback.host):
             pass
-        first.move_joint(beside_home(0.02))  # and the other client is not disturbed
 
 
 def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackProcess) -> None:
     # A dashboard, and nothing else behind that address.
     with socket.create_server((address(), 29999)) as server:
         host = server.getsockname()[0]
-        answers = b"hello\nSafetystatus: NORMAL\nRobotmode: RUNNING\ntrue\n"
+        answers = b"hello\nSafetystatus: NORMAL\nRobotmode: RUNNING\ntrue\nProgram running: false\n"
 
         def answer() -> None:
             connection, _ = server.accept()
@@ -217,7 +231,7 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
 ORPHAN = """
 import sys
 sys.path.insert(0, sys.argv[2])
-from ur import arm_at, beside_home
+from ur_cell import arm_at, beside_home
 with arm_at(sys.argv[1]) as arm:
     arm.move_joint(beside_home(0.3))
 """
@@ -234,14 +248,43 @@ def test_the_arm_stops_when_the_program_is_killed() -> None:
             assert np.abs(arm.state().q - HOME).max() < 0.2
 
 
+def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
+    with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
+
+        def hang() -> None:
+            loopback.wait_for("move")
+            for pid in client_processes():
+                os.kill(pid, signal.SIGSTOP)
+
+        hanger = threading.Thread(target=hang)
+        hanger.start()
+        with pytest.raises(ArmSilent):
+            arm.move_joint(beside_home(0.3))
+        hanger.join()
+        loopback.wait_for("program stopped")
+    assert client_processes() == []
+
+
+def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
+    with LoopbackProcess(address()) as loopback:
+        scan = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
+        ur = ["--arm.driver", "ur", "--arm.ur.host", loopback.host, "--out", str(tmp_path / "run")]
+        with subprocess.Popen([*scan, *ur], stderr=subprocess.PIPE) as program:
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGINT)
+            loopback.wait_for("program stopped")
+            assert program.wait() == 130
+        events = [m for topic, m in read_messages(tmp_path / "run" / "scan.mcap") if topic == EVENT]
+        assert [m["name"] for m in events] == ["interrupted"]
+
+
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
     loopback: LoopbackProcess,
 ) -> None:
     park(loopback.host)
-    keys = FAULTLESS | {"scan.sections": 6}
-    simulated = scan_example(keys)
-    driven = scan_example(keys | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
-    assert len(driven.sections) == len(simulated.sections) == 6
+    simulated = scan_example(FAULTLESS)
+    driven = scan_example(FAULTLESS | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
+    assert len(driven.sections) == len(simulated.sections) == 16
     for one, other in zip(driven.sections, simulated.sections, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-5)  # 0.01 mm
 

@@ -99,6 +99,10 @@ class RegistersInUse(ArmFault):
     """Another client writes the inputs of the arm's controller."""
 
 
+class ArmBusy(ArmFault):
+    """The arm's controller runs a program of somebody else."""
+
+
 class ArmNotRemote(ArmFault):
     """The arm takes orders from its pendant alone: it is in local mode."""
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, repeat
 from types import NoneType, TracebackType
 from typing import Final, Self, TypeVar
@@ -21,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.errors import (
+    ArmBusy,
     ArmFault,
     ArmLinkLost,
     ArmSilent,
@@ -52,6 +54,9 @@ STARTS: Final = 2.0
 
 STALLED: Final = 10.0
 """Seconds that a move may stand still: the speed slider may be at zero for a moment."""
+
+SLACK: Final = 1.0
+"""Seconds that the client's process may take for itself on a busy machine."""
 
 SETTLED: Final = 1.0
 """Seconds the arm may take to come to rest where it was told to."""
@@ -214,9 +219,9 @@ class UrArm:
         """
         return self._move(T_b_f, self._linear_path, self._begin_linear)
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._move(T_b_f, self._joint_path, self._begin_joint)
+        return self._move(T_b_f, partial(self._joint_path, near=near), self._begin_joint)
 
     def stop(self) -> None:
         """Bring the arm to rest; the move under way raises ArmFault in its own thread."""
@@ -229,6 +234,7 @@ class UrArm:
         self._dashboard = dashboard = Dashboard(host)
         if (fault := _unready(dashboard)) is not None:
             raise fault
+        self._await_nobody(dashboard)
         self._link = Link()
         try:
             self._link.ask(NoneType, "connect", host, limit=self.settings.connect_limit)
@@ -243,10 +249,21 @@ class UrArm:
             payload=self._look().payload,
         )
 
+    def _await_nobody(self, dashboard: Dashboard) -> None:
+        """See that no program runs: the client library would end it without asking."""
+        limit = time.monotonic() + STARTS  # the dashboard is slow to tell of a program's end
+        while dashboard.value("running").lower() == "true":
+            if time.monotonic() > limit:
+                raise ArmBusy(
+                    "another program runs on the arm's controller. End it on the pendant, or end "
+                    "the program that sent it, then start again."
+                )
+            self._halt.wait(POLL)
+
     def _await_program(self) -> None:
         """Let both links show the program that was started."""
         limit = time.monotonic() + STARTS
-        while (fault := fault_of(self._open_link.look())) is not None:
+        while (fault := fault_of(self._open_link.look(STARTS))) is not None:
             if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
                 raise fault
             self._halt.wait(POLL)
@@ -306,7 +323,7 @@ class UrArm:
         """What the arm says of itself; raises what is wrong with it, and ends with it then."""
         link = self._open_link
         try:
-            now = link.look()
+            now = link.look(self.settings.silence_limit + SLACK)
             self._watch.see(now)
             fault = fault_of(now)
         except ArmFault as found:
@@ -332,8 +349,8 @@ class UrArm:
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
         return linear_path(self.kinematics, q, T_b_f, self.limits)
 
-    def _joint_path(self, q: Array, T_b_f: Array) -> JointPath:
-        goal = self.kinematics.inverse(T_b_f, near=q)
+    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointPath:
+        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
     def _move(

@@ -32,7 +32,7 @@ OUTPUTS: Final = [
 PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 """Older controllers have no such outputs."""
 
-WATCHDOG: Final = 2.0
+WATCHDOG: Final = 1.0
 """Hz: a controller that hears less often from this process stops the arm."""
 
 KICK: Final = 0.1

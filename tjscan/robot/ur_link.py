@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 from tjscan.errors import ArmLinkLost, ArmSilent
 from tjscan.robot.ur_words import Answer, Request, Snapshot
 
-QUICK: Final = 5.0
+QUICK: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
 
 QUOTED: Final = 300
@@ -53,9 +53,9 @@ class Link:
         """Number of the client's process."""
         return self._process.pid
 
-    def look(self) -> Snapshot:
-        """Read the controller's state; raises as `ask` does."""
-        return self.ask(Snapshot, "look")
+    def look(self, limit: float) -> Snapshot:
+        """Read the controller's state within some seconds; raises as `ask` does."""
+        return self.ask(Snapshot, "look", limit=limit)
 
     def ask(self, kind: type[T], name: str, *arguments: object, limit: float = QUICK) -> T:
         """Let the client do something, and return what it returns.

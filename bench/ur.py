@@ -1,0 +1,196 @@
+"""The real arm's driver against the loopback controller: every fault, again and again."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from itertools import cycle, islice
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from threading import Thread, Timer
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+from _table import Row, main
+
+from tjscan.cell import mount_of, open_cell
+from tjscan.errors import (
+    ArmFault,
+    ArmLinkLost,
+    ArmNotPowered,
+    ArmNotRemote,
+    ArmSilent,
+    EmergencyStop,
+    PoseMissed,
+    ProgramStopped,
+    ProtectiveStop,
+    TargetRefused,
+    TjscanError,
+)
+from tjscan.frames import Array, pose
+from tjscan.job import read_job
+from tjscan.recording.reader import read_messages
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.faults import Fault
+from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.ur import UrArm, UrSettings
+from tjscan.run import joint_of, run_job, scan_in
+from tjscan.scanning.journal import Journals
+from tjscan.scanning.scanner import ScanResult
+
+PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
+HOSTS: Final = ("127.0.0.2", "127.0.0.3")
+HOME: Final = np.radians([-110, -95, 160, 105, -110, 0])
+KINEMATICS: Final = Kinematics.load("ur10e")
+
+ROUNDS: Final = 5
+RANDOM_FAULTS: Final = 100
+LONGEST_SCAN: Final = 1.5
+"""Seconds from the start of a scan within which a random fault comes."""
+
+ENDS_IN: Final[dict[Fault, type[ArmFault]]] = {
+    Fault.PROTECTIVE_STOP: ProtectiveStop,
+    Fault.EMERGENCY_STOP: EmergencyStop,
+    Fault.POWER_OFF: ArmNotPowered,
+    Fault.LOCAL_MODE: ArmNotRemote,
+    Fault.DROP_LINK: ArmLinkLost,
+    Fault.FREEZE: ArmSilent,
+    Fault.REFUSE_TARGETS: TargetRefused,
+    Fault.STOP_PROGRAM: ProgramStopped,
+    Fault.MISS_TARGET: PoseMissed,
+}
+FAULTLESS: Final[dict[str, Any]] = {
+    **{
+        f"simulation.laser.{name}": 0
+        for name in ("noise_mm", "bias_mm", "dropout", "missing", "ghosts", "flyers")
+    },
+    "simulation.laser.resolution_mm": 0,
+    "simulation.arm.repeatability_mm": 0,
+    "simulation.arm.repeatability_deg": 0,
+}
+
+
+def beside_home(x: float) -> Array:
+    """Flange pose some metres beside where the controller starts."""
+    return pose(p=(x, 0.0, 0.0)) @ KINEMATICS.forward(HOME)
+
+
+def arm_at(host: str) -> UrArm:
+    """The driver for a controller."""
+    return UrArm(KINEMATICS, UrSettings(host))
+
+
+def park(loopback: LoopbackProcess) -> None:
+    """Set a controller right, and its arm where it started."""
+    loopback.order("clear")
+    with arm_at(loopback.host) as arm:
+        arm.move_joint(beside_home(0.0))
+
+
+def driven(host: str) -> dict[str, Any]:
+    """Keys of a job whose arm is the controller's."""
+    return {"arm.driver": "ur", "arm.ur": {"host": host}}
+
+
+def scan(keys: dict[str, Any]) -> ScanResult:
+    """Scan the paper's joint."""
+    job = read_job(PAPER, keys)
+    joint = joint_of(job, PAPER)
+    return scan_in(open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1]), job, Journals())
+
+
+def difference_mm(loopback: LoopbackProcess) -> float:
+    """Largest distance of a corner of the scan over the wire from the simulated arm's."""
+    park(loopback)
+    one, other = scan(FAULTLESS), scan(FAULTLESS | driven(loopback.host))
+    if len(one.sections) != len(other.sections):
+        return float("nan")
+    pairs = zip(one.sections, other.sections, strict=True)
+    return 1e3 * max(float(np.abs(a.points_b - b.points_b).max()) for a, b in pairs)
+
+
+def as_it_should(loopback: LoopbackProcess, fault: Fault) -> tuple[bool, float]:
+    """Whether a fault in a move ends in its error, and the seconds that took."""
+    park(loopback)
+    with arm_at(loopback.host) as arm:
+        now = fault in (Fault.REFUSE_TARGETS, Fault.MISS_TARGET)
+        loopback.order(str(fault) if now else f"{fault} 1")
+        start = perf_counter()
+        try:
+            arm.move_linear(beside_home(0.08))
+        except ArmFault as error:
+            return type(error) is ENDS_IN[fault], perf_counter() - start
+    return False, perf_counter() - start
+
+
+def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int) -> bool:
+    """Whether a scan with a fault in it ends by the error tree, with a recording that reads."""
+    park(loopback)
+    timer = Timer(0.0 if move else seconds, loopback.order, [f"{fault} {move}" if move else fault])
+    timer.start()
+    job = read_job(PAPER, driven(loopback.host))
+    with TemporaryDirectory() as folder:
+        with suppress(TjscanError):
+            run_job(job, PAPER, Path(folder) / "run", Journals())
+        timer.join()
+        file = Path(folder) / "run" / "scan.mcap"
+        return sum(1 for _ in read_messages(file)) >= 0
+
+
+def side_by_side(*loopbacks: LoopbackProcess) -> int:
+    """How many of the arms scan to the end when all scan at once."""
+    found: list[ScanResult] = []
+    for loopback in loopbacks:
+        park(loopback)
+    threads = [
+        Thread(target=lambda host=one.host: found.append(scan(driven(host)))) for one in loopbacks
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return sum(len(result.sections) == 16 for result in found)
+
+
+def clients_left() -> int:
+    """How many processes of the client library this process has left behind."""
+    children = Path("/proc/self/task").glob("*/children")
+    pids = [pid for file in children for pid in file.read_text(encoding="ascii").split()]
+    return sum(b"ur_client" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in pids)
+
+
+def measure() -> list[Row]:
+    """Measure every bar."""
+    random = np.random.default_rng(1)
+    rows = []
+    with (
+        LoopbackProcess(HOSTS[0], "--fast") as first,
+        LoopbackProcess(HOSTS[1], "--fast") as second,
+    ):
+        rows.append(Row("same scan over the wire: corners apart", difference_mm(first), 0.01, "mm"))
+        for fault in ENDS_IN:
+            found = [as_it_should(first, fault) for _ in range(ROUNDS)]
+            name = f"{fault}: ends in its error, {ROUNDS} times"
+            right = sum(good for good, _ in found)
+            rows.append(Row(name, right, ROUNDS, at_least=ROUNDS))
+            rows.append(Row(f"{fault}: slowest", max(s for _, s in found), 5, "s"))
+        readable, seconds = 0, []
+        for fault in islice(cycle(ENDS_IN), RANDOM_FAULTS):
+            start = perf_counter()
+            move = int(random.integers(1, 30)) if random.random() < 0.5 else 0
+            readable += survives(first, fault, random.uniform(0, LONGEST_SCAN), move)
+            seconds.append(perf_counter() - start)
+        rows += [
+            Row("random faults: recordings that read", readable, RANDOM_FAULTS, "", RANDOM_FAULTS),
+            Row("random faults: slowest scan", max(seconds), 30, "s"),
+            Row("random faults: median scan", median(seconds), 30, "s"),
+            Row("two arms side by side: scans finished", side_by_side(first, second), 2, "", 2),
+        ]
+    rows.append(Row("processes of the client left behind", clients_left(), 0))
+    return rows
+
+
+if __name__ == "__main__":
+    sys.exit(main("The real arm's driver against the loopback controller", measure, sys.argv[1:]))
