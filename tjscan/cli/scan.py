@@ -14,6 +14,7 @@ def scan(
     out: Path | None = None,
     resume: bool = False,
     dry_run: bool = False,
+    realtime: bool = False,
     json: bool = False,
 ) -> None:
     """Scan a groove as a job file says.
@@ -30,6 +31,8 @@ def scan(
         Go on with an interrupted scan, after its last finished section.
     dry_run
         Check the job and the whole way to the taught poses, and move nothing.
+    realtime
+        Let a simulated arm take its time; short for ``--simulation.arm.realtime true``.
     json
         Print the summary as JSON on stdout.
     """
@@ -41,6 +44,8 @@ def scan(
     from tjscan.run import check_job, plan_of, resume_job, run_job
 
     keys = parse_overrides(overrides)
+    if realtime:
+        keys["simulation.arm.realtime"] = True
     file = job / JOB if resume else job
     parsed = read_job(file, keys)
     if resume and (out is not None or dry_run):
