@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cells import FAULTLESS, PAPER, scan_example
 from command import tjscan
-from ur_cell import HOME, KINEMATICS, address, arm_at, beside_home, client_processes, park
+from ur_cell import HOME, KINEMATICS, address, arm_at, beside_home, client_processes
 
 from tjscan.errors import (
     ArmBusy,
@@ -56,8 +56,9 @@ def running() -> Iterator[LoopbackProcess]:
 
 @pytest.fixture
 def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
-    """That controller, all right again, and no client's process left behind."""
+    """That controller, all right and where it started; no client's process is left behind."""
     running.order("clear")
+    running.order("home")
     yield running
     running.order("clear")
     assert client_processes() == []
@@ -281,7 +282,6 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
     loopback: LoopbackProcess,
 ) -> None:
-    park(loopback.host)
     simulated = scan_example(FAULTLESS)
     driven = scan_example(FAULTLESS | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
     assert len(driven.sections) == len(simulated.sections) == 16
@@ -292,7 +292,6 @@ def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
 def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     loopback: LoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    park(loopback.host)
     run = tmp_path / "run"
     loopback.order("protective-stop 6")
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)

@@ -34,12 +34,6 @@ def beside_home(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
     return pose(p=(x, y, z)) @ KINEMATICS.forward(HOME)
 
 
-def park(host: str) -> None:
-    """Move a controller's arm to where it started."""
-    with arm_at(host) as arm:
-        arm.move_joint(beside_home())
-
-
 def client_processes() -> list[int]:
     """Processes of the client library that this process has left."""
     found = []

@@ -90,6 +90,7 @@ class Controller:
         self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
         self.input_double, self.output_double = [0.0] * REGISTERS, [0.0] * REGISTERS
         self.q, self.speed = np.array(q, dtype=float), np.zeros(6)
+        self._home = self.q.copy()
         self.tcp = np.zeros(6)
         self.payload, self.centre_of_gravity = 0.0, [0.0] * 3
         self.time = 0.0
@@ -261,6 +262,9 @@ class Controller:
             self.refusing = True
         elif fault is Fault.MISS_TARGET:
             self._missing = True
+        elif fault is Fault.HOME:
+            self.halt()
+            self.q = self._home.copy()
         else:
             self._clear()
 

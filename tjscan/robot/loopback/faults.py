@@ -9,7 +9,7 @@ from tjscan.errors import ConfigurationError, nearest
 
 
 class Fault(StrEnum):
-    """What can go wrong with a controller, and what sets it right again."""
+    """What can go wrong with a controller; what sets it right, and its arm where it started."""
 
     PROTECTIVE_STOP = "protective-stop"
     EMERGENCY_STOP = "emergency-stop"
@@ -21,6 +21,7 @@ class Fault(StrEnum):
     STOP_PROGRAM = "stop-program"
     MISS_TARGET = "miss-target"
     CLEAR = "clear"
+    HOME = "home"
 
 
 @dataclass(frozen=True, slots=True)
