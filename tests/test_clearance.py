@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tjscan.cell import clearance_of, mount_of, open_cell
 from tjscan.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
-from tjscan.frames import Array, pose, rot_y
+from tjscan.frames import Array, pose, rot_y, transform
 from tjscan.job import read_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
@@ -89,9 +89,9 @@ class Spy:
         self.told.append(("linear", T_b_f))
         return self.arm.move_linear(T_b_f)
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         self.told.append(("joint", T_b_f))
-        return self.arm.move_joint(T_b_f)
+        return self.arm.move_joint(T_b_f, near)
 
     def stop(self) -> None:
         self.arm.stop()
@@ -257,6 +257,26 @@ def test_where_nothing_goes_the_refusal_is_that_of_the_direct_path_and_nothing_m
     assert spy.told == []
 
 
+def test_where_the_nearest_configuration_is_blocked_another_one_is_taken() -> None:
+    goal = aside(0.5)
+    nearest, *others = kinematics().inverses(goal, near=HOME)
+    T_b_forearm = kinematics().link_poses(nearest)[kinematics().link_names.index("forearm_link")]
+    middle_b = transform(T_b_forearm, (-0.28, 0.0, 0.04))
+    ball = Solid("ball", Capsule(0.03, 1e-3), pose(p=middle_b))
+    arm, spy = spied(clearance(ball))
+    with arm:
+        arm.check(goal)
+        assert spy.told == []
+        with pytest.raises(PathBlocked, match="ball"):
+            arm.move_linear(goal)
+        with pytest.raises(PathBlocked, match="ball"):
+            arm.move_joint(goal, nearest)
+        reached = arm.move_joint(goal)
+    np.testing.assert_allclose(reached.T_b_f, goal, atol=1e-8)
+    assert np.abs(reached.q - nearest).max() > 0.5
+    assert min(np.abs(reached.q - q).max() for q in others) < 1e-6
+
+
 def test_without_lifts_there_is_no_detour() -> None:
     arm, spy = spied(clearance(post(-0.06)), lifts=())
     with arm, pytest.raises(PathBlocked):
@@ -277,8 +297,8 @@ def test_checking_looks_at_every_path_and_moves_nothing() -> None:
 
 def test_an_arm_that_took_another_configuration_is_not_moved_on() -> None:
     class Elsewhere(Spy):
-        def move_joint(self, T_b_f: Array) -> ArmState:
-            reached = super().move_joint(T_b_f)
+        def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+            reached = super().move_joint(T_b_f, near)
             return ArmState(
                 reached.q + np.array((0, 0, 0, 0, 0, 2 * np.pi)), reached.T_b_f, reached.time
             )

@@ -112,6 +112,26 @@ def test_no_other_turn_of_a_joint_would_be_nearer(model: str, share: Array, othe
         assert not (within & nearer).any()
 
 
+@given(model=models, share=angles)
+@settings(max_examples=50, deadline=None)
+def test_all_configurations_hold_the_pose_and_the_nearest_comes_first(
+    model: str, share: Array
+) -> None:
+    kinematics = arm(model)
+    q = WELL + 0.5 * share
+    assume(kinematics.smallest_singular_value(q) > REGULAR)
+    T_b_f = kinematics.forward(q)
+    found = kinematics.inverses(T_b_f, near=q)
+    assert np.abs(found[0] - q).max() < ANGLES
+    assert 4 <= len(found) <= 8  # shoulder, elbow and wrist, two ways each
+    away = [float(np.linalg.norm(one - q)) for one in found]
+    assert away == sorted(away)
+    for one in found:
+        np.testing.assert_allclose(kinematics.forward(one), T_b_f, rtol=0, atol=SINGULAR)
+        assert (one >= kinematics.lower).all()
+        assert (one <= kinematics.upper).all()
+
+
 @given(model=models, share=angles, offset=angles)
 @settings(max_examples=150, deadline=None)
 def test_the_inverse_near_the_angles_returns_them(model: str, share: Array, offset: Array) -> None:

@@ -77,8 +77,11 @@ class Arm(Protocol):
         """
         ...
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to a flange pose along a line in joint space, and return the state reached.
+
+        It ends in the configuration nearest to the joint angles `near`, shape (n,), in radians;
+        nearest to those it has where they are left out.
 
         Raises
         ------

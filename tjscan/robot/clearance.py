@@ -115,13 +115,15 @@ class Clearance:
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])
 
-    def joint(self, q: Array, T_b_f: Array) -> Array:
+    def joint(self, q: Array, T_b_f: Array, near: Array | None = None) -> Array:
         """Joint angles at the end of a line in joint space that keeps clear.
 
-        Near a singularity such a move is harmless; only its end is kept from one. Parameters
-        and errors are those of `linear`.
+        Near a singularity such a move is harmless; only its end is kept from one. It ends in
+        the configuration nearest to `near`, shape (n,), or to `q` where that is left out.
+        Parameters and errors are otherwise those of `linear`.
         """
-        path = joint_waypoints(q, self.kinematics.inverse(T_b_f, near=q))
+        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
+        path = joint_waypoints(q, goal)
         self._check_singular(path[[0, -1]], T_b_f)
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from functools import partial
+from itertools import chain, product
 from types import TracebackType
 from typing import Final, Self
 
@@ -47,7 +48,8 @@ class ClearedArm:
     """Any arm, its paths checked as a whole before anything moves.
 
     Where the direct path is blocked, the arm goes round: it draws the sensor back from where it
-    looks, moves, and comes forward again.
+    looks, moves, and comes forward again. Where a move in joint space is blocked even so, it ends
+    in the nearest other configuration that is reached on a clear path.
 
     Parameters
     ----------
@@ -104,9 +106,10 @@ class ClearedArm:
         q, direct = self._arm.state().q, True
         for i, T in enumerate(T_b_f):
             way = self.way(q, T, straight=i > 0)
-            q, direct = way[-1].q, direct and len(way) == 1
+            direct = direct and len(way) == 1 and (i > 0 or self._is_nearest(q, way[-1]))
+            q = way[-1].q
         if direct:
-            # The driver may know more of its arm; of detours it can't be asked beforehand.
+            # The driver may know more of its arm; of other ways it can't be asked beforehand.
             self._arm.check(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
@@ -119,17 +122,24 @@ class ClearedArm:
         """
         return self._move(T_b_f, straight=True)
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
-        """Move along a line in joint space, or round what blocks it. See `move_linear`."""
-        return self._move(T_b_f, straight=False)
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+        """Move along a line in joint space, or round what blocks it. See `move_linear`.
+
+        With `near` it ends in that configuration and no other, by the direct path or not at all.
+        """
+        return self._move(T_b_f, straight=False, near=near)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further leg of a detour."""
         self._halt.set()
         self._arm.stop()
 
-    def way(self, q: Array, T_b_f: Array, *, straight: bool) -> tuple[Leg, ...]:
+    def way(
+        self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None
+    ) -> tuple[Leg, ...]:
         """Plan a way that keeps clear: the direct path, else a detour of three legs.
+
+        A move in joint space has one choice more: another configuration at its end.
 
         Parameters
         ----------
@@ -139,54 +149,76 @@ class ClearedArm:
             Where the flange ends, in the base frame.
         straight : bool
             Whether the direct path is a line of the flange, or of the joints.
+        near : ndarray, shape (n,), optional
+            Joint angles near which a move in joint space has to end, by the direct path.
 
         Raises
         ------
         PathBlocked, PoseUnreachable
-            Of the direct path, if no detour keeps clear either.
+            Of the direct path, if no other way keeps clear either.
         """
+        if near is not None:
+            return (Leg(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
         try:
             return (self._leg(q, T_b_f, straight=straight),)
         except PathBlocked as blocked:
-            for detour in self._detours(q, T_b_f, straight=straight):
+            if blocked.share == 0:  # where it stands: no way begins elsewhere
+                raise
+            others = () if straight else self._configurations(q, T_b_f)
+            for plan in chain(self._detours(q, T_b_f, straight=straight), others):
                 try:
-                    return tuple(self._legs(q, detour))
+                    return plan()
                 except PoseUnreachable:
                     continue
             raise _without_detour(blocked, self._lifts) from None
 
     def _detours(
         self, q: Array, T_b_f: Array, *, straight: bool
-    ) -> Iterator[tuple[tuple[bool, Array], ...]]:
-        """Ways back, across and forward, as what `_legs` takes; the nearer ones first."""
+    ) -> Iterator[Callable[[], tuple[Leg, ...]]]:
+        """Plans of ways back, across and forward; the nearer ones first."""
         T_start = self.clearance.kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
-            yield (True, back), (across, ahead), (True, T_b_f)
+            yield partial(self._legs, q, ((True, back), (across, ahead), (True, T_b_f)))
+
+    def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Callable[[], tuple[Leg, ...]]]:
+        """Plans of direct moves into the other configurations; the nearer ones first."""
+        for other in self.clearance.kinematics.inverses(T_b_f, near=q)[1:]:
+            yield partial(self.way, q, T_b_f, straight=False, near=other)
+
+    def _is_nearest(self, q: Array, leg: Leg) -> bool:
+        """Whether a move in joint space ends where an arm at `q` would go of itself."""
+        nearest = self.clearance.kinematics.inverse(leg.T_b_f, near=q)
+        return bool(np.abs(nearest - leg.q).max() < SAME_CONFIGURATION)
 
     def _drawn_back(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _legs(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> Iterator[Leg]:
+    def _legs(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> tuple[Leg, ...]:
+        legs = []
         for straight, T in detour:
             leg = self._leg(q, T, straight=straight)
             q = leg.q
-            yield leg
+            legs.append(leg)
+        return tuple(legs)
 
     def _leg(self, q: Array, T_b_f: Array, *, straight: bool) -> Leg:
         plan = self.clearance.linear if straight else self.clearance.joint
         return Leg(straight, T_b_f, plan(q, T_b_f))
 
-    def _move(self, T_b_f: Array, *, straight: bool) -> ArmState:
+    def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
         # Before the planning, so that a stop given while it plans holds.
         self._halt.clear()
         state = self._arm.state()
-        for leg in self.way(state.q, T_b_f, straight=straight):
+        for leg in self.way(state.q, T_b_f, straight=straight, near=near):
             if self._halt.is_set():
                 raise ArmFault("the arm was stopped before its move. See that the way is clear.")
-            state = (self._arm.move_linear if leg.straight else self._arm.move_joint)(leg.T_b_f)
+            if leg.straight:
+                state = self._arm.move_linear(leg.T_b_f)
+            else:
+                state = self._arm.move_joint(leg.T_b_f, near=leg.q)
             _check_configuration(state, leg)
         return state
 

@@ -55,6 +55,9 @@ NEAR_SINGULAR: Final = 0.05
 RESTARTS: Final = 64
 """Seeds tried where there is no closed form."""
 
+SAME_CONFIGURATION: Final = 1e-3
+"""Radians within which two solutions are one."""
+
 LIMIT_ROUNDING: Final = 1e-9
 """Radians beyond a limit that are rounding."""
 
@@ -225,19 +228,37 @@ class Kinematics:
             With what stands in the way: the reach, or a joint's limit and by how much.
         """
         near = np.asarray(near, dtype=float)
-        target = self._target(T_b_f)
-        warm = self._descend(target, near)
+        warm = self._descend(self._target(T_b_f), near)
         if warm.solved and np.abs(warm.q - near).max() < WARM and self._excess(warm.q).max() <= 0:
             return warm.q
-        fits = [warm, *(self._descend(target, seed) for seed in self._seeds(target, near))]
+        return self.inverses(T_b_f, near)[0]
+
+    def inverses(self, T_b_f: Array, near: Array) -> tuple[Array, ...]:
+        """All configurations found that put the flange at a pose, nearest first.
+
+        Parameters, errors and what is found are those of `inverse`; each joint is in the turn
+        nearest to `near` that its limits allow.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n,)
+            Radians, within limits; at least one.
+        """
+        near = np.asarray(near, dtype=float)
+        target = self._target(T_b_f)
+        seeds = (near, *self._seeds(target, near))
+        fits = [self._descend(target, seed) for seed in seeds]
         solved = [self._turned(fit.q, near) for fit in fits if fit.solved]
         if not solved:
             raise PoseUnreachable(self._out_of_reach(fits), T_b_f)
         allowed = [q for q in solved if self._excess(q).max() <= LIMIT_ROUNDING]
         if not allowed:
             raise PoseUnreachable(self._out_of_limits(solved), T_b_f)
-        best = min(allowed, key=lambda q: float(np.linalg.norm(q - near)))
-        return np.clip(best, self.lower, self.upper)
+        found: list[Array] = []
+        for q in sorted(allowed, key=lambda q: float(np.linalg.norm(q - near))):
+            if all(np.abs(q - other).max() > SAME_CONFIGURATION for other in found):
+                found.append(np.clip(q, self.lower, self.upper))
+        return tuple(found)
 
     def _target(self, T_b_f: Array) -> Any:
         """Pose of f in the root of the URDF, its rotation freed from rounding."""

@@ -125,9 +125,9 @@ class SimulatedArm:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
         return self._move(lambda q: self._linear_path(q, T_b_f))
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint`."""
-        return self._move(lambda q: self._joint_path(q, T_b_f))
+        return self._move(lambda q: self._joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
         """End the move under way where it is; that move raises ArmFault in its own thread."""
@@ -136,8 +136,8 @@ class SimulatedArm:
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
         return linear_path(self.kinematics, q, T_b_f, self.limits)
 
-    def _joint_path(self, q: Array, T_b_f: Array) -> JointPath:
-        goal = self.kinematics.inverse(T_b_f, near=q)
+    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointPath:
+        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
     def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
