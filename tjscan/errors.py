@@ -230,6 +230,10 @@ class JointMoved(LaserFault):
         )
 
 
+class ComparisonRefused(TjscanError):
+    """What was measured can't be brought onto its reference with confidence."""
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 

@@ -29,6 +29,11 @@ app.command(
     "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and say what to do."
 )
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
+app.command(
+    "tjscan.cli.compare:compare",
+    name="compare",
+    help="Compare a run or a cloud with a mesh, a cloud or a joint.",
+)
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(
     "tjscan.cli.ur_loopback:ur_loopback",

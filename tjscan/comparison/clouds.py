@@ -7,6 +7,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -60,7 +61,9 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         return _read_joint_sidecar(path)
     if kind not in READERS:
         known = " ".join(sorted(READERS))
-        raise ConfigurationError(f"can't read {kind or 'a file without ending'}; {known}", file=path)
+        raise ConfigurationError(
+            f"can't read {kind or 'a file without ending'}; {known}", file=path
+        )
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
         return Shape(path.name, Stated("mm", "the names of its columns", "j"), edges=edges)
     try:
@@ -195,17 +198,14 @@ def _read_step(path: Path) -> Content:
 def _read_e57(path: Path) -> Content:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
     _need("pye57", "E57", "e57")
-    import pye57
-
-    file = pye57.E57(str(path))
+    file = import_module("pye57").E57(str(path))
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
 
 
 def _read_pcd(path: Path) -> Content:
-    import open3d as o3d
-
+    o3d: Any = import_module("open3d")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         cloud = o3d.t.io.read_point_cloud(str(path), remove_nan_points=False)
     if "positions" not in cloud.point:

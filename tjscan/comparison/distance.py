@@ -1,4 +1,4 @@
-"""Distances from what was measured to what was designed."""
+"""Distances from what was measured to what was designed, and their statistics."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from tjscan.frames import Array
 from tjscan.joint.edges import FeatureEdges
@@ -17,19 +18,32 @@ class DistanceStatistics:
 
     Parameters
     ----------
-    mean, p95, max : float
-        Mean, 95th percentile and largest distance, mm.
+    mean, median : float
+        With their signs, where the distances have one.
+    rms : float
+        Root of the mean square.
+    p95, max : float
+        95th percentile and largest, of absolute distances.
     """
 
     mean: float
     p95: float
     max: float
+    rms: float
+    median: float
 
     @classmethod
     def of(cls, distances: Array) -> Self:
         """Statistics of raw distances in metres, any shape."""
         mm = 1e3 * distances
-        return cls(float(mm.mean()), float(np.percentile(mm, 95)), float(mm.max()))
+        size = np.abs(mm)
+        return cls(
+            mean=float(mm.mean()),
+            p95=float(np.percentile(size, 95)),
+            max=float(size.max()),
+            rms=float(np.sqrt(np.mean(mm * mm))),
+            median=float(np.median(mm)),
+        )
 
 
 def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
@@ -49,3 +63,19 @@ def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
     """
     lines = (edges.p2, edges.p3, edges.p4)
     return np.column_stack([line.distance(points_j[:, i]) for i, line in enumerate(lines, start=1)])
+
+
+def cloud_distances(points: Array, reference: Array) -> Array:
+    """Distances of points, shape (n, 3), from the nearest points of a cloud, (m, 3), unsigned.
+
+    They never go below the noise and the spacing of the cloud.
+    """
+    return np.asarray(KDTree(reference).query(points)[0])
+
+
+def spacing(points: Array) -> float:
+    """Median distance of a cloud's points, shape (n, 3), from their nearest neighbours."""
+    if len(points) < 2:
+        return float("nan")
+    chosen = points[:: max(1, len(points) // 20_000)]
+    return float(np.median(np.asarray(KDTree(points).query(chosen, k=[2])[0])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
@@ -48,8 +49,7 @@ class SurfaceDistance:
     """
 
     def __init__(self, vertices: Array, triangles: Ids) -> None:
-        import open3d as o3d
-
+        o3d: Any = import_module("open3d")
         self.facets = Facets(vertices, triangles)
         self._centre = (self.facets.vertices.min(axis=0) + self.facets.vertices.max(axis=0)) / 2
         pieces, self._whole = _cut(self.facets.corners)
@@ -73,8 +73,7 @@ class SurfaceDistance:
         return self.facets.feet(points, ids), self.facets.normals[ids]
 
     def _nearest(self, points: Array) -> tuple[Array, Ids]:
-        import open3d as o3d
-
+        o3d: Any = import_module("open3d")
         points = np.ascontiguousarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise ConfigurationError("a distance needs finite points with three coordinates")

@@ -1,0 +1,73 @@
+"""``tjscan compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+TOLERANCE_EXCEEDED = 3
+"""Exit code of a comparison that was made, and came out badly."""
+
+
+def compare(
+    measured: Path,
+    reference: Path,
+    *,
+    align: Literal["none", "icp"] = "none",
+    tolerance_mm: float | None = None,
+    units: Literal["mm", "um", "m"] | None = None,
+    reference_units: Literal["mm", "um", "m"] | None = None,
+    frame: str | None = None,
+    plot: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Compare a run or a cloud with a mesh, a cloud or a joint.
+
+    Parameters
+    ----------
+    measured
+        A run directory, or a cloud: PLY, PCD, XYZ, CSV, E57.
+    reference
+        A joint's TOML, a mesh (STL, PLY, OBJ, 3MF, STEP), a cloud, or a joint's edges.csv.
+    align
+        none: both stand in one frame. icp: nearly so, and the rest is found.
+    tolerance_mm
+        Exit with 3 where the 95th percentile of the distances is larger: that of a run's corners
+        where they can be compared, else that of the cloud.
+    units
+        Unit of files that state none, neither themselves nor in a sidecar NAME.json.
+    reference_units
+        The same for the reference, where it is another.
+    frame
+        Frame of files that state none: j for the joint's own, or any name.
+    plot
+        Draw the deviation, unwrapped over the azimuth, into this PNG.
+    json
+        Print the comparison as JSON on stdout.
+    """
+    import sys
+    from json import dumps
+
+    from tjscan.cli.comparison_words import show_comparison
+    from tjscan.cli.console import say
+    from tjscan.comparison.clouds import read_shape
+    from tjscan.comparison.compare import compare as compare_shapes
+    from tjscan.comparison.compare import to_dict
+    from tjscan.comparison.maps import write_map
+    from tjscan.comparison.sidecar import Told
+
+    comparison = compare_shapes(
+        read_shape(measured, Told(units, frame)),
+        read_shape(reference, Told(reference_units or units, frame)),
+        align,
+        None if tolerance_mm is None else 1e-3 * tolerance_mm,
+    )
+    if plot is not None:
+        write_map(plot, comparison)
+        say(f"drawn in {plot}")
+    if json:
+        print(dumps(to_dict(comparison), indent=2))
+    else:
+        show_comparison(comparison)
+    if not comparison.passed:
+        sys.exit(TOLERANCE_EXCEEDED)

@@ -1,0 +1,35 @@
+"""What ``tjscan compare`` says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tjscan.cli.console import say
+from tjscan.comparison.compare import Comparison
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """Print what was compared and a table of distances on stdout; warnings go to stderr."""
+    c, a = comparison, comparison.alignment
+    for shape in (c.measured, c.reference):
+        print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_by} says")
+    print(f"told in frame {c.reference.stated.frame}")
+    if a.method != "none":
+        print(
+            f"aligned by {a.method}: moved {1e3 * a.moved:.3f} mm, turned "
+            f"{np.degrees(a.turned):.4f}°, {100 * a.fitness:.1f} % on the reference, residual "
+            f"{1e3 * a.residual:.4f} mm rms, {a.rounds} rounds"
+        )
+    for d in c.deviations:
+        s = d.statistics
+        within = "" if d.within is None else f", {100 * d.within:.2f} % within tolerance"
+        print(f"{d.kind}, {len(d.distances)} distances: {d.meaning}")
+        print(
+            f"  mean {s.mean:.4f}, rms {s.rms:.4f}, median {s.median:.4f}, p95 {s.p95:.4f}, "
+            f"max {s.max:.4f} mm{within}"
+        )
+    for warning in c.warnings:
+        say(f"beware: {warning}")
+    if c.tolerance is not None:
+        verdict = "within" if c.passed else "OUTSIDE"
+        print(f"p95 {verdict} the tolerance of {1e3 * c.tolerance:g} mm")

@@ -1,0 +1,174 @@
+"""Bringing what was measured onto its reference: iterated closest points with a robust kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from tjscan.comparison.surface import SurfaceDistance
+from tjscan.errors import ComparisonRefused
+from tjscan.frames import Array, pose, readonly, rotation_angle, transform
+
+MOST_POINTS: Final = 30_000
+"""Points that are aligned; more would tell no more about six numbers."""
+
+MOST_ROUNDS: Final = 100
+STILL: Final = 1e-8
+"""Metres that the farthest point moves in a round when it is time to stop."""
+
+REACH: Final = 20e-3
+"""Metres; a point farther from the reference than this is no partner of anything."""
+
+NOISE_FLOOR: Final = 20e-6
+"""Metres; residuals are never taken for more certain than this."""
+
+LEAST_FITNESS: Final = 0.6
+"""Share of the points that must have a partner in the end."""
+
+LEAST_STIFFNESS: Final = 1e-4
+"""Smallest eigenvalue of the mean normal matrix; lengths count in radii of the cloud."""
+
+NORMAL_NEIGHBOURS: Final = 12
+
+Partner = Callable[[Array], tuple[Array, Array]]
+"""Maps points to their nearest ones on the reference, and the normals there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """How a cloud was brought onto its reference.
+
+    Parameters
+    ----------
+    method : str
+        ``none`` or ``icp``.
+    T : ndarray, shape (4, 4)
+        Maps what was measured into the reference's frame.
+    fitness : float
+        Share of the points that have a partner.
+    residual : float
+        Root mean square distance of these from the planes of their partners, metres.
+    rounds : int
+        How many it took.
+    """
+
+    method: str
+    T: Array
+    fitness: float = 1.0
+    residual: float = 0.0
+    rounds: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T", readonly(self.T))
+
+    @property
+    def moved(self) -> float:
+        """Length of the translation, metres."""
+        return float(np.linalg.norm(self.T[:3, 3]))
+
+    @property
+    def turned(self) -> float:
+        """Angle of the rotation, radians."""
+        return rotation_angle(np.eye(4), self.T)
+
+
+UNMOVED: Final = Alignment("none", np.eye(4))
+
+
+def on_surface(surface: SurfaceDistance) -> Partner:
+    """Partners on a mesh."""
+    return surface.feet
+
+
+def on_cloud(points: Array) -> Partner:
+    """Partners in a cloud, shape (n, 3), whose normals are estimated from neighbours."""
+    import open3d as o3d
+
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
+    normals, tree = np.asarray(cloud.normals).copy(), KDTree(points)
+
+    def partner(moved: Array) -> tuple[Array, Array]:
+        _, at = tree.query(moved)
+        return points[at], normals[at]
+
+    return partner
+
+
+def align_icp(points: Array, partner: Partner) -> Alignment:
+    """Find the pose that brings points onto a reference, beginning where they are.
+
+    Each round Open3D solves point to plane with Tukey's kernel, whose width follows the median
+    residual; partners are exact nearest points.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres.
+    partner : callable
+        The reference.
+
+    Raises
+    ------
+    ComparisonRefused
+        If too few points lie on the reference, or they leave a direction free.
+    """
+    import open3d as o3d
+
+    points = points[:: max(1, len(points) // MOST_POINTS)]
+    centre = points.mean(axis=0)
+    registration = o3d.pipelines.registration
+    T, rounds, move = np.eye(4), 0, np.inf
+    while True:
+        moved = transform(T, points)
+        feet, normals = partner(moved)
+        apart = np.linalg.norm(moved - feet, axis=1)
+        off = np.abs(np.sum((moved - feet) * normals, axis=1))
+        near = apart < REACH
+        if near.mean() < LEAST_FITNESS:
+            raise ComparisonRefused(
+                f"{100 * near.mean():.0f} % of the points lie within {1e3 * REACH:.0f} mm of the "
+                f"reference, {100 * LEAST_FITNESS:.0f} % must: they overlap too little, or begin "
+                "too far apart to be aligned from where they are"
+            )
+        width = 3 * max(1.4826 * float(np.median(off[near])), NOISE_FLOOR)
+        if move < STILL or rounds == MOST_ROUNDS:
+            break
+        source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(moved[near] - centre))
+        target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(feet[near] - centre))
+        target.normals = o3d.utility.Vector3dVector(normals[near])
+        estimate = registration.TransformationEstimationPointToPlane(
+            registration.TukeyLoss(4.685 / 3 * width)
+        )
+        same = np.arange(near.sum(), dtype=np.int32)
+        pairs = o3d.utility.Vector2iVector(np.column_stack((same, same)))
+        _check_stiffness(moved[near] - centre, normals[near])
+        step = np.asarray(estimate.compute_transformation(source, target, pairs))
+        step = pose(p=centre) @ step @ pose(p=-centre)
+        move = float(np.linalg.norm(transform(step, moved) - moved, axis=1).max())
+        T, rounds = step @ T, rounds + 1
+    held = near & (off < width)
+    fitness = float(held.mean())
+    if fitness < LEAST_FITNESS:
+        raise ComparisonRefused(
+            f"only {100 * fitness:.0f} % of the points come to lie on the reference, "
+            f"{100 * LEAST_FITNESS:.0f} % must: they show something else for the most part"
+        )
+    return Alignment("icp", T, fitness, float(np.sqrt(np.mean(off[held] ** 2))), rounds)
+
+
+def _check_stiffness(points: Array, normals: Array) -> None:
+    """Refuse points that could slide or turn on the reference without anybody noticing."""
+    radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
+    J = np.column_stack((np.cross(points / radius, normals), normals))
+    least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])
+    if least < LEAST_STIFFNESS:
+        raise ComparisonRefused(
+            f"the points could slide or turn along the reference (stiffness {least:.1e}, "
+            f"{LEAST_STIFFNESS:g} is needed): they hold no pose. Compare more of the surface, or "
+            "with --align none"
+        )

@@ -1,0 +1,294 @@
+"""One comparison: what can be measured between two shapes, aligned as asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from tjscan.comparison.alignment import UNMOVED, Alignment, align_icp, on_cloud, on_surface
+from tjscan.comparison.distance import (
+    DistanceStatistics,
+    cloud_distances,
+    corner_errors,
+    spacing,
+)
+from tjscan.comparison.shapes import Shape
+from tjscan.comparison.surface import SurfaceDistance
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, readonly
+
+Align = Literal["none", "icp"]
+
+SMALLEST, LARGEST = 20e-3, 100.0
+"""Diagonals of a reference in metres between which its units are believed."""
+
+LEAST_SHARE, LARGEST_SHARE = 3e-3, 30.0
+"""Size of what was measured over that of the reference between which units are believed: a
+mistaken unit is off by 1000."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deviation:
+    """Distances of one kind.
+
+    Parameters
+    ----------
+    kind : str
+        ``cloud to mesh``, ``cloud to cloud``, ``corners to feature edges`` or ``corners to
+        reference cloud``.
+    meaning : str
+        What the distances are.
+    signed : bool
+        Whether they are positive outside and negative inside; else they are never negative.
+    points : ndarray, shape (n, 3)
+        What was measured, in the reference's frame, metres.
+    distances : ndarray, shape (n,)
+        Metres.
+    within : float or None
+        Share of absolute distances within the tolerance.
+    """
+
+    kind: str
+    meaning: str
+    signed: bool
+    points: Array
+    distances: Array
+    within: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", readonly(self.points))
+        object.__setattr__(self, "distances", readonly(self.distances))
+
+    @property
+    def statistics(self) -> DistanceStatistics:
+        """Their statistics, in millimetres."""
+        return DistanceStatistics.of(self.distances)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """What came out.
+
+    Parameters
+    ----------
+    measured, reference : Shape
+        What was compared, the former aligned.
+    alignment : Alignment
+        How it was aligned.
+    deviations : tuple of Deviation
+        At least one.
+    tolerance : float or None
+        Metres.
+    warnings : tuple of str
+        What limits the meaning of the distances.
+    """
+
+    measured: Shape
+    reference: Shape
+    alignment: Alignment
+    deviations: tuple[Deviation, ...]
+    tolerance: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether the 95th percentile of the distances that decide is within the tolerance.
+
+        Corners decide where there are any, for they come from segments without ghosts and
+        flyers; else every kind of distance does.
+        """
+        if self.tolerance is None:
+            return True
+        corners = [d for d in self.deviations if d.kind.startswith("corners")]
+        limit = 1e3 * self.tolerance
+        return all(d.statistics.p95 <= limit for d in corners or self.deviations)
+
+
+def compare(
+    measured: Shape, reference: Shape, align: Align = "none", tolerance: float | None = None
+) -> Comparison:
+    """Compare what was measured with a reference.
+
+    Parameters
+    ----------
+    measured : Shape
+        A cloud, or a run with its cloud and corners.
+    reference : Shape
+        A mesh, a cloud, or edges.
+    align : str
+        ``none``: both stand in the same frame. ``icp``: nearly so, and the rest is found.
+    tolerance : float, optional
+        Metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If the two can't be compared: other frames, other units, nothing in common.
+    ComparisonRefused
+        If the points do not hold an alignment.
+    """
+    if tolerance is not None and not 0 < tolerance < np.inf:
+        raise ConfigurationError("a tolerance is larger than zero", key="tolerance-mm")
+    if measured.points is None:
+        raise ConfigurationError(
+            f"{measured.name} holds no points: what is measured is a run directory or a cloud"
+        )
+    check_units(measured, reference)
+    theirs, ours = reference.stated.frame, measured.stated.frame
+    if align == "none" and theirs != ours:
+        raise ConfigurationError(
+            f"{measured.name} is in frame {ours}, {reference.name} in frame {theirs}: without "
+            "alignment both must be in one. See --align"
+        )
+    surface = None
+    if reference.mesh is not None:
+        surface = SurfaceDistance(reference.mesh.vertices, reference.mesh.triangles)
+    alignment = UNMOVED
+    if align == "icp":
+        if surface is not None:
+            partner = on_surface(surface)
+        elif reference.points is not None:
+            partner = on_cloud(reference.points)
+        else:
+            raise ConfigurationError(f"{reference.name} holds edges only: nothing to align to")
+        alignment = align_icp(measured.points, partner)
+    moved = measured.moved(alignment.T, theirs)
+    found = tuple(_deviations(moved, reference, surface, tolerance))
+    if not found:
+        raise ConfigurationError(
+            f"{reference.name} holds edges only, and {measured.name} no corners to compare with "
+            "them: name a run directory, or a mesh or cloud as the reference"
+        )
+    warnings = tuple(_warnings(moved, reference, surface))
+    return Comparison(moved, reference, alignment, found, tolerance, warnings)
+
+
+def check_units(measured: Shape, reference: Shape) -> None:
+    """Refuse shapes that no joint has, or of sizes that don't belong together.
+
+    Raises
+    ------
+    ConfigurationError
+        Millimetres given as metres, or the reverse, end here.
+    """
+    ours, theirs = measured.extent, reference.extent
+    told = "; ".join(
+        f"{shape.name} is {_size(shape.extent)} across in {shape.stated.unit}, "
+        f"as {shape.stated.unit_by} says"
+        for shape in (measured, reference)
+    )
+    if not SMALLEST <= theirs <= LARGEST:
+        raise ConfigurationError(f"a reference of such a size is no joint: {told}", key="units")
+    if not LEAST_SHARE <= ours / theirs <= LARGEST_SHARE:
+        raise ConfigurationError(
+            f"one of the two has the wrong unit, or they don't belong together: {told}", key="units"
+        )
+
+
+def _deviations(
+    measured: Shape, reference: Shape, surface: SurfaceDistance | None, tolerance: float | None
+) -> Iterator[Deviation]:
+    def deviation(kind: str, meaning: str, signed: bool, points: Array, d: Array) -> Deviation:
+        within = None if tolerance is None else float(np.mean(np.abs(d) <= tolerance))
+        return Deviation(kind, meaning, signed, points.reshape(-1, 3), d.ravel(), within)
+
+    points, corners = measured.points, measured.corners
+    if surface is not None and points is not None:
+        yield deviation(
+            "cloud to mesh",
+            "from the nearest point of the surface, positive outside, negative inside",
+            True,
+            points,
+            surface.signed(points),
+        )
+    if reference.points is not None and points is not None:
+        yield deviation(
+            "cloud to cloud",
+            "from the nearest point of the reference, unsigned; its spacing of "
+            f"{1e3 * spacing(reference.points):.3f} mm and its noise are in it",
+            False,
+            points,
+            cloud_distances(points, reference.points),
+        )
+    if corners is None:
+        return
+    middle = corners[:, 1:4]
+    if reference.edges is not None:
+        yield deviation(
+            "corners to feature edges",
+            "of p2, p3 and p4, each from its own edge, unsigned",
+            False,
+            middle,
+            corner_errors(corners, reference.edges),
+        )
+    if reference.points is not None:
+        yield deviation(
+            "corners to reference cloud",
+            "of p2, p3 and p4 from the nearest point of the reference, unsigned: the measure of "
+            "Cibicik et al. (2022), section 4",
+            False,
+            middle,
+            cloud_distances(middle.reshape(-1, 3), reference.points),
+        )
+
+
+def _warnings(measured: Shape, reference: Shape, surface: SurfaceDistance | None) -> Iterator[str]:
+    if surface is not None and not surface.watertight:
+        yield (
+            f"{reference.name} is not watertight: a sign tells the side of the nearest triangle, "
+            "and outside is where its normal points"
+        )
+    for shape in (measured, reference):
+        if shape.dropped:
+            yield f"{shape.name}: {shape.dropped} points are no finite points, and were left out"
+
+
+def _size(metres: float) -> str:
+    return f"{metres:.3g} m"
+
+
+ALIGNMENTS: Final[tuple[Align, ...]] = ("none", "icp")
+
+
+def to_dict(comparison: Comparison) -> dict[str, Any]:
+    """A comparison for JSON, in mm and degrees; names carry the units."""
+    c, a = comparison, comparison.alignment
+    return {
+        "measured": c.measured.name,
+        "reference": c.reference.name,
+        "frame": c.reference.stated.frame,
+        "units": {
+            s.name: {"unit": s.stated.unit, "stated_by": s.stated.unit_by}
+            for s in (c.measured, c.reference)
+        },
+        "alignment": {
+            "method": a.method,
+            "T_mm": np.column_stack((a.T[:, :3], a.T[:, 3] * (1e3, 1e3, 1e3, 1))).tolist(),
+            "moved_mm": 1e3 * a.moved,
+            "turned_deg": float(np.degrees(a.turned)),
+            "fitness": a.fitness,
+            "residual_rms_mm": 1e3 * a.residual,
+            "rounds": a.rounds,
+        },
+        "tolerance_mm": None if c.tolerance is None else 1e3 * c.tolerance,
+        "passed": c.passed,
+        "deviations": [
+            {
+                "kind": d.kind,
+                "meaning": d.meaning,
+                "signed": d.signed,
+                "count": len(d.distances),
+                "mean_mm": d.statistics.mean,
+                "rms_mm": d.statistics.rms,
+                "median_mm": d.statistics.median,
+                "p95_mm": d.statistics.p95,
+                "max_mm": d.statistics.max,
+                "share_within_tolerance": d.within,
+            }
+            for d in c.deviations
+        ],
+        "warnings": list(c.warnings),
+    }

@@ -1,0 +1,241 @@
+"""The deviation picture: a groove unwrapped, azimuth against the way along the section.
+
+It is a map and no view of space: points drawn before an opaque mesh would hide those behind it,
+which are the negative ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d
+
+from tjscan.comparison.compare import Comparison, Deviation
+from tjscan.errors import ConfigurationError, RecordingError
+from tjscan.frames import Array
+
+BINS: Final = (180, 110)
+"""Most cells of the map, over the azimuths shown and along the section."""
+
+NARROW: Final = 0.05
+"""Smallest colour scale, mm: noise alone must not look like a deviation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionLines:
+    """Where p2, p3 and p4 stand, over the azimuth.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (n,)
+        Azimuths, growing, radians.
+    rz : ndarray, shape (n, 3, 2)
+        Distance from the brace's axis, and z, of p2, p3 and p4, metres.
+    closed : bool
+        Whether they go all round.
+    """
+
+    phi: Array
+    rz: Array
+    closed: bool
+
+    @classmethod
+    def of(cls, points: Array, *, closed: bool) -> SectionLines:
+        """Lines through points of sections, shape (n, 3, 3), in frame j."""
+        azimuth = np.arctan2(points[:, 1, 1], points[:, 1, 0])
+        order = np.argsort(azimuth)
+        rho = np.hypot(points[..., 0], points[..., 1])
+        return cls(azimuth[order], np.stack((rho, points[..., 2]), axis=-1)[order], closed)
+
+    def at(self, phi: Array) -> Array:
+        """The three at other azimuths, shape (k, 3, 2)."""
+        table = self.rz.reshape(len(self.phi), -1)
+        period = 2 * np.pi if self.closed else None
+        columns = [np.interp(phi, self.phi, column, period=period) for column in table.T]
+        return np.column_stack(columns).reshape(-1, 3, 2)
+
+    def along(self, points: Array) -> Array:
+        """How far along its section each point, shape (k, 3), lies from p3, metres, shape (k,).
+
+        Positive over the bevel and up the brace, negative over the root and out along the leg.
+        """
+        p = np.column_stack((np.hypot(points[:, 0], points[:, 1]), points[:, 2]))
+        p2, p3, p4 = np.moveaxis(self.at(np.arctan2(points[:, 1], points[:, 0])), 1, 0)
+        bevel, root = p2 - p3, p4 - p3
+        length = np.linalg.norm(bevel, axis=1)
+        width = np.linalg.norm(root, axis=1)
+        up = (np.sum((p - p3) * bevel, axis=1)) / length
+        out = (np.sum((p - p3) * root, axis=1)) / width
+        # Nearest of the four parts: brace, bevel, root, leg.
+        brace = np.maximum(p[:, 1] - p2[:, 1], 0)
+        leg = np.linalg.norm(p - p4, axis=1)
+        s = np.stack(
+            (length + brace, np.clip(up, 0, length), -np.clip(out, 0, width), -width - leg)
+        )
+        apart = np.stack(
+            (
+                np.hypot(p[:, 0] - p2[:, 0], np.minimum(p[:, 1] - p2[:, 1], 0)),
+                np.linalg.norm(p - p3 - (s[1] / length)[:, None] * bevel, axis=1),
+                np.linalg.norm(p - p3 + (s[2] / width)[:, None] * root, axis=1),
+                self._from_leg(p, p4),
+            )
+        )
+        return np.asarray(np.take_along_axis(s, apart.argmin(axis=0)[None], axis=0)[0])
+
+    @staticmethod
+    def _from_leg(p: Array, p4: Array) -> Array:
+        """How far points are above or below a leg that goes out level; beside it, from p4."""
+        outside = p[:, 0] >= p4[:, 0]
+        # The leg falls or rises off with the azimuth: half of the way out is allowed for.
+        level = np.maximum(np.abs(p[:, 1] - p4[:, 1]) - 0.5 * np.abs(p[:, 0] - p4[:, 0]), 0)
+        return np.asarray(np.where(outside, level, np.linalg.norm(p - p4, axis=1)))
+
+
+def lines_of(comparison: Comparison) -> SectionLines | None:
+    """The groove's lines: as designed, else as measured; None where nobody knows them."""
+    edges, corners = comparison.reference.edges, comparison.measured.corners
+    if edges is not None:
+        points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
+        return SectionLines.of(points, closed=True)
+    if corners is not None and len(corners) > 1:
+        return SectionLines.of(corners[:, 1:4], closed=False)
+    return None
+
+
+def draw_map(comparison: Comparison) -> Figure:
+    """Draw the first kind of deviation as a map, with a histogram of its distances.
+
+    Raises
+    ------
+    ConfigurationError
+        If the comparison is not in frame j, where azimuths are.
+    """
+    frame = comparison.reference.stated.frame
+    if frame != "j":
+        raise ConfigurationError(
+            f"the picture is over the azimuth, which frame {frame} does not know: compare with a "
+            "reference in frame j",
+            key="plot",
+        )
+    deviation, lines = comparison.deviations[0], lines_of(comparison)
+    points, mm = deviation.points, 1e3 * deviation.distances
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    azimuth = _unbroken(azimuth)
+    if lines is None:
+        along = points[:, 2] - np.hypot(points[:, 0], points[:, 1])
+        label = "$z_j - \\rho$ / mm, up the brace and in from the leg"
+    else:
+        along = lines.along(points)
+        label = "along the section from $p_3$ / mm:  leg  ←  →  brace"
+    figure = Figure(figsize=(12, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
+    axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+    # Ghosts and flyers, some percent of a laser's points, must not set the scale.
+    scale = max(NARROW, 1.5 * float(np.percentile(np.abs(mm), 90)))
+    corners = comparison.measured.corners
+    sections = None if corners is None else len(corners)
+    _draw_cells(figure, axes, deviation, azimuth, 1e3 * along, scale, sections)
+    if lines is not None:
+        _draw_lines(axes, lines, azimuth)
+    axes.set_xlabel("azimuth / °")
+    axes.set_ylabel(label)
+    axes.set_title(f"{deviation.kind}: {comparison.measured.name} and {comparison.reference.name}")
+    _draw_histogram(side, deviation, mm, scale, comparison.tolerance)
+    return figure
+
+
+def write_map(file: Path, comparison: Comparison) -> None:
+    """Write the deviation picture as PNG.
+
+    Raises
+    ------
+    ConfigurationError
+        As `draw_map` does, or if the file does not end in .png.
+    RecordingError
+        If it can't be written.
+    """
+    if file.suffix.lower() != ".png":
+        raise ConfigurationError("a picture ends in .png", file=file, key="plot")
+    figure = draw_map(comparison)
+    try:
+        figure.savefig(file, dpi=110)
+    except OSError as error:
+        raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
+
+
+def _unbroken(azimuth: Array) -> Array:
+    """Azimuths in degrees counted from the widest gap, so that a scan is not cut in two."""
+    taken = np.unique(np.floor(azimuth))
+    gaps = np.diff(taken, append=taken[0] + 360)
+    widest = int(gaps.argmax())
+    start = -180.0 if gaps[widest] <= 2 else float(taken[(widest + 1) % len(taken)])
+    return np.asarray((azimuth - start) % 360 + start)
+
+
+def _draw_cells(
+    figure: Figure,
+    axes: Any,
+    deviation: Deviation,
+    azimuth: Array,
+    along: Array,
+    scale: float,
+    sections: int | None,
+) -> None:
+    """Median of the distances in each cell; a cell without points stays grey."""
+    low, high = np.percentile(along, (0.2, 99.8))
+    columns = min(BINS[0], max(10, int(np.ptp(azimuth)) if sections is None else sections))
+    x_edges = np.linspace(azimuth.min(), azimuth.max() + 1e-9, columns + 1)
+    y_edges = np.linspace(low, high + 1e-9, BINS[1] + 1)
+    # The mean would let a single flyer paint its cell.
+    medians, *_ = binned_statistic_2d(
+        azimuth, along, 1e3 * deviation.distances, "median", bins=[x_edges, y_edges]
+    )
+    colours = colormaps["RdBu_r" if deviation.signed else "viridis"].with_extremes(bad="#d0d0d0")
+    cells = axes.pcolormesh(
+        x_edges,
+        y_edges,
+        np.ma.masked_invalid(medians.T),
+        cmap=colours,
+        vmin=-scale if deviation.signed else 0,
+        vmax=scale,
+    )
+    axes.set_facecolor("#d0d0d0")
+    sign = ", positive outside" if deviation.signed else ", unsigned"
+    figure.colorbar(cells, ax=axes, extend="both", label=f"deviation / mm{sign}")
+
+
+def _draw_lines(axes: Any, lines: SectionLines, azimuth: Array) -> None:
+    """The corners p2, p3 and p4 over the azimuths shown."""
+    shown = np.linspace(azimuth.min(), azimuth.max(), 400)
+    rz = 1e3 * lines.at(np.radians((shown + 180) % 360 - 180))
+    bevel = np.linalg.norm(rz[:, 0] - rz[:, 1], axis=1)
+    root = np.linalg.norm(rz[:, 2] - rz[:, 1], axis=1)
+    for name, s in (("$p_2$", bevel), ("$p_3$", np.zeros_like(bevel)), ("$p_4$", -root)):
+        axes.plot(shown, s, color="black", linewidth=0.8)
+        axes.annotate(name, (shown[-1], s[-1]), xytext=(3, -3), textcoords="offset points")
+
+
+def _draw_histogram(
+    axes: Any, deviation: Deviation, mm: Array, scale: float, tolerance: float | None
+) -> None:
+    low = -2 * scale if deviation.signed else 0.0
+    inside = mm[(mm >= low) & (mm <= 2 * scale)]
+    axes.hist(inside, bins=80, orientation="horizontal", color="#5b6b7b")
+    for limit in () if tolerance is None else (-1e3 * tolerance, 1e3 * tolerance):
+        axes.axhline(limit, color="#d62728", linewidth=1)
+    axes.set_ylim(low, 2 * scale)
+    axes.set_xlabel("points")
+    axes.set_ylabel("deviation / mm")
+    s = deviation.statistics
+    share = "" if deviation.within is None else f"\nwithin {100 * deviation.within:.1f} %"
+    axes.set_title(
+        f"mean {s.mean:+.3f}, median {s.median:+.3f}\nrms {s.rms:.3f}, p95 {s.p95:.3f}{share}",
+        fontsize=9,
+    )
