@@ -300,6 +300,18 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     messages = list(read_messages(run / "scan.mcap"))
     assert sum(topic == SECTION for topic, _ in messages) == 3
     assert any(m["name"] == "failed" for topic, m in messages if topic == EVENT)
+    # While the stop stands, nothing goes on; when the operator has cleared it, the scan does.
+    assert tjscan("scan", "--resume", run) == 4
+    loopback.order("clear")
+    assert tjscan("scan", "--resume", run) == 0
+    assert (run / "summary.json").exists()
+
+
+def test_a_dry_run_moves_nothing(loopback: LoopbackProcess) -> None:
+    loopback.heard()
+    ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
+    assert tjscan("scan", PAPER, *ur, "--dry-run") == 0
+    assert not any(line.startswith("move") for line in loopback.heard())
 
 
 def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
@@ -316,6 +328,15 @@ def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
         with pytest.raises(ProtectiveStop):
             other.move_linear(beside_home())
         one.move_linear(beside_home())
+
+
+def test_the_loopback_starts_where_it_is_told_to() -> None:
+    angles = ("-100", "-90", "150", "100", "-100", "10")
+    with LoopbackProcess(address(), "--home-deg", *angles) as loopback:
+        with arm_at(loopback.host) as arm:
+            np.testing.assert_allclose(np.degrees(arm.state().q), [float(a) for a in angles])
+        with pytest.raises(ArmNotReached), LoopbackProcess(loopback.host):
+            pass  # that address is taken
 
 
 def test_the_loopback_listens_to_this_machine_alone() -> None:

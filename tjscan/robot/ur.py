@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from itertools import chain, repeat
 from types import NoneType, TracebackType
 from typing import Final, Self, TypeVar
@@ -169,6 +170,7 @@ class UrArm:
             If it is another model than it should be.
         """
         self._fault, self._watch = None, _Watch(self.settings.silence_limit)
+        self._halt.clear()
         try:
             self._connect()
         except BaseException:
@@ -231,6 +233,11 @@ class UrArm:
 
     def _connect(self) -> None:
         host = self.settings.host
+        if find_spec("rtde_control") is None:
+            raise ConfigurationError(
+                "the client library of this driver is missing: pip install 'tjscan[ur]'",
+                key="arm.driver",
+            )
         self._dashboard = dashboard = Dashboard(host)
         if (fault := _unready(dashboard)) is not None:
             raise fault
