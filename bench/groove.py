@@ -135,7 +135,7 @@ def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
             for p, r in zip(("p2", "p3", "p4"), ratio, strict=True)
         ]
         nees = float(np.mean(tally.normalised))
-        rows.append(Row(f"{name}: normalised error squared", nees, 1.5, at_least=0.7))
+        rows.append(Row(f"{name}: normalised error squared", nees, 1.1, at_least=0.9))
     return rows
 
 

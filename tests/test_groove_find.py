@@ -135,15 +135,18 @@ def test_reflections_leave_corners_where_they_are(seed: int) -> None:
     assert off.max() < 0.3 * MM
 
 
-def test_errors_are_as_large_as_the_section_says() -> None:
+@pytest.mark.parametrize("correlation", [0, 2, 5])
+@pytest.mark.parametrize("wall", [0.0, 0.2], ids=["straight wall", "curved wall"])
+def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) -> None:
+    groove = Groove(curvature=2.0, wall_curvature=wall)
     normalised = []
-    for seed in range(60):
-        section = find_groove(draw(GROOVE, NOISE, seed))
-        off = corners(section) - GROOVE.corners
+    for seed in range(100 * correlation, 100 * correlation + 100):
+        section = find_groove(draw(groove, Noise(0.02 * MM, correlation), seed))
+        off = corners(section) - groove.corners
         spread = np.linalg.inv(section.corner_covariances_s)
         normalised.append(np.einsum("ki,kij,kj->k", off, spread, off) / 2)
-    # Chi-square over its degrees of freedom; 60 runs and estimated noise leave a third.
-    assert np.mean(normalised) == pytest.approx(1, abs=0.5)
+    # Chi-square over its degrees of freedom; 100 runs leave a quarter.
+    assert np.mean(normalised) == pytest.approx(1, abs=0.25)
 
 
 def test_measures_scatter_as_much_as_the_section_says() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -14,12 +15,14 @@ from tjscan.groove.segments import Index
 LONGEST: Final = 24
 """Lag in columns beyond which noise is taken as independent."""
 
-FAINT: Final = 0.05
-"""A correlation below this ends the search: what follows is chance."""
-
+WIDEST: Final = LONGEST / 2
+"""Widest bell: what stays correlated for longer is shape, not noise."""
 
 MOST_LOST: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
+
+_HALF: Final = log(2)
+_LEAST: Final = 0.01  # a correlation that is as good as none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +52,11 @@ class Correlation:
 def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> Correlation:
     """Estimate the correlation from residuals over their own standard deviation.
 
+    Speckle's correlation is taken as a bell, ``exp(-(lag / width)²)``, whose width follows from
+    where it has fallen to a half. That is an assumption: of the few hundred points of a profile
+    only some ninety are independent, too few to tell the bell's feet from chance, and what is
+    cut off there is lacking from every variance.
+
     A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
     is too small by about ``p inflation / n`` at all lags, which is put back.
 
@@ -70,17 +78,27 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     product, pairs = np.fft.irfft(power, n=size)[:, :LONGEST]
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
-    lost = 0.0
-    for _ in range(3):
-        whole = rho * (1 - lost) + lost
-        faint = whole < lost + FAINT
-        end = int(faint.argmax()) if faint.any() else LONGEST
-        lags = np.clip(whole[: max(end, 1)], 0, 1)
-        lost = lost_share(parameters, 2 * float(lags.sum()) - 1, len(scaled))
+    lost, width = 0.0, 0.0
+    for _ in range(4):
+        width = _width(rho * (1 - lost) + lost)
+        lost = lost_share(parameters, sqrt(pi) * width, len(scaled))
+    lags = np.exp(-((np.arange(LONGEST) / width) ** 2))
     kernel = np.zeros(size)
-    kernel[: len(lags)] = lags
-    kernel[size - len(lags) + 1 :] = lags[:0:-1]
+    kernel[:LONGEST] = lags
+    kernel[size - LONGEST + 1 :] = lags[:0:-1]
     return Correlation(lags, np.maximum(np.fft.rfft(kernel).real, 0.0), size)
+
+
+def _width(rho: Array) -> float:
+    """Lag at which the bell through the half of a correlation has fallen to 1/e."""
+    height = -np.log(np.clip(rho, _LEAST, 1.0))
+    height[0] = 0.0
+    k = int((height > _HALF).argmax())
+    if k == 0:
+        return WIDEST
+    # A bell's logarithm is linear in the square of the lag.
+    share = (_HALF - height[k - 1]) / (height[k] - height[k - 1])
+    return min(sqrt(((k - 1) ** 2 + float(share) * (2 * k - 1)) / _HALF), WIDEST)
 
 
 def lost_share(parameters: float, inflation: float, count: float) -> float:

@@ -20,7 +20,6 @@ from tjscan.groove.models import Side
 from tjscan.groove.noise import (
     Correlation,
     correlated_squares,
-    correlated_sums,
     correlation,
     lost_share,
 )
@@ -65,6 +64,9 @@ _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
 _STIFF: Final = 1e12  # weight of a coefficient that has to be zero
 
+POWERS: Final = _UNIT ** np.arange(4)
+"""Metres per unit of s / 20 mm, to the powers of a side's coefficients."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
@@ -86,6 +88,27 @@ class Row:
     tangents: Array
     columns: Index
     count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """Normal equations of k sides' coefficients, in powers of s / 20 mm, without any prior.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (k, 4, 4)
+    rhs : ndarray, shape (k, 4)
+    """
+
+    matrix: Array
+    rhs: Array
+
+    def solved(self, weight: Array) -> tuple[Array, Array]:
+        """Coefficients (k, 4) and inverses (k, 4, 4), with `weight` (k, 4) on the diagonals."""
+        matrix = self.matrix.copy()
+        matrix[:, _DIAGONAL, _DIAGONAL] += weight
+        inverse = np.linalg.inv(matrix)
+        return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,14 +135,18 @@ class Outline:
         Standard deviation of each side's residuals, in metres.
     curved : ndarray of bool, shape (k,)
         Which sides are curved.
+    equations : Equations
+        What the coefficients solve.
     inverse : ndarray, shape (k, 4, 4)
-        Inverses of the normal matrices, in powers of s / 20 mm.
+        Inverses of their matrices with the prior, in powers of s / 20 mm.
     weight : ndarray, shape (k, 4)
         What the prior added to their diagonals.
     middles : tuple of float
         Mean s of the points that each side's fit rests on.
     noise : Correlation, optional
         How the residuals of neighbouring columns correlate.
+    straight : ndarray, shape (k,), optional
+        Logarithm of the odds that a side is straight.
     """
 
     curves: tuple[Curve, ...]
@@ -131,10 +158,12 @@ class Outline:
     keep: NDArray[np.bool_]
     sigmas: Array
     curved: NDArray[np.bool_]
+    equations: Equations
     inverse: Array
     weight: Array
     middles: tuple[float, ...]
     noise: Correlation | None = None
+    straight: Array | None = None
 
     @property
     def parameters(self) -> Index:
@@ -186,9 +215,10 @@ def refine(
     sigmas = np.full(len(sides), tolerance / 4)
     outline: Outline | None = None
     noise: Correlation | None = None
+    straight: Array | None = None
     for count in range(MOST_ROUNDS):
         before = outline
-        weight = _weights(spread, curved, sigmas, inflation)
+        weight = prior_weights(spread, curved, sigmas, inflation)
         if outline is not None and count < REBASED_ROUNDS:
             sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
         outline = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
@@ -205,11 +235,14 @@ def refine(
         if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
             noise = noise_of(row, outline)
             inflation = noise.inflation
-            curved = _evidence(row, outline, noise, spread)
-    return None if outline is None else replace(outline, noise=noise)
+            straight = _evidence(row, outline, noise, spread)
+            curved = curved & (straight < CLEARLY)
+    return None if outline is None else replace(outline, noise=noise, straight=straight)
 
 
-def _weights(spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation: float) -> Array:
+def prior_weights(
+    spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation: float
+) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
     variance = inflation * np.maximum(sigmas, LEAST_NOISE) ** 2
@@ -255,17 +288,15 @@ def _round(
     sums = np.add.reduceat(terms, edges[:-1], axis=1)
     if sums[0].min() < FEWEST:
         return None
-    normal = sums[_HANKEL].transpose(2, 0, 1).copy()
-    normal[:, _DIAGONAL, _DIAGONAL] += weight
+    equations = Equations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
     try:
-        inverse = np.linalg.inv(normal)
+        c, inverse = equations.solved(weight)
     except np.linalg.LinAlgError:
         return None
-    c = (inverse @ sums[7:].T[:, :, None])[:, :, 0]
     c0, c1, c2, c3 = np.repeat(c.T, sizes, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, edges)
-    c = c / _POWERS
+    c = c / POWERS
     fitted = tuple(
         Curve(f[0], f[1], f[2], f[3], *q) for f, q in zip(frames.tolist(), c.tolist(), strict=True)
     )
@@ -274,11 +305,22 @@ def _round(
         return None
     middles = tuple((_UNIT * sums[1] / sums[0]).tolist())
     return Outline(
-        fitted, met[1], met[0], owner, s, residuals, keep, sigmas, curved, inverse, weight, middles
+        fitted,
+        met[1],
+        met[0],
+        owner,
+        s,
+        residuals,
+        keep,
+        sigmas,
+        curved,
+        equations,
+        inverse,
+        weight,
+        middles,
     )
 
 
-_POWERS: Final = _UNIT ** np.arange(4)
 _HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
 _DIAGONAL: Final = np.arange(4)
 
@@ -330,46 +372,34 @@ def noise_of(row: Row, outline: Outline) -> Correlation:
     return correlation(scaled, row.columns[keep], row.count, int(outline.parameters.sum()))
 
 
-def coefficient_covariances(row: Row, outline: Outline, noise: Correlation, spread: Array) -> Array:
-    """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
-
-    Noise enters through the points, the unknown bend and twist through the prior:
-    ``inverse (sigma² B R Bᵀ + W S W) inverse``.
-    """
-    keep = outline.keep
-    u = outline.along[keep] / _UNIT
-    basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
-    meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
-    meat *= (outline.sigmas**2 / (1 - _lost(outline, noise)))[:, None, None]
-    doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
-    meat[:, (2, 3), (2, 3)] += doubt**2
-    scale = 1 / _POWERS
-    return np.asarray((outline.inverse @ meat @ outline.inverse) * scale[:, None] * scale)
+def prior_doubts(weight: Array, spread: Array) -> Array:
+    """What the unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
+    return np.where(weight[:, 2:] < _STIFF, weight[:, 2:] * spread, 0.0)
 
 
-def _lost(outline: Outline, noise: Correlation) -> Array:
-    """Share of the noise that each side's fit took up, shape (k,)."""
+def noise_variances(outline: Outline, noise: Correlation) -> Array:
+    """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
     pairs = zip(outline.parameters.tolist(), outline.counts.tolist(), strict=True)
-    return np.array([lost_share(p, noise.inflation, c) for p, c in pairs])
+    lost = np.array([lost_share(p, noise.inflation, c) for p, c in pairs])
+    return np.asarray(outline.sigmas**2 / (1 - lost))
 
 
-def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> NDArray[np.bool_]:
-    """Which sides are likelier curved than straight (Savage–Dickey density ratio)."""
+def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> Array:
+    """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     keep = outline.keep
     owner = outline.owner[keep]
     u = outline.along[keep] / _UNIT
     c0, c1, c2, c3 = outline.inverse[owner, 2].T
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
-    doubt = np.where(outline.weight[:, 2:] < _STIFF, outline.weight[:, 2:] * spread, 0.0)
-    scale = outline.sigmas**2 / (1 - _lost(outline, noise))
-    variance = scale * correlated_squares(noise, share, owner, row.columns[keep])
+    doubt = prior_doubts(outline.weight, spread)
+    variance = noise_variances(outline, noise)
+    variance = variance * correlated_squares(noise, share, owner, row.columns[keep])
     variance += ((outline.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in outline.curves]) * _UNIT**2
     prior = np.maximum(spread[:, 0], 1e-15)
-    straight = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
-    return np.asarray(outline.curved & (straight < CLEARLY))
+    return np.asarray(np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance))
 
 
 def spread_of(model: tuple[Side, ...]) -> Array:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import expit
 
 from tjscan.frames import Array
 from tjscan.groove.models import GrooveModel
+from tjscan.groove.noise import Correlation, correlated_sums
 from tjscan.groove.refinement import (
+    POWERS,
     Outline,
     Row,
-    coefficient_covariances,
     noise_of,
+    noise_variances,
+    prior_doubts,
+    prior_weights,
     spread_of,
 )
 
@@ -22,7 +27,7 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
     normal there and b the derivatives of its height by its coefficients c.
     """
     noise = outline.noise or noise_of(row, outline)
-    spread = coefficient_covariances(row, outline, noise, spread_of(model.sides))
+    spread = _coefficient_covariances(row, outline, noise, spread_of(model.sides))
     k = len(outline.curves)
     sigma = np.zeros((4 * k, 4 * k))
     for i in range(k):
@@ -47,3 +52,39 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
         step = bend * np.array((curve.tx, curve.tz))
         jacobian[row_] += step @ jacobian[2 * corner : 2 * corner + 2]
     return np.asarray(jacobian @ sigma @ jacobian.T)
+
+
+def _coefficient_covariances(
+    row: Row, outline: Outline, noise: Correlation, spread: Array
+) -> Array:
+    """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
+
+    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
+    (sigma² B R Bᵀ + W S W) inverse``. Whether a side is straight is not certain either: what
+    was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
+    averaging).
+    """
+    keep = outline.keep
+    u = outline.along[keep] / POWERS[1]
+    basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
+    meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
+    meat *= noise_variances(outline, noise)[:, None, None]
+    bends = spread[:, 0] > 0
+    here, _ = outline.equations.solved(outline.weight)
+    total = _sandwich(outline.inverse, meat, outline.weight, spread)
+    if outline.straight is not None:
+        other = prior_weights(spread, bends & ~outline.curved, outline.sigmas, noise.inflation)
+        there, inverse = outline.equations.solved(other)
+        away = there - here
+        odds = np.where(outline.curved, outline.straight, -outline.straight)
+        share = np.where(bends, expit(odds), 0.0)[:, None, None]
+        total *= 1 - share
+        total += share * _sandwich(inverse, meat, other, spread)
+        total += share * away[:, :, None] * away[:, None]
+    return np.asarray(total / (POWERS[:, None] * POWERS))
+
+
+def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
+    meat = meat.copy()
+    meat[:, (2, 3), (2, 3)] += prior_doubts(weight, spread) ** 2
+    return np.asarray(inverse @ meat @ inverse)
