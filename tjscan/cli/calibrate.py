@@ -2,87 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from tjscan.cli.recorded_options import RecordedOptions, written
 from tjscan.errors import ConfigurationError
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedOptions:
-    """Options for recorded profiles.
-
-    Parameters
-    ----------
-    lines
-        Recorded profiles: CSV with columns x, z and profile, or with a profile per row.
-    poses
-        Their flange poses: CSV with position and quaternion, rotation vector or Euler angles.
-    plane
-        The board A,B,C,D in frame b: A x + B y + C z + D = 0 in millimetres.
-    touched
-        Points touched on the board: CSV with columns x_mm, y_mm, z_mm in frame b.
-    unknown_plane
-        Find the board together with the sensor.
-    sphere_radius_mm
-        The target is a ball of this radius.
-    unknown_sphere
-        The target is a ball; find its radius too.
-    units
-        Unit of length of the profiles, where the names of the columns don't tell it.
-    pitch
-        Distance of the columns of a matrix, in that unit.
-    invalid
-        A value that stands for no point, beside NaN and nothing.
-    range_mm
-        Standard deviation of a point along z; 0.03 where left out.
-    correlation_columns
-        Columns after which the correlation of those errors has fallen to 1/e; 4.
-    position_mm
-        Standard deviation of the flange's position, each axis; 0.05.
-    rotation_deg
-        Standard deviation of its orientation, about each axis; 0.01.
-    touch_mm
-        Standard deviation of a touched point, each axis; 0.05.
-    arm_id
-        The arm it holds for; a scan with another refuses it.
-    laser_id
-        The laser it holds for.
-    """
-
-    lines: Path | None = None
-    poses: Path | None = None
-    plane: str | None = None
-    touched: Path | None = None
-    unknown_plane: bool = False
-    sphere_radius_mm: float | None = None
-    unknown_sphere: bool = False
-    units: Literal["mm", "um", "m"] | None = None
-    pitch: float | None = None
-    invalid: list[float] | None = None
-    range_mm: float | None = None
-    correlation_columns: float | None = None
-    position_mm: float | None = None
-    rotation_deg: float | None = None
-    touch_mm: float | None = None
-    arm_id: str | None = None
-    laser_id: str | None = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that are given."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return [name for name, value in values.items() if value is not None and value is not False]
-
-
-def written(names: Iterable[str]) -> str:
-    """Options as they are typed, between commas."""
-    return ", ".join("--" + name.replace("_", "-") for name in names)
 
 
 def calibrate(

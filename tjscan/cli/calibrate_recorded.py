@@ -15,9 +15,9 @@ from tjscan.calibration.plucker import Plane
 from tjscan.calibration.recorded import pair, read_points, read_poses
 from tjscan.calibration.shot import Shot
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
-from tjscan.cli.calibrate import RecordedOptions, written
 from tjscan.cli.calibration_words import report_calibration
 from tjscan.cli.console import say
+from tjscan.cli.recorded_options import RecordedOptions, written
 from tjscan.config import validate
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array
