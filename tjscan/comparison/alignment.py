@@ -17,7 +17,7 @@ MOST_POINTS: Final = 30_000
 """Points that are aligned; more would tell no more about six numbers."""
 
 MOST_ROUNDS: Final = 100
-STILL: Final = 1e-8
+STILL: Final = 1e-7
 """Metres that the farthest point moves in a round when it is time to stop."""
 
 REACH: Final = 20e-3

@@ -208,7 +208,9 @@ def _draw_cells(
     )
     axes.set_facecolor("#d0d0d0")
     sign = ", positive outside" if deviation.signed else ", unsigned"
-    figure.colorbar(cells, ax=axes, extend="both", label=f"deviation / mm{sign}")
+    figure.colorbar(
+        cells, ax=axes, extend="both" if deviation.signed else "max", label=f"deviation / mm{sign}"
+    )
 
 
 def _draw_lines(axes: Any, lines: SectionLines, azimuth: Array) -> None:
