@@ -70,6 +70,8 @@ class _Body:
 class CollisionModel:
     """Distances between an arm, what it carries, what stands around it, and itself.
 
+    Pinocchio's scratch memory is in it: one thread at a time.
+
     Parameters
     ----------
     kinematics : Kinematics
