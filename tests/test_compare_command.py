@@ -104,6 +104,7 @@ def test_icp_from_a_true_pose_stays_there(run: Path, capsys: pytest.CaptureFixtu
     capsys.readouterr()
     assert tjscan("compare", run, CAD, "--align", "icp", "--json") == 0
     alignment = json.loads(capsys.readouterr().out)["alignment"]
+    # The noise is correlated along a profile: a few dozen numbers are independent, not thousands.
     assert alignment["moved_mm"] < NOISE
     assert alignment["fitness"] > 0.95
 

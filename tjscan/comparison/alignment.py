@@ -54,6 +54,8 @@ class Alignment:
         Root mean square distance of these from the planes of their partners, metres.
     rounds : int
         How many it took.
+    moved : float
+        Root mean square of how far the points moved, metres.
     """
 
     method: str
@@ -61,14 +63,10 @@ class Alignment:
     fitness: float = 1.0
     residual: float = 0.0
     rounds: int = 0
+    moved: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T", readonly(self.T))
-
-    @property
-    def moved(self) -> float:
-        """Length of the translation, metres."""
-        return float(np.linalg.norm(self.T[:3, 3]))
 
     @property
     def turned(self) -> float:
@@ -158,7 +156,9 @@ def align_icp(points: Array, partner: Partner) -> Alignment:
             f"only {100 * fitness:.0f} % of the points come to lie on the reference, "
             f"{100 * LEAST_FITNESS:.0f} % must: they show something else for the most part"
         )
-    return Alignment("icp", T, fitness, float(np.sqrt(np.mean(off[held] ** 2))), rounds)
+    residual = float(np.sqrt(np.mean(off[held] ** 2)))
+    far = float(np.sqrt(np.mean(np.sum((transform(T, points) - points) ** 2, axis=1))))
+    return Alignment("icp", T, fitness, residual, rounds, far)
 
 
 def _check_stiffness(points: Array, normals: Array) -> None:

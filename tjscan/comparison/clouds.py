@@ -227,7 +227,7 @@ def _read_csv(path: Path) -> Content:
         unit_words = "|".join(UNITS)
         places, units = [], set()
         for axis in "xyz":
-            form = rf"{axis}(?:_[a-z])?(?:[_ ]*[\[(]?({unit_words})[\])]?)?"
+            form = rf"{axis}(?:_[bfstgj])?(?:[_ ]*[\[(]?({unit_words})[\])]?)?"
             found = [(i, match[1]) for i, n in enumerate(names) if (match := re.fullmatch(form, n))]
             if not found:
                 raise ConfigurationError(
