@@ -19,7 +19,7 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
 from tjscan.robot.cleared import ClearedArm
 from tjscan.robot.collision import SEEN, CollisionModel, check_links
-from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.kinematics import MODELS, Kinematics
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
@@ -220,6 +220,15 @@ def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
     with pytest.raises(PoseUnreachable, match="too near to a singularity"):
         keeps.linear(start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
     keeps.linear(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_no_arm_touches_itself_where_it_is_built(model: str) -> None:
+    random = np.random.default_rng(0)
+    arm = CollisionModel(Kinematics.load(model))
+    well = np.radians([10, -80, 100, -60, -80, 20])
+    nearest = min(arm.distances(well + random.uniform(-0.6, 0.6, 6)).min() for _ in range(100))
+    assert nearest > Margins().own
 
 
 def test_an_unknown_link_to_ignore_is_refused_with_the_nearest_one() -> None:
