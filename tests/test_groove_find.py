@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from grooves import MM, Groove, Noise, draw, turned
+from grooves import MM, Groove, Noise, draw, seen, turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +13,9 @@ from tjscan.laser.profile import Profile
 
 EXACT = 3e-6
 """Without noise only the cubic's misfit to an arc is left, in metres."""
+
+LONG_ARC = 10e-6
+"""The same where the leg is seen for 70 mm, in metres."""
 
 SAME = 8e-6
 """A different vantage assigns a few points at corners to the other side: a third of sigma."""
@@ -43,6 +46,20 @@ def test_corners_without_noise_are_exact(curvature: float, roll: float, root: fl
     # Ends lie on the wall above p2 and on the leg beyond p4.
     assert section.points_s[0, 0] > section.points_s[1, 0]
     assert section.points_s[4, 0] < section.points_s[3, 0]
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.005, 0.03])
+@pytest.mark.parametrize("curvature", [2.0, 3.3])
+@pytest.mark.parametrize("high", [0.020, 0.025])
+def test_little_of_the_wall_is_enough_with_noise_and_without(
+    sigma: float, curvature: float, high: float
+) -> None:
+    # 8 mm of wall at the field's edge, and a long leg whose tangents are many.
+    groove = Groove(curvature=curvature, bevel=0.024, opening=0.9, shift=(high, 0.0))
+    sides = groove.outline()
+    sides[0] = groove.corners[0] + np.outer((-0.008, 0), groove.directions[0])
+    section = find_groove(seen(sides, Noise(sigma=sigma * MM)))
+    assert np.abs(corners(section) - groove.corners).max() < 4 * sigma * MM + LONG_ARC
 
 
 @pytest.mark.parametrize("opening", np.radians([45, 60, 75, 90]))

@@ -26,6 +26,9 @@ THINNED: Final = 130
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
+LEAST_GAIN: Final = 1.0
+"""What a segment has to add to those before it, in points of the thinned row."""
+
 WIDE_GAP: Final = 10
 """Points without support that may divide a segment into two sides."""
 
@@ -103,7 +106,7 @@ def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
     if not len(segments):
         return segments
     segments, gain = _stretched(segments, row, tolerance, effort.gap_cost)
-    segments = _distinct(segments, gain, effort.kept)
+    segments = _spread(segments, gain, effort.kept)
     for _ in range(effort.refits):
         segments, gain = _stretched(
             _refitted(segments, row, tolerance), row, tolerance, effort.gap_cost
@@ -201,6 +204,24 @@ def _stretched(
     first = np.minimum(first, last)
     score = total[rows, last] - below
     return replace(segments, first=first, last=last, score=score), gain
+
+
+def _spread(segments: Segments, gain: Array, most: int) -> Segments:
+    """Keep the segments that explain most of what those before them left over.
+
+    Lines along a curved side are many and each is the best somewhere: they must not crowd out
+    a short side.
+    """
+    left = np.where(segments.inside(gain.shape[1]), np.maximum(gain, 0), 0)
+    chosen: list[int] = []
+    while len(chosen) < most:
+        worth = left.sum(axis=1)
+        best = int(worth.argmax())
+        if worth[best] < LEAST_GAIN:
+            break
+        chosen.append(best)
+        left[:, left[best] > 0] = 0
+    return segments.take(np.array(chosen, dtype=np.intp))
 
 
 def _distinct(segments: Segments, gain: Array, most: int) -> Segments:
