@@ -175,7 +175,6 @@ _read_ply = _read_trimesh
 
 def _read_3mf(path: Path) -> Content:
     """3MF states its unit in the model, millimetre where it says none."""
-    _need("networkx", "3MF", "3mf")
     with zipfile.ZipFile(path) as archive:
         model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
         head = archive.read(model)[:10_000].decode("utf-8", errors="replace")

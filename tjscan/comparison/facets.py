@@ -71,7 +71,9 @@ class Facets:
         dual_u = np.cross(ac, normals) / double_area[real, None]
         dual_v = np.cross(normals, ab) / double_area[real, None]
         pairs = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        _, edges, shared = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
+        # One number per pair: sorting numbers is faster than sorting rows.
+        keys = pairs[:, 0] * len(vertices) + pairs[:, 1]
+        _, edges, shared = np.unique(keys, return_inverse=True, return_counts=True)
         features = np.column_stack((triangles, len(vertices) + edges.reshape(-1, 3)))
         total = len(vertices) + len(shared)
         weights = np.column_stack((_angles(corners), np.ones((len(corners), 3))))
