@@ -38,6 +38,7 @@ class Dashboard:
 
     def __init__(self, host: str) -> None:
         self._host = host
+        self._silence: ArmSilent | None = None
         try:
             self._socket = socket.create_connection((host, PORT), LIMIT)
         except OSError as error:
@@ -70,8 +71,10 @@ class Dashboard:
         Raises
         ------
         ArmSilent
-            If there is none.
+            If there is none, or there was none before: nobody waits twice.
         """
+        if self._silence is not None:
+            raise self._silence
         try:
             self._socket.sendall(f"{line}\n".encode())
         except OSError as error:
@@ -97,7 +100,8 @@ class Dashboard:
         return line.decode(errors="replace").strip()
 
     def _silent(self, why: str) -> ArmSilent:
-        return ArmSilent(
+        self._silence = ArmSilent(
             f"the dashboard of the controller at {self._host} does not answer ({why}). Look at "
             "its pendant, restart the controller if it hangs, then start again."
         )
+        return self._silence

@@ -26,10 +26,12 @@ from tjscan.errors import (
     ArmBusy,
     ArmFault,
     ArmLinkLost,
+    ArmNotReached,
     ArmSilent,
     ConfigurationError,
     PoseMissed,
     ProgramStopped,
+    RegistersInUse,
     TargetRefused,
 )
 from tjscan.frames import Array, inverse, pose, rotation_angle
@@ -38,7 +40,14 @@ from tjscan.robot.dashboard import Dashboard
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointPath, MotionLimits
 from tjscan.robot.path import joint_path, linear_path
-from tjscan.robot.ur_faults import fault_of, power_fault, remote_fault, safety_fault, start_fault
+from tjscan.robot.ur_faults import (
+    fault_of,
+    power_fault,
+    program_fault,
+    remote_fault,
+    safety_fault,
+    start_fault,
+)
 from tjscan.robot.ur_link import ClientFailed, Link
 from tjscan.robot.ur_words import Snapshot
 
@@ -173,7 +182,9 @@ class UrArm:
         self._halt.clear()
         try:
             self._connect()
-        except BaseException:
+        except BaseException as error:
+            if self._link is not None and not isinstance(error, (RegistersInUse, ArmNotReached)):
+                self._stop_program()  # ours runs, or may
             self._disconnect()
             raise
         return self
@@ -187,8 +198,10 @@ class UrArm:
         """Stop, end the program on the controller, and disconnect."""
         self.stop()
         if self._link is not None and self._fault is None:
-            with suppress(ArmFault, ClientFailed):
+            try:
                 self._link.ask(NoneType, "end")
+            except (ArmFault, ClientFailed):
+                self._stop_program()
         self._disconnect()
 
     @property
@@ -248,7 +261,7 @@ class UrArm:
             self._await_program()
             self._set_up()
         except ClientFailed as failed:
-            raise start_fault(host, str(failed)) from None
+            raise _unready(dashboard) or start_fault(host, str(failed)) from None
         self._identity = UrIdentity(
             model=_told(dashboard.ask("get robot model")),
             serial=_told(dashboard.ask("get serial number")),
@@ -276,16 +289,17 @@ class UrArm:
             self._halt.wait(POLL)
 
     def _set_up(self) -> None:
-        link, settings = self._open_link, self.settings
-        link.ask(bool, "watch")
+        settings = self.settings
+        self._ask(bool, "watch")
         # The TCP on the flange itself: poses mean the flange, whatever the pendant had set.
-        link.ask(bool, "set_tcp", (0.0,) * 6)
-        offset = link.ask(list, "tcp")
+        self._ask(bool, "set_tcp", (0.0,) * 6)
+        offset = self._ask(list, "tcp")
         if len(offset) != 6 or np.abs(offset).max() > SAME:
+            self._look()  # the true reason, if the arm is not well
             raise self._disobeyed("TCP", "zero", offset)
         self._T_tcp_f = inverse(_pose_of(offset))
         if settings.payload is not None:
-            link.ask(bool, "set_payload", settings.payload, settings.centre_of_gravity)
+            self._ask(bool, "set_payload", settings.payload, settings.centre_of_gravity)
             limit = time.monotonic() + STARTS
             while not _carries(now := self._look(), settings):
                 if time.monotonic() > limit:
@@ -338,14 +352,15 @@ class UrArm:
         except ClientFailed as failed:
             fault = ArmLinkLost(f"the connection to the arm's controller broke ({failed}).")
         if fault is not None:
-            raise self._end_with(self._cause(fault))
+            raise self._end_with(fault)
         return now
 
     def _cause(self, fault: ArmFault) -> ArmFault:
-        """Why the program stopped, where the dashboard knows."""
-        if isinstance(fault, ProgramStopped) and self._dashboard is not None:
+        """Why the program stopped or nobody answers, where the dashboard knows."""
+        if isinstance(fault, (ProgramStopped, ArmSilent)) and self._dashboard is not None:
             with suppress(ArmFault):
-                return _unready(self._dashboard) or fault
+                running = self._dashboard.value("running")
+                return _unready(self._dashboard) or program_fault(running) or fault
         return fault
 
     def _state_of(self, now: Snapshot) -> ArmState:
@@ -503,13 +518,17 @@ class UrArm:
     def _end_with(self, fault: ArmFault) -> ArmFault:
         """Stop the arm by whatever still works, and take no more orders; returns the fault."""
         if self._fault is None:
-            self._fault = fault
-            if self._dashboard is not None:
-                with suppress(ArmFault):
-                    self._dashboard.ask("stop")
+            self._fault = self._cause(fault)
+            self._stop_program()
             if self._link is not None:
                 self._link.close()
         return self._fault
+
+    def _stop_program(self) -> None:
+        """Tell the controller without the client to end our program, and all motion with it."""
+        if self._dashboard is not None:
+            with suppress(ArmFault):
+                self._dashboard.ask("stop")
 
 
 class _Watch:

@@ -69,6 +69,11 @@ def remote_fault(answer: str) -> ArmFault | None:
     return ArmNotRemote(_REMOTE) if answer.lower() == "false" else None
 
 
+def program_fault(running: str) -> ArmFault | None:
+    """What the dashboard's answer on the running program means."""
+    return ProgramStopped(_PROGRAM) if running.lower() == "false" else None
+
+
 def fault_of(now: Snapshot) -> ArmFault | None:
     """What is wrong, as far as a snapshot tells, the cause before its consequences."""
     if not now.connected:
