@@ -49,6 +49,7 @@ from tjscan.robot.ur_faults import (
     start_fault,
 )
 from tjscan.robot.ur_link import ClientFailed, Link
+from tjscan.robot.ur_watch import ClockWatch
 from tjscan.robot.ur_words import Snapshot
 
 T = TypeVar("T")
@@ -163,7 +164,7 @@ class UrArm:
         self._link: Link | None = None
         self._identity: UrIdentity | None = None
         self._fault: ArmFault | None = None
-        self._watch = _Watch(settings.silence_limit)
+        self._watch = ClockWatch(settings.silence_limit)
         self._T_tcp_f = np.eye(4)
         self._moving = threading.Lock()
         self._halt = threading.Event()
@@ -178,7 +179,7 @@ class UrArm:
         ConfigurationError
             If it is another model than it should be.
         """
-        self._fault, self._watch = None, _Watch(self.settings.silence_limit)
+        self._fault, self._watch = None, ClockWatch(self.settings.silence_limit)
         self._halt.clear()
         try:
             self._connect()
@@ -529,36 +530,6 @@ class UrArm:
         if self._dashboard is not None:
             with suppress(ArmFault):
                 self._dashboard.ask("stop")
-
-
-class _Watch:
-    """Raises when the controller's clock stands.
-
-    Parameters
-    ----------
-    limit : float
-        Seconds.
-    """
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._time: float | None = None
-        self._since = 0.0
-        self._seen = 0.0
-
-    def see(self, now: Snapshot) -> None:
-        """Compare with what was seen before."""
-        moment = time.monotonic()
-        # While nobody looked, nothing is known: a pause between two looks counts for nothing.
-        if now.time != self._time or moment - self._seen > self._limit / 4:
-            self._time, self._since = now.time, moment
-        self._seen = moment
-        if moment - self._since > self._limit:
-            raise ArmSilent(
-                f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
-                "silent, and could not be told to stop. Press the emergency stop if the arm "
-                "still moves; look at its pendant and cable, then start again."
-            )
 
 
 def _unready(dashboard: Dashboard) -> ArmFault | None:

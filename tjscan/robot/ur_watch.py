@@ -1,0 +1,38 @@
+"""Whether a controller is alive: stale readings still return, but its clock stands then."""
+
+from __future__ import annotations
+
+import time
+
+from tjscan.errors import ArmSilent
+from tjscan.robot.ur_words import Snapshot
+
+
+class ClockWatch:
+    """Raises when the controller's clock stands.
+
+    Parameters
+    ----------
+    limit : float
+        Seconds.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._time: float | None = None
+        self._since = 0.0
+        self._seen = 0.0
+
+    def see(self, now: Snapshot) -> None:
+        """Compare with what was seen before."""
+        moment = time.monotonic()
+        # While nobody looked, nothing is known: a pause between two looks counts for nothing.
+        if now.time != self._time or moment - self._seen > self._limit / 4:
+            self._time, self._since = now.time, moment
+        self._seen = moment
+        if moment - self._since > self._limit:
+            raise ArmSilent(
+                f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
+                "silent, and could not be told to stop. Press the emergency stop if the arm "
+                "still moves; look at its pendant and cable, then start again."
+            )
