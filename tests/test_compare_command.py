@@ -251,3 +251,14 @@ def test_a_3mf_in_inches_is_refused(tmp_path: Path) -> None:
         archive.writestr("3D/3dmodel.model", '<model unit="inch" xml:lang="en-US"></model>')
     with pytest.raises(ConfigurationError, match="inch"):
         read_shape(file, Told("mm", "j"))
+
+
+def test_e57_is_in_metres_by_its_standard(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57")
+    points = np.random.default_rng(1).uniform(-0.3, 0.3, (50, 3))
+    file = pye57.E57(str(tmp_path / "scan.e57"), mode="w")
+    file.write_scan_raw({f"cartesian{axis}": points[:, i] for i, axis in enumerate("XYZ")})
+    file.close()
+    found = read_shape(tmp_path / "scan.e57", Told(frame="j"))
+    assert found.points is not None
+    np.testing.assert_allclose(found.points, points, atol=1e-7)  # single precision

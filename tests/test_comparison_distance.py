@@ -12,7 +12,7 @@ from tjscan.comparison.distance import DistanceStatistics
 from tjscan.comparison.shapes import Mesh, Shape, Stated
 from tjscan.comparison.surface import SurfaceDistance
 from tjscan.errors import ComparisonRefused, ConfigurationError
-from tjscan.frames import Array, inverse, pose, rotation_angle, transform
+from tjscan.frames import Array, inverse, pose, readonly, rotation_angle, transform
 
 EXACT = 1e-9
 """A nanometre: double precision on shapes of a metre, with room to spare."""
@@ -152,6 +152,19 @@ def test_icp_finds_a_known_small_pose_on_a_cloud() -> None:
     found = align_icp(transform(inverse(SMALL), surface_cloud(20e-6)), on_cloud(reference))
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 0.1e-3
     assert rotation_angle(found.T, SMALL) < 1e-3
+
+
+def test_icp_refuses_a_reference_of_separate_lines() -> None:
+    x, z = np.meshgrid(np.arange(-0.2, 0.2, 0.04), np.arange(-0.2, 0.2, 0.0005))
+    lines = np.column_stack((x.T.ravel(), np.zeros(x.size), z.T.ravel()))
+    with pytest.raises(ComparisonRefused, match="lines"):
+        on_cloud(lines)
+
+
+def test_icp_takes_clouds_that_are_read_only() -> None:
+    measured = shape("a", points=readonly(transform(inverse(SMALL), surface_cloud(0.0))))
+    reference = shape("b", points=readonly(surface_cloud(0.0, seed=7)))
+    assert compare(measured, reference, "icp").alignment.fitness > 0.9
 
 
 def test_icp_refuses_too_small_an_overlap() -> None:

@@ -34,6 +34,9 @@ LEAST_STIFFNESS: Final = 1e-4
 
 NORMAL_NEIGHBOURS: Final = 12
 
+LINE: Final = 0.02
+"""Variance across over variance along, below which neighbours lie on a line."""
+
 Partner = Callable[[Array], tuple[Array, Array]]
 """Maps points to their nearest ones on the reference, and the normals there."""
 
@@ -83,11 +86,26 @@ def on_surface(surface: SurfaceDistance) -> Partner:
 
 
 def on_cloud(points: Array) -> Partner:
-    """Partners in a cloud, shape (n, 3), whose normals are estimated from neighbours."""
+    """Partners in a cloud, shape (n, 3), whose normals are estimated from neighbours.
+
+    Raises
+    ------
+    ComparisonRefused
+        If the points lie on separate lines, where neighbours tell no normal.
+    """
     import open3d as o3d
 
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
+    # A copy, for Open3D takes no array that is read-only.
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points)))
+    nearest = o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS)
+    cloud.estimate_covariances(nearest)
+    spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
+    if np.median(spread[:, 1]) < LINE * np.median(spread[:, 2]):
+        raise ComparisonRefused(
+            "the reference's points lie on separate lines, which tell no direction across: align "
+            "to a mesh or to a denser cloud"
+        )
+    cloud.estimate_normals(nearest)
     normals, tree = np.asarray(cloud.normals).copy(), KDTree(points)
 
     def partner(moved: Array) -> tuple[Array, Array]:
