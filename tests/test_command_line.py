@@ -219,3 +219,25 @@ def test_an_arm_of_ones_own_is_sought_beside_the_job_and_goes_into_the_run(tmp_p
     assert tjscan("scan", job, "--scan.sections", "3", "--out", first) == 0
     (tmp_path / "mine.urdf").unlink()
     assert tjscan("scan", first / "job.toml", "--out", again) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--noise-mm", "0"],
+        ["--noise-mm", "nan"],
+        ["--plot", "nowhere/fits.png"],
+        ["--plot", "fits.csv"],
+        ["--pitch", "inf", "--units", "mm"],
+    ],
+)
+def test_groove_refuses_options_that_make_no_sense(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "matrix.csv"
+    file.write_text("200,201,202\n", encoding="utf-8")
+    assert tjscan("groove", file, *arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    file.write_text("x_mm,z_mm\n", encoding="utf-8")
+    assert tjscan("groove", file) == 2
+    assert tjscan("groove", tmp_path) == 2

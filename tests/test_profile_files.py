@@ -103,3 +103,15 @@ def test_bytes_that_are_no_profile_are_refused(tmp_path: Path, name: str) -> Non
         read_profiles(file, ProfileFormat(unit="mm"))
     with pytest.raises(ConfigurationError, match="no such file"):
         read_profiles(tmp_path / "none" / name, ProfileFormat(unit="mm"))
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("m", 1.0), ("mm", 1e-3), ("um", 1.0)])
+def test_a_mistaken_unit_is_caught(tmp_path: Path, unit: str, scale: float) -> None:
+    rows = "\n".join(f"{x * scale},{(200 + x) * scale}" for x in range(-30, 31))
+    with pytest.raises(ConfigurationError, match="is the unit right"):
+        read_profiles(write(tmp_path, f"x_{unit},z_{unit}\n{rows}\n"), ProfileFormat())
+
+
+def test_other_separators_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="separate columns by commas"):
+        read_profiles(write(tmp_path, "x_mm;z_mm\n1;2\n"), ProfileFormat())

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tjscan.errors import RecordingError
+from tjscan.errors import ConfigurationError, RecordingError
 from tjscan.frames import from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.messages import EVENT, SCHEMAS, TOPICS
@@ -94,7 +94,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     file.write_bytes(b"not a recording at all")
     with pytest.raises(RecordingError, match="no recording"):
         list(read_views(file))
-    with pytest.raises(RecordingError, match="No such file"):
+    with pytest.raises(ConfigurationError, match="no recording"):
         list(read_views(tmp_path / "none.mcap"))
 
 

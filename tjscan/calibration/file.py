@@ -53,6 +53,12 @@ PoseRows = Annotated[Rows, Field(strict=False), AfterValidator(_is_a_pose)]
 """A pose as a file holds it: four rows, millimetres."""
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
+_HALVES: Final = (slice(0, 3), slice(3, 6))
+"""Translation and rotation in a covariance."""
+
+LEAST_REACH_MM: Final = 5.0
+"""A sensor's origin is further than this from the middle of the flange it is bolted to."""
+
 IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 """From metres and radians to the file's millimetres and degrees."""
 

@@ -25,6 +25,9 @@ GROUPS: Final = ("profile", "frame", "index")
 MOST_BYTES: Final = 500_000_000
 """A larger file is no profile; it would fill the memory."""
 
+SMALLEST, LARGEST = 2e-4, 10.0
+"""Metres that a profile spans: less or more is a mistaken unit."""
+
 PLANE: Final = 1e-6
 """Metres that a point of a profile may lie off the laser plane."""
 
@@ -87,9 +90,10 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
         if file.stat().st_size > MOST_BYTES:
             raise ConfigurationError("is far too large for profiles", file=file)
         if file.suffix.lower() == ".ply":
-            return _read_ply(file, form)
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            return _read_text(file, csv.reader(stream), form)
+            table = _read_ply(file, form)
+        else:
+            with file.open(newline="", encoding="utf-8-sig") as stream:
+                table = _read_text(file, csv.reader(stream), form)
     except FileNotFoundError:
         near = nearest(file.name, [f.name for f in file.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None
@@ -97,6 +101,8 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    _check_unit(file, table.profiles.values())
+    return table
 
 
 def _read_text(file: Path, rows: Iterable[list[str]], form: ProfileFormat) -> ProfileTable:
@@ -116,10 +122,14 @@ def _read_matrix(
 ) -> ProfileTable:
     """A profile per row: z at columns a pitch apart, x = 0 in the middle."""
     scale = _scale(file, form.unit, "a matrix of profiles")
-    if form.pitch is None or not form.pitch > 0:
+    if form.pitch is None:
         raise ConfigurationError(
-            "a matrix of profiles needs the distance of its columns: --pitch", file=file
+            "a matrix of profiles needs the distance of its columns: --pitch. If its rows are "
+            "points, name the columns in a first line: x_mm,z_mm",
+            file=file,
         )
+    if not 0 < form.pitch < math.inf:
+        raise ConfigurationError(f"must be a positive number (found {form.pitch})", key="--pitch")
     table, width = ProfileTable(), len(rows[0][1])
     x = scale * form.pitch * (np.arange(width) - (width - 1) / 2)
     for number, row in rows:
@@ -184,9 +194,20 @@ def _column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | Non
         match = re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({'|'.join(UNITS)})[\])]?)?", name)
         if match:
             return i, match[1]
-    raise ConfigurationError(
-        f"has no column {axis} (found: {', '.join(names[:12])})", file=file, key=axis
-    )
+    found = ", ".join(names[:12])
+    hint = "; separate columns by commas" if any(mark in found for mark in ";\t") else ""
+    raise ConfigurationError(f"has no column {axis} (found: {found[:200]!r}){hint}", file=file)
+
+
+def _check_unit(file: Path, profiles: Iterable[Profile]) -> None:
+    """Refuse profiles of a size that only a mistaken unit explains."""
+    spans = [np.ptp(p.points_s[:, [0, 2]], axis=0).max() for p in profiles if p.valid.any()]
+    if spans and not SMALLEST <= (span := float(np.median(spans))) <= LARGEST:
+        raise ConfigurationError(
+            f"its profiles span {1e3 * span:.3g} mm: is the unit right? It is stated in the names "
+            "of the columns (x_mm, x_um, x_m) or with --units",
+            file=file,
+        )
 
 
 def _scale(file: Path, unit: str | None, what: str) -> float:

@@ -12,7 +12,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from tjscan.errors import RecordingError
+from tjscan.errors import ConfigurationError, RecordingError
 from tjscan.frames import inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
@@ -27,12 +27,18 @@ def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
     Raises
     ------
+    ConfigurationError
+        If there is no such file.
     RecordingError
-        If the file is missing or is no recording. One that was cut off ends where it was cut.
+        If it is no recording. One that was cut off ends where it was cut.
     """
     try:
         with file.open("rb") as stream:
             yield from _messages(stream)
+    except FileNotFoundError:
+        raise ConfigurationError(
+            "there is no recording; a run directory holds scan.mcap", file=file
+        ) from None
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
     except (McapError, struct.error, KeyError, ValueError) as error:

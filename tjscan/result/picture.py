@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tjscan.errors import RecordingError
 from tjscan.frames import Array, transform
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
@@ -51,8 +52,17 @@ def draw_scan(
 
 
 def write_picture(file: Path, figure: Figure) -> None:
-    """Write a figure as PNG."""
-    figure.savefig(file, dpi=110)
+    """Write a figure as PNG.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be written.
+    """
+    try:
+        figure.savefig(file, dpi=110, format="png")
+    except OSError as error:
+        raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
 
 
 def _draw_space(
