@@ -41,7 +41,7 @@ class Effort:
 _COARSE, _FINE = (48, 24, 12), (48, 24, 12, 6)
 
 EFFORTS: Final = (
-    Effort(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=90, pool=8),
+    Effort(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),
     Effort(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
     Effort(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
 )

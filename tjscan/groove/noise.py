@@ -79,7 +79,7 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
     lost, width = 0.0, 0.0
-    for _ in range(4):
+    for _ in range(3):
         width = _width(rho * (1 - lost) + lost)
         lost = lost_share(parameters, sqrt(pi) * width, len(scaled))
     lags = np.exp(-((np.arange(LONGEST) / width) ** 2))

@@ -274,10 +274,10 @@ def _round(
     cx, cz, tx, tz, c0, c1, c2, c3 = np.repeat(frames.T, sizes, axis=1)
     x, z = row.points[:, 0] - cx, row.points[:, 1] - cz
     s, d = x * tx + z * tz, x * tz - z * tx
-    residuals = d - (c0 + s * (c1 + s * (c2 + s * c3)))
-    keep = np.abs(residuals) < np.repeat(limits, sizes)
+    scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * np.repeat(CUT / limits, sizes)
+    keep = np.abs(scaled) < CUT
     if shadows:
-        keep = _unshadowed(residuals / np.repeat(limits / CUT, sizes), keep)
+        keep = _unshadowed(scaled, keep)
 
     u = s / _UNIT
     terms = np.empty((11, n))

@@ -20,7 +20,7 @@ from tjscan.groove.effort import Effort
 
 Index = NDArray[np.intp]
 
-THINNED: Final = 130
+THINNED: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 CURVATURE_SPREAD: Final = 3.0
@@ -217,7 +217,7 @@ def _spread(segments: Segments, gain: Array, most: int) -> Segments:
     while len(chosen) < most:
         worth = left.sum(axis=1)
         best = int(worth.argmax())
-        if worth[best] < LEAST_GAIN:
+        if chosen and worth[best] < LEAST_GAIN:
             break
         chosen.append(best)
         left[:, left[best] > 0] = 0

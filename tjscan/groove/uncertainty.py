@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 from scipy.special import expit
 
@@ -29,18 +31,18 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
     noise = outline.noise or noise_of(row, outline)
     spread = _coefficient_covariances(row, outline, noise, spread_of(model.sides))
     k = len(outline.curves)
-    sigma = np.zeros((4 * k, 4 * k))
-    for i in range(k):
-        sigma[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = spread[i]
     jacobian = np.zeros((2 * k, 4 * k))
     for i, place in enumerate(outline.places):
-        m, rhs = np.empty((2, 2)), np.zeros((2, 4 * k))
-        for j, s in enumerate(place):
-            curve = outline.curves[i + j]
-            _, slope = curve.height(s)
-            m[j] = curve.tz - slope * curve.tx, -curve.tx - slope * curve.tz
-            rhs[j, 4 * (i + j) : 4 * (i + j) + 4] = 1.0, s, s * s, s * s * s
-        jacobian[2 * i : 2 * i + 2] = np.linalg.inv(m) @ rhs
+        (a, b), (sa, sb) = outline.curves[i : i + 2], place
+        (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
+        # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
+        wa = 1.0 / hypot(1.0, a.height(sa)[1])
+        wb = 1.0 / hypot(1.0, b.height(sb)[1])
+        det = ax * bz - az * bx
+        jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
+            [-bx * wa * p / det for p in _powers(sa)] + [ax * wb * p / det for p in _powers(sb)],
+            [-bz * wa * p / det for p in _powers(sa)] + [az * wb * p / det for p in _powers(sb)],
+        ]
     ends = ((0, 0, outline.places[0][0]), (k - 1, k - 2, outline.places[-1][1]))
     for row_, (side, corner, s) in enumerate(ends, start=2 * k - 2):
         curve = outline.curves[side]
@@ -51,7 +53,13 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
         bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
         step = bend * np.array((curve.tx, curve.tz))
         jacobian[row_] += step @ jacobian[2 * corner : 2 * corner + 2]
-    return np.asarray(jacobian @ sigma @ jacobian.T)
+    # Sides are fitted apart from each other.
+    parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
+    return np.asarray((parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0))
+
+
+def _powers(s: float) -> tuple[float, float, float, float]:
+    return 1.0, s, s * s, s * s * s
 
 
 def _coefficient_covariances(
@@ -70,7 +78,7 @@ def _coefficient_covariances(
     meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
     meat *= noise_variances(outline, noise)[:, None, None]
     bends = spread[:, 0] > 0
-    here, _ = outline.equations.solved(outline.weight)
+    here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in outline.curves]
     total = _sandwich(outline.inverse, meat, outline.weight, spread)
     if outline.straight is not None:
         other = prior_weights(spread, bends & ~outline.curved, outline.sigmas, noise.inflation)
