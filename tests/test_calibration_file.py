@@ -56,6 +56,8 @@ def test_a_calibration_of_another_device_is_refused(kept: Path, key: str, device
         (r"^lines = .*$", "lines = 0", "lines"),
         (r"^T_f_s_mm = \[\n    \[\n        [^,]*,", "T_f_s_mm = [[2.0,", "not a rotation"),
         (r"^excess = .*$", "excess = nan", "excess"),
+        (r"^covariance = \[\n    \[\n        [^,]*,", "covariance = [[-1.0,", "covariance"),
+        (r"^sigma_position_mm = .*$", "sigma_position_mm = 50.0", "sigmas"),
     ],
 )
 def test_a_spoiled_file_is_refused(kept: Path, pattern: str, wrong: str, said: str) -> None:
