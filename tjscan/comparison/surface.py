@@ -15,7 +15,7 @@ from tjscan.frames import Array
 CHUNK: Final = 32_768
 """Points at once: what they need then fits a processor's cache."""
 
-PIECES: Final = 3
+PIECES: Final = 2
 """Long triangles are cut until there are about this many times as many, for the search alone."""
 
 FEWEST_PIECES: Final = 20_000
