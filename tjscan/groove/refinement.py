@@ -46,7 +46,7 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 0.4
+SETTLED: Final = 0.6
 """Corners that move less from one round to the next are final, in standard deviations."""
 
 MOST_ROUNDS: Final = 10
