@@ -16,9 +16,10 @@ from cells import FAULTLESS, PAPER
 from command import tjscan
 
 from tjscan.errors import RecordingError
+from tjscan.files import sole_writer
 from tjscan.recording.messages import SECTION
 from tjscan.recording.reader import read_messages
-from tjscan.recording.writer import Recording, next_part, parts
+from tjscan.recording.writer import parts
 
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
@@ -114,11 +115,13 @@ def test_what_matters_cannot_change_while_a_scan_goes_on(
 
 def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:
     with (
-        Recording(next_part(tmp_path)),
+        sole_writer(tmp_path),
         pytest.raises(RecordingError, match="another process"),
-        Recording(next_part(tmp_path)),
+        sole_writer(tmp_path),
     ):
         pass
+    with sole_writer(tmp_path):
+        pass  # it was let go
 
 
 @pytest.fixture

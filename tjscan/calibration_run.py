@@ -11,6 +11,7 @@ from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.wizard import Wizard
 from tjscan.cell import mount_of, open_board_cell, task_of
 from tjscan.errors import CalibrationRefused, ConfigurationError
+from tjscan.files import sole_writer
 from tjscan.job import CalibrationJob, CalibrationTable, read_calibration_job
 from tjscan.result.directory import CALIBRATION, JOB, make_directory
 
@@ -49,7 +50,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = mount_of(job, directory / JOB).T_f_s
     cell, probe = open_board_cell(job, T_f_s)
-    with Logbook(directory / MEASURED) as logbook, cell:
+    with sole_writer(directory), Logbook(directory / MEASURED) as logbook, cell:
         task = task_of(job, T_f_s)
         outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.begun

@@ -10,6 +10,7 @@ import numpy as np
 from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
 from tjscan.errors import ConfigurationError, TjscanError
+from tjscan.files import sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
@@ -141,7 +142,7 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         mount = mount_of(job, job_file)
         cell = open_cell(job, mount.T_f_s, joint and joint[1])
         make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
-        with Recording(next_part(directory)) as recording:
+        with sole_writer(directory), Recording(next_part(directory)) as recording:
             result = scan_in(cell, job, Journals(recording, watch))
     return _write(directory, job, result, joint and joint[1])
 
@@ -182,7 +183,7 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
         done = read_progress(directory, find_groove)
         left = done.views[-1] if done.views else None
         cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1], left)
-        with Recording(next_part(directory)) as recording:
+        with sole_writer(directory), Recording(next_part(directory)) as recording:
             result = scan_in(cell, job, Journals(recording, watch), done)
     return _write(directory, job, result, joint and joint[1])
 

@@ -9,7 +9,7 @@ from typing import Annotated, Final, Self
 
 import numpy as np
 import tomli_w
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from tjscan.calibration.hand_eye import HandEye, Residual
 from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
@@ -138,6 +138,19 @@ class CalibrationFile(FileModel):
     noise: NoiseTable
     verification: VerificationTable | None = None
     residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> CalibrationFile:
+        covariance = np.array(self.covariance)
+        if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] <= 0:
+            raise ValueError("its covariance is not one: it must be symmetric and positive")
+        sigmas = [float(np.sqrt(np.trace(covariance[part, part]))) for part in _HALVES]
+        stated = (self.sigma_position_mm, self.sigma_rotation_deg)
+        if not np.allclose(sigmas, stated, rtol=0.02):
+            raise ValueError("its sigmas do not follow from its covariance: it was edited")
+        if not max(abs(v) for row in self.T_f_s_mm[:3] for v in row[3:]) >= LEAST_REACH_MM:
+            raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
+        return self
 
     @property
     def T_f_s(self) -> Array:

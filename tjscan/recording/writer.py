@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import time
@@ -42,7 +41,7 @@ def next_part(directory: Path) -> Path:
 
 
 class Recording:
-    """A journal that writes a part of a recording. One process at a time writes to a run.
+    """A journal that writes a part of a recording.
 
     Parameters
     ----------
@@ -60,14 +59,7 @@ class Recording:
 
     def __enter__(self) -> Self:
         try:
-            # The system lets go of the lock when the process ends, however it ends.
-            self._lock = os.open(self._file.parent, os.O_RDONLY)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._stream = self._file.open("xb")
-        except BlockingIOError:
-            raise RecordingError(
-                f"{self._file.parent}: another process is recording there; wait for it"
-            ) from None
         except OSError as error:
             raise self._lost(error) from error
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
@@ -90,8 +82,6 @@ class Recording:
         except OSError as full:
             if error is None:
                 raise self._lost(full) from full
-        finally:
-            os.close(self._lock)
 
     def view(self, view: View) -> None:
         """Write the flange pose and the raw profile, before anybody tries to read it."""
