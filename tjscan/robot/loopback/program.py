@@ -7,12 +7,13 @@ register 0 says that it is done (2), clears the command, and waits until it is r
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from tjscan.errors import PoseUnreachable
 from tjscan.frames import Array, inverse
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.motion import (
     Motion,
     braking,
@@ -21,9 +22,6 @@ from tjscan.robot.loopback.motion import (
     pose_of,
     values_of,
 )
-
-if TYPE_CHECKING:
-    from tjscan.robot.loopback.controller import Controller
 
 READY, DONE = 1, 2
 """What output register 0 says."""
@@ -47,18 +45,60 @@ def read_offset(script: str) -> int | None:
     return int(found[1]) if found and "def rtde_control" in script else None
 
 
+class Host(Protocol):
+    """What a control script finds on the controller that runs it."""
+
+    kinematics: Kinematics
+    q: Array
+    tcp: Array
+    payload: float
+    centre_of_gravity: list[float]
+    input_int: list[int]
+    output_int: list[int]
+    input_double: list[float]
+    output_double: list[float]
+    patience: float
+    refusing: bool
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is under way."""
+        ...
+
+    def start(self, motion: Motion) -> None:
+        """Begin a motion."""
+        ...
+
+    def brake(self, motion: Motion) -> None:
+        """Come to rest along a motion."""
+        ...
+
+    @property
+    def progress(self) -> tuple[Motion, float] | None:
+        """The motion under way and its seconds so far."""
+        ...
+
+    def halt(self) -> None:
+        """Stand still at once."""
+        ...
+
+    def protective_stop(self) -> None:
+        """Stop, and want to be unlocked."""
+        ...
+
+
 class Program:
     """The control script as it runs.
 
     Parameters
     ----------
-    controller : Controller
+    controller : Host
         Runs it.
     offset : int
         First register it uses, 0 or 24.
     """
 
-    def __init__(self, controller: Controller, offset: int) -> None:
+    def __init__(self, controller: Host, offset: int) -> None:
         self._controller, self._offset = controller, offset
         self._executed = False
         self._waiting = False
