@@ -71,6 +71,12 @@ class UrTable(FileModel):
     connect_s: float = Field(default=15.0, ge=1, le=120)
     silence_s: float = Field(default=1.0, ge=0.1, le=60)
 
+    @model_validator(mode="after")
+    def _payload_is_whole(self) -> UrTable:
+        if self.payload_kg is None and any(self.payload_centre_mm):
+            raise ValueError("payload_centre_mm needs payload_kg beside it")
+        return self
+
 
 class ArmTable(FileModel):
     """The arm and the bounds it moves within."""

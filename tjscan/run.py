@@ -36,6 +36,7 @@ RESUMABLE: Final = (
     "scan.resume_tolerance_mm",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
+    "arm.ur.",
     "clearance.",
     "simulation.",
 )
