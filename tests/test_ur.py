@@ -32,7 +32,7 @@ from tjscan.errors import (
     RegistersInUse,
     TargetRefused,
 )
-from tjscan.frames import rotation_angle
+from tjscan.frames import pose, rot_y, rot_z, rotation_angle
 from tjscan.recording.messages import EVENT, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
@@ -355,3 +355,14 @@ def test_the_loopback_listens_to_this_machine_alone() -> None:
 def test_a_job_for_a_real_arm_needs_its_host(capsys: pytest.CaptureFixture[str]) -> None:
     assert tjscan("scan", PAPER, "--arm.driver", "ur", "--dry-run") == 2
     assert "[arm.ur]" in capsys.readouterr().err
+
+
+def test_a_turn_on_the_spot_arrives_and_a_wide_one_is_not_begun(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        turned = before.T_b_f @ pose(rot_z(0.05))
+        assert rotation_angle(arm.move_linear(turned).T_b_f, turned) < SAME
+        here = arm.state().q
+        with pytest.raises(TargetRefused, match="turn in parts"):
+            arm.move_linear(turned @ pose(rot_y(0.6)))
+        np.testing.assert_array_equal(arm.state().q, here)

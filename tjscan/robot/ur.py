@@ -87,6 +87,9 @@ OTHER_ARM: Final = 0.005
 Less than the clearance's default margins: what is planned on the model holds for the arm.
 """
 
+SWING: Final = 0.005
+"""Metres that the flange may swing aside while it turns on the spot, within any margin."""
+
 OTHER_CONFIGURATION: Final = 0.1
 """Radians between the controller's inverse and ours, beyond calibration."""
 
@@ -416,10 +419,20 @@ class UrArm:
     def _begin_linear(self, path: JointPath, T_b_f: Array) -> bool:
         way = self.kinematics.forward(path.q[-1])[:3, 3] - self.kinematics.forward(path.q[0])[:3, 3]
         length = float(np.linalg.norm(way))
+        if length < SAME:
+            return self._begin_turn(path, T_b_f)
         speed, acceleration = _bounds(path, length)
-        if length < SAME:  # it only turns: there is no speed of the flange's origin to give
-            speed, acceleration = self.limits.tcp_speed, self.limits.tcp_acceleration
         return self._ask(bool, "move_linear", self._tcp(T_b_f), speed, acceleration)
+
+    def _begin_turn(self, path: JointPath, T_b_f: Array) -> bool:
+        """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
+        straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
+        places = np.array([self.kinematics.forward(q)[:3, 3] for q in straight])
+        if np.linalg.norm(places - places[0], axis=1).max() > SWING:
+            raise TargetRefused(
+                "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
+            )
+        return self._begin_joint(path, T_b_f)
 
     def _begin_joint(self, path: JointPath, T_b_f: Array) -> bool:
         goal = path.q[-1]
