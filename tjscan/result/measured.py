@@ -1,0 +1,88 @@
+"""A section as it is handed on: in the frame of the result, with the uncertainty of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tjscan.frames import Array, readonly, transform
+from tjscan.result.frame import ResultFrame
+from tjscan.scanning.scan import Scan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredSection:
+    """One section of the groove in the frame r of the result: j, or b where no joint is known.
+
+    Parameters
+    ----------
+    index : int
+        Its number in its scan.
+    station : str
+        Where it was scanned from; names joined by ``+`` where several stations saw it.
+    azimuth : float
+        About the brace's axis from the crown, radians; NaN where no joint is known.
+    T_r_g : ndarray, shape (4, 4)
+        Frame g.
+    points : ndarray, shape (5, 3)
+        p1 to p5, metres.
+    covariances : ndarray, shape (3, 3, 3)
+        Of p2, p3 and p4, m².
+    measures : ndarray, shape (4,)
+        Opening angle (radians), root width, depth (metres) and area (m²).
+    measure_covariance : ndarray, shape (4, 4)
+        Their covariance.
+    work_angle : float
+        Radians.
+    rms : float
+        Of the points about the fitted sides, metres.
+    """
+
+    index: int
+    station: str
+    azimuth: float
+    T_r_g: Array
+    points: Array
+    covariances: Array
+    measures: Array
+    measure_covariance: Array
+    work_angle: float
+    rms: float
+
+    def __post_init__(self) -> None:
+        for name in ("T_r_g", "points", "covariances", "measures", "measure_covariance"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations of the measures, shape (4,)."""
+        return np.sqrt(np.diag(self.measure_covariance))
+
+
+def measure(scan: Scan, frame: ResultFrame, station: str = "1") -> MeasuredSection:
+    """A finished section in the frame of the result."""
+    groove = scan.groove
+    T_r_s = frame.T_from_b @ scan.view.T_b_s
+    T_r_g = T_r_s @ groove.T_s_g
+    in_plane = T_r_s[:3, [0, 2]]  # x and z of frame s
+    return MeasuredSection(
+        index=scan.view.index,
+        station=station,
+        azimuth=frame.azimuth(T_r_g[:3, 3]),
+        T_r_g=T_r_g,
+        points=transform(T_r_s, groove.points_s),
+        covariances=in_plane @ groove.corner_covariances_s @ in_plane.T,
+        measures=np.array((groove.opening_angle, groove.root_width, groove.depth, groove.area)),
+        measure_covariance=groove.measure_covariance,
+        work_angle=groove.work_angle,
+        rms=groove.rms,
+    )
+
+
+def measure_all(
+    sections: Sequence[Scan], frame: ResultFrame, station: str = "1"
+) -> tuple[MeasuredSection, ...]:
+    """Every finished section in the frame of the result."""
+    return tuple(measure(scan, frame, station) for scan in sections)
