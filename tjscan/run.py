@@ -17,10 +17,11 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import Recording, next_part
+from tjscan.result.calibration import calibration_name
 from tjscan.result.directory import JOB, make_directory
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
-from tjscan.result.write import write_results
+from tjscan.result.write import write_scan
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
@@ -193,4 +194,6 @@ def _write(
     directory: Path, job: JobFile, result: ScanResult, joint: JointDefinition | None
 ) -> Summary:
     frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)
-    return write_results(directory, result, plan_of(job), frame, joint)
+    return write_scan(
+        directory, result, plan_of(job), frame, joint, calibration=calibration_name(directory)
+    )

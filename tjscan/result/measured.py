@@ -25,7 +25,7 @@ class MeasuredSection:
     azimuth : float
         About the brace's axis from the crown, radians; NaN where no joint is known.
     T_r_g : ndarray, shape (4, 4)
-        Frame g.
+        Frame g: x tangent to the groove, y up the brace's wall, z that wall's normal.
     points : ndarray, shape (5, 3)
         p1 to p5, metres.
     covariances : ndarray, shape (3, 3, 3)

@@ -4,50 +4,70 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.errors import RecordingError
-from tjscan.frames import Array, transform
+from tjscan.frames import Array
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import ResultFrame
+from tjscan.result.measured import MeasuredSection
+from tjscan.result.sections import IN_FILE, MEASURES, lengths
 from tjscan.scanning.scan import Scan
-from tjscan.scanning.scanner import ScanResult
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
 POINTS_DRAWN = 6000
 """More would only make the picture slow."""
 
+SIGNS: Final = ("°", "mm", "mm", "mm²")
+ANGLE_AND_WIDTH, DEPTH_AND_AREA = (0, 1), (2, 3)
+"""Measures that are drawn together."""
 
-def draw_scan(
-    result: ScanResult, frame: ResultFrame, points: Array, outline: Sequence[Array]
+
+def draw_groove(
+    sections: Sequence[MeasuredSection],
+    points: Array,
+    *,
+    frame: str,
+    title: str,
+    outline: Sequence[Array] = (),
+    paths: Sequence[Array] = (),
+    example: Scan | None = None,
 ) -> Figure:
-    """Draw a scan.
+    """Draw what was found: the groove in space, one profile, and its measures.
 
     Parameters
     ----------
-    result : ScanResult
-        What was found.
-    frame : ResultFrame
-        The frame to draw in.
+    sections : sequence of MeasuredSection
+        One at least, in the order along the groove.
     points : ndarray, shape (n, 3)
-        The groove's points, metres, in that frame.
+        The groove's points, metres, in the frame of the sections.
+    frame : str
+        Letter of that frame.
+    title : str
+        What it shows.
     outline : sequence of ndarray, shape (n, 3)
         Lines of the joint, metres, in the same frame; empty where no joint is known.
+    paths : sequence of ndarray, shape (n, 3)
+        Ways of the flange, metres, in the same frame, one for each station.
+    example : Scan, optional
+        A section to show in the laser plane; depth and area are shown where left out.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
     space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
-    _draw_space(space, result, frame, points, outline)
-    middle = result.sections[len(result.sections) // 2]
+    draw_space(space, sections, points, frame, outline, paths)
+    space.set_title(title)
     beside = figure.add_subplot(grid[0, 1])
-    draw_profile(beside, middle.view.profile, middle.groove.points_s)
-    beside.set_title(f"section {middle.view.index} in the laser plane")
-    _draw_measures(figure.add_subplot(grid[1, 1]), result.sections)
+    if example is None:
+        _draw_measures(beside, sections, DEPTH_AND_AREA)
+    else:
+        draw_profile(beside, example.view.profile, example.groove.points_s)
+        beside.set_title(f"section {example.view.index} in the laser plane")
+    _draw_measures(figure.add_subplot(grid[1, 1]), sections, ANGLE_AND_WIDTH)
     return figure
 
 
@@ -65,30 +85,37 @@ def write_picture(file: Path, figure: Figure) -> None:
         raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
 
 
-def _draw_space(
-    axes: Any, result: ScanResult, frame: ResultFrame, points: Array, outline: Sequence[Array]
+def draw_space(
+    axes: Any,
+    sections: Sequence[MeasuredSection],
+    points: Array,
+    frame: str,
+    outline: Sequence[Array],
+    paths: Sequence[Array],
 ) -> None:
-    T = frame.T_from_b
+    """Draw the groove in space; parameters as of `draw_groove`."""
     for line in outline:
         axes.plot(*(1e3 * line.T), color=STEEL, linewidth=0.7, alpha=0.6)
     points = points[:: max(1, len(points) // POINTS_DRAWN)]
     dots: dict[str, Any] = {"depthshade": False, "linewidths": 0}
     axes.scatter(*(1e3 * points.T), s=1.5, color=LASER, label="profile points", **dots)
-    corners = np.array([transform(T, s.points_b) for s in result.sections])
+    corners = np.array([section.points for section in sections])
     for indices, colour, label in (((0, 1, 4), CORNER, "p1 p2 p5"), ((2, 3), ROOT, "root corners")):
         chosen = corners[:, indices].reshape(-1, 3)
         axes.scatter(*(1e3 * chosen.T), s=14, color=colour, label=label, **dots)
-    path = transform(T, [v.T_b_f[:3, 3] for v in result.views])
-    axes.plot(*(1e3 * path.T), color=PATH, linewidth=1.2, marker=".", label="flange path")
-    axes.set_xlabel(f"$x_{frame.name}$ / mm")
-    axes.set_ylabel(f"$y_{frame.name}$ / mm")
-    axes.set_zlabel(f"$z_{frame.name}$ / mm")
-    middle = corners[len(corners) // 2, 1] if frame.T_b_j is not None else np.zeros(3)
-    axes.view_init(elev=28, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) + 40)
+    for i, path in enumerate(paths):
+        # A name that begins with an underscore stays out of the legend.
+        name = "_another" if i else "flange path"
+        axes.plot(*(1e3 * path.T), color=PATH, linewidth=1.2, marker=".", label=name)
+    axes.set_xlabel(f"$x_{frame}$ / mm")
+    axes.set_ylabel(f"$y_{frame}$ / mm")
+    axes.set_zlabel(f"$z_{frame}$ / mm")
+    middle = sections[len(sections) // 2]
+    towards = np.degrees(np.nan_to_num(middle.azimuth))
+    axes.view_init(elev=28, azim=float(towards) + 40)
     limits = (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())
     axes.set_box_aspect([high - low for low, high in limits], zoom=1.15)
     axes.legend(loc="upper right", markerscale=2)
-    axes.set_title(f"{len(result.sections)} sections, {result.stop}")
 
 
 def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
@@ -105,15 +132,15 @@ def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _draw_measures(axes: Any, sections: Sequence[Scan]) -> None:
-    origins = np.array([s.T_b_g[:3, 3] for s in sections])
-    along = np.concatenate(([0.0], np.linalg.norm(np.diff(origins, axis=0), axis=1).cumsum()))
-    angles = np.degrees([s.groove.opening_angle for s in sections])
-    axes.plot(1e3 * along, angles, marker="o", markersize=3, color=CORNER)
+def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[int, int]) -> None:
+    """Draw two of the measures along the groove, each with its own scale."""
+    along = 1e3 * lengths(sections)
+    values = IN_FILE * np.array([section.measures for section in sections])
+    names = [f"{MEASURES[i].replace('_', ' ')} / {SIGNS[i]}" for i in which]
+    for i, name, part, colour in zip(
+        which, names, (axes, axes.twinx()), (CORNER, ROOT), strict=True
+    ):
+        part.plot(along, values[:, i], marker="o", markersize=3, color=colour)
+        part.set_ylabel(name, color=colour)
     axes.set_xlabel("along the groove / mm")
-    axes.set_ylabel("groove angle / °")
-    twin = axes.twinx()
-    widths = [1e3 * s.groove.root_width for s in sections]
-    twin.plot(1e3 * along, widths, marker="o", markersize=3, color=ROOT)
-    twin.set_ylabel("root width / mm", color=ROOT)
-    axes.set_title("groove angle and root width")
+    axes.set_title(" and ".join(MEASURES[i].replace("_", " ") for i in which))

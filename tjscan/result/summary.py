@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from tjscan.comparison.distance import DistanceStatistics
+from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, rotation_angle
 from tjscan.result.frame import ResultFrame
+from tjscan.result.measured import MeasuredSection
+from tjscan.result.sections import lengths
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import complete, groove_length
 from tjscan.scanning.scan import Scan, Substep
@@ -34,6 +38,23 @@ class StepStatistics:
     nominal: float
     mean: float | None
     std: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class StationSummary:
+    """What was scanned from one place; for the parameters see `Summary`."""
+
+    name: str
+    sections: int
+    scans: int
+    complete: bool
+    stopped_because: str
+    detail: str
+    half_steps: int
+    flange_travel_mm: float
+    flange_rotation_deg: float
+    motion_time_s: float
+    calibration: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +83,11 @@ class Summary:
         On the arm's clock.
     corner_error_mm : DistanceStatistics or None
         Distance of p2, p3, p4 to the joint's feature edges; None where no joint is named.
+    calibration : str
+        What the sensor's pose on the hand comes from.
+    stations : tuple of StationSummary
+        The places it was scanned from; empty where that was one. Numbers of the whole are then
+        sums over them, or hold for the stitched groove.
     """
 
     sections: int
@@ -77,6 +103,8 @@ class Summary:
     flange_rotation_deg: float
     motion_time_s: float
     corner_error_mm: DistanceStatistics | None
+    calibration: str = ""
+    stations: tuple[StationSummary, ...] = ()
 
 
 def step_lengths(sections: Sequence[Scan]) -> list[float]:
@@ -91,6 +119,7 @@ def summarise(
     plan: ScanPlan,
     frame: ResultFrame,
     corner_error: Array | None,
+    calibration: str = "",
 ) -> Summary:
     """Draw the numbers from what a scan found.
 
@@ -100,6 +129,8 @@ def summarise(
         What was found, what was asked, and the frame it is told in.
     corner_error : ndarray, optional
         Raw distances of the corners from the joint's edges, metres, any shape.
+    calibration : str
+        What the sensor's pose on the hand comes from.
     """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
@@ -125,7 +156,80 @@ def summarise(
         ),
         motion_time_s=views[-1].time - views[0].time,
         corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
+        calibration=calibration,
     )
+
+
+def summarise_stations(
+    parts: Mapping[str, Summary],
+    sections: Sequence[MeasuredSection],
+    frame: str,
+    corner_error: Array | None = None,
+) -> Summary:
+    """Draw the numbers of a stitched groove from those of its stations.
+
+    Parameters
+    ----------
+    parts : mapping of str to Summary
+        Each station's own summary, by its name; one at least.
+    sections : sequence of MeasuredSection
+        The stitched sections, in the order along the groove.
+    frame : str
+        Letter of their frame.
+    corner_error : ndarray, optional
+        As of `summarise`.
+    """
+    told = list(parts.values())
+    steps = np.diff(1e3 * lengths(sections))
+    complete = all(part.complete for part in told)
+    bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
+    reasons = dict.fromkeys(part.stopped_because for part in told)
+    return Summary(
+        sections=len(sections),
+        scans=sum(part.scans for part in told),
+        complete=complete,
+        stopped_because=", ".join(reasons),
+        detail="; ".join(bad) or f"{len(told)} stations did what was asked",
+        frame=frame,
+        groove_length_mm=float(steps.sum()),
+        half_steps=sum(part.half_steps for part in told),
+        step_mm=StepStatistics(
+            nominal=told[0].step_mm.nominal,
+            mean=float(steps.mean()) if len(steps) else None,
+            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
+        ),
+        flange_travel_mm=sum(part.flange_travel_mm for part in told),
+        flange_rotation_deg=sum(part.flange_rotation_deg for part in told),
+        motion_time_s=sum(part.motion_time_s for part in told),
+        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
+        calibration=", ".join(dict.fromkeys(part.calibration for part in told)),
+        stations=tuple(_station(name, part) for name, part in parts.items()),
+    )
+
+
+def _station(name: str, part: Summary) -> StationSummary:
+    shared = {field.name for field in fields(StationSummary)} - {"name"}
+    return StationSummary(name, **{key: getattr(part, key) for key in shared})
+
+
+def read_summary(file: Path) -> Summary:
+    """Read ``summary.json``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or is no summary.
+    """
+    try:
+        return TypeAdapter(Summary).validate_json(file.read_bytes())
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or None
+        raise ConfigurationError(
+            f"is no summary of a scan: {first['msg']}", file=file, key=key
+        ) from None
 
 
 def to_json(summary: Summary) -> str:
