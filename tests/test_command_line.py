@@ -114,6 +114,7 @@ def test_a_dry_run_moves_and_writes_nothing(tmp_path: Path) -> None:
         ([PAPER, "--joint.file", "nosuch.toml"], 2, ["nosuch.toml"]),
         ([PAPER, "--scan.first.position-mm", "[4000, 0, 0]"], 4, ["reach"]),
         ([PAPER, "--joint.position-mm", "[0, 3000, 0]"], 4, ["first taught pose", "no groove"]),
+        ([PAPER, "--groove.minimum-points", "700"], 4, ["first taught pose", "700 are needed"]),
         ([PAPER, "--simulation.arm.home-deg", "[0, 0]"], 2, ["home_deg", "6 joints"]),
         ([], 2, []),
     ],

@@ -6,6 +6,7 @@ import pytest
 
 from tjscan.cli.overrides import parse_overrides
 from tjscan.errors import ConfigurationError
+from tjscan.groove.settings import DEFAULT
 from tjscan.job import JobFile, read_job
 
 JOB = """
@@ -49,6 +50,9 @@ def test_lengths_become_metres_once(tmp_path: Path) -> None:
         ("step_mm = 40", 'step_mm = "40"', "scan.step_mm", "number"),
         ("step_mm = 40", "step_mm = nan", "scan.step_mm", "finite"),
         ("step_mm = 40", 'direction = "cw"', "scan.direction", "'clockwise'"),
+        ("[joint]", "[groove]\nnoise_um = 50\n[joint]", "groove.noise_um", "noise_mm"),
+        ("[joint]", '[groove]\nmodel = "butt-v"\n[joint]', "groove.model", "'butt-v-sharp'"),
+        ("[joint]", "[groove]\ninlier_share = 0\n[joint]", "groove.inlier_share", "greater"),
         ("[scan]", "[scann]", "scann", "did you mean: scan?"),
         ("[800, 0, 300]", "[800, 0]", "scan.first.position_mm.2", "required"),
         ("[1, 0, 0, 0]", "[2, 0, 0, 0]", "calibration.T_f_s_mm", "not orthonormal"),
@@ -138,3 +142,9 @@ def test_devices_are_called_by_their_ids_or_by_what_they_are(tmp_path: Path) -> 
     assert (job.arm.device, job.laser.device) == ("ur10e", "simulated")
     job = read_job(write(tmp_path, JOB), {"arm.id": "arm 3", "laser.id": "2610-100 7"})
     assert (job.arm.device, job.laser.device) == ("arm 3", "2610-100 7")
+
+
+def test_a_groove_is_read_as_its_table_says_and_as_always_without_one(tmp_path: Path) -> None:
+    assert read_job(write(tmp_path, JOB)).groove.settings == DEFAULT
+    settings = read_job(write(tmp_path, JOB), {"groove.largest_sigma_mm": 0.2}).groove.settings
+    assert settings.largest_sigma == pytest.approx(2e-4)

@@ -101,6 +101,7 @@ def test_a_joint_that_moved_is_not_scanned_on(
         ["--scan.direction", "clockwise"],
         ["--scan.standoff-mm", "200"],
         ["--joint.file", "other.toml"],
+        ["--groove.noise-mm", "0.1"],
         ["--dry-run"],
         ["--out", "elsewhere"],
     ],

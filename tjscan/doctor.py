@@ -14,10 +14,11 @@ import numpy as np
 
 from tjscan.cell import Cell, clearance_of, mount_of
 from tjscan.errors import ConfigurationError, TjscanError
-from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
+from tjscan.laser.profile import Profile
 from tjscan.robot.cleared import ClearedArm
-from tjscan.run import cell_of, joint_of
+from tjscan.run import cell_of, joint_of, reader_of
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
 """Whose versions are told."""
@@ -104,7 +105,7 @@ def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
             yield _look("model", partial(_model, cell))
             yield _look("stance", partial(_stance, cell))
         if laser.sound and arm.sound:
-            yield _look("profile", partial(_profile, cell))
+            yield _look("profile", partial(_profile, cell, reader_of(job)))
         if arm.sound:
             first, second = job.scan.first.T, job.scan.second.T
             yield _look("first pose", partial(_way, cell, first))
@@ -173,13 +174,13 @@ def _stance(cell: Cell) -> str:
     return f"nearest to each other are {pair.moving} and {pair.other}, {1e3 * distance:.0f} mm"
 
 
-def _profile(cell: Cell) -> str:
+def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
     if valid < FEWEST:
         return f"{valid} of {len(profile)} points: nothing in range where the arm stands"
     try:
-        find_groove(profile)
+        read(profile)
     except TjscanError:
         return f"{valid} of {len(profile)} points, and no groove where the arm stands"
     return f"{valid} of {len(profile)} points, and a groove where the arm stands"

@@ -12,6 +12,8 @@ from tjscan.calibration.file import NoiseTable, PoseRows, rows_to_pose
 from tjscan.config import FileModel, read_toml, validate
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, from_euler_zyx
+from tjscan.groove.models import MODELS
+from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 
 FARTHEST_MM: Final = 1e5
@@ -55,6 +57,35 @@ class ScanTable(FileModel):
     resume_tolerance_mm: float = Field(default=0.5, gt=0, le=50)
     first: PoseTable
     second: PoseTable
+
+
+class ReadingTable(FileModel):
+    """How a groove is looked for in a profile; see `tjscan.groove.settings.GrooveSettings`."""
+
+    model: Literal["tee", "butt-v", "butt-v-sharp"] = "tee"
+    noise_mm: float = Field(default=1e3 * DEFAULT.noise, gt=0, le=5)
+    minimum_points: int = Field(default=DEFAULT.minimum_points, ge=20, le=10_000)
+    largest_sigma_mm: float = Field(default=1e3 * DEFAULT.largest_sigma, gt=0, le=10)
+    largest_rms_mm: float = Field(default=1e3 * DEFAULT.largest_rms, gt=0, le=10)
+    inlier_share: float = Field(default=DEFAULT.inlier_share, gt=0, le=1)
+
+    @property
+    def settings(self) -> GrooveSettings:
+        """In metres."""
+        return GrooveSettings(
+            model=MODELS[self.model],
+            noise=1e-3 * self.noise_mm,
+            minimum_points=self.minimum_points,
+            largest_sigma=1e-3 * self.largest_sigma_mm,
+            largest_rms=1e-3 * self.largest_rms_mm,
+            inlier_share=self.inlier_share,
+        )
+
+
+class GrooveTable(ReadingTable):
+    """How a scan reads its grooves: a scan needs the five points of a section."""
+
+    model: Literal["tee", "butt-v-sharp"] = "tee"
 
 
 class UrTable(FileModel):
@@ -302,6 +333,7 @@ class JobFile(CellFile):
     """One scan."""
 
     scan: ScanTable
+    groove: GrooveTable = GrooveTable()
 
     @model_validator(mode="after")
     def _laser_has_a_joint(self) -> JobFile:
@@ -315,6 +347,7 @@ class CalibrationJob(CellFile):
 
     board: BoardTable
     scan: ScanTable | None = None
+    groove: GrooveTable | None = None
 
 
 J = TypeVar("J", bound=CellFile)

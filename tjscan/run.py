@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +14,11 @@ from tjscan.config import naming
 from tjscan.errors import ConfigurationError, TjscanError
 from tjscan.files import sole_writer
 from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
+from tjscan.laser.profile import Profile
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import Recording, next_part
 from tjscan.result.calibration import calibration_name
@@ -57,6 +61,11 @@ def plan_of(job: JobFile) -> ScanPlan:
         length=None if table.length_mm is None else 1e-3 * table.length_mm,
         sections=table.sections,
     )
+
+
+def reader_of(job: JobFile) -> Callable[[Profile], GrooveSection]:
+    """What reads the grooves of a job's profiles."""
+    return partial(find_groove, settings=job.groove.settings)
 
 
 def joint_of(job: JobFile, job_file: Path) -> tuple[Path, JointDefinition] | None:
@@ -107,7 +116,7 @@ def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = 
     seen = SeenGroove(cell.clearance, () if done is None else done.sections)
     journal = Journals(journal, seen)
     with cell:
-        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, find_groove, plan_of(job), journal)
+        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, reader_of(job), plan_of(job), journal)
         try:
             if done is not None and len(done.sections) >= 2:
                 return scanner.resume(done, 1e-3 * job.scan.resume_tolerance_mm)
@@ -182,7 +191,7 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
     job = read_job(job_file, overrides)
     with naming(job_file):
         joint = joint_of(job, job_file)
-        done = read_progress(directory, find_groove)
+        done = read_progress(directory, reader_of(job))
         left = done.views[-1] if done.views else None
         cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1], left)
         with sole_writer(directory), Recording(next_part(directory)) as recording:

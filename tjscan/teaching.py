@@ -15,10 +15,9 @@ from tomlkit.exceptions import TOMLKitError
 from tjscan.errors import ConfigurationError, GrooveNotFound, StartSeesNoGroove
 from tjscan.files import drafted
 from tjscan.frames import Array, to_euler_zyx
-from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
-from tjscan.run import cell_of
+from tjscan.run import cell_of, reader_of
 
 Which = Literal["first", "second"]
 
@@ -72,7 +71,7 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     with cell_of(job, job_file) as cell:
         state = cell.arm.state()
         try:
-            groove = find_groove(cell.laser.capture())
+            groove = reader_of(job)(cell.laser.capture())
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
     position_mm, euler_zyx_deg = written(state.T_b_f)

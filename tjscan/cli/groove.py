@@ -5,9 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Literal
 
-MOST_NOISE_MM: Final = 5.0
-"""No line laser is noisier."""
-
 MOST_TOLD: Final = 5
 """Bad rows that are named one by one."""
 
@@ -18,12 +15,19 @@ def groove(
     units: Literal["mm", "um", "m"] | None = None,
     pitch: float | None = None,
     invalid: list[float] | None = None,
-    model: Literal["tee", "butt-v", "butt-v-sharp"] = "tee",
-    noise_mm: float = 0.05,
+    model: Literal["tee", "butt-v", "butt-v-sharp"] | None = None,
+    noise_mm: float | None = None,
+    minimum_points: int | None = None,
+    largest_sigma_mm: float | None = None,
+    largest_rms_mm: float | None = None,
+    inlier_share: float | None = None,
     plot: Path | None = None,
     json: bool = False,
 ) -> None:
     """Read the groove in recorded profiles: corners and measures, each with its uncertainty.
+
+    The options of how it is read are the keys of a job's [groove] table. What is left out is as
+    in the job of a run directory, and as in that table's defaults elsewhere.
 
     Parameters
     ----------
@@ -36,9 +40,17 @@ def groove(
     invalid
         A value that stands for no point, beside NaN and nothing.
     model
-        What the groove looks like.
+        What the groove looks like; tee.
     noise_mm
-        Largest standard deviation of the range that is expected.
+        Largest standard deviation of the range that is expected; 0.05.
+    minimum_points
+        Fewest points of a profile that are worth a search; 80.
+    largest_sigma_mm
+        Largest standard deviation of a corner that is still an answer; 0.4.
+    largest_rms_mm
+        Largest deviation of the points from the fitted sides; 0.15.
+    inlier_share
+        Least share of a side's points that must lie on it; 0.1.
     plot
         Draw the profiles with their fits into this PNG.
     json
@@ -48,18 +60,29 @@ def groove(
     from json import dumps
 
     from tjscan.cli.console import say, show_readings
+    from tjscan.config import validate
     from tjscan.errors import ConfigurationError
-    from tjscan.groove.find import GrooveSettings
-    from tjscan.groove.models import MODELS
+    from tjscan.job import ReadingTable, read_job
     from tjscan.laser.files import ProfileFormat, ProfileTable, read_profiles
     from tjscan.recording.reader import read_run
+    from tjscan.result.directory import JOB
     from tjscan.result.picture import write_picture
     from tjscan.result.readings import draw_readings, read_all, to_dict
 
-    if not 0 < noise_mm <= MOST_NOISE_MM:
-        raise ConfigurationError(f"lies above 0, up to {MOST_NOISE_MM:g} mm", key="--noise-mm")
     if plot is not None and (plot.suffix.lower() != ".png" or not plot.parent.is_dir()):
         raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")
+    asked = {
+        "model": model,
+        "noise_mm": noise_mm,
+        "minimum_points": minimum_points,
+        "largest_sigma_mm": largest_sigma_mm,
+        "largest_rms_mm": largest_rms_mm,
+        "inlier_share": inlier_share,
+    }
+    stated = {key: value for key, value in asked.items() if value is not None}
+    job = file / JOB
+    own = read_job(job).groove.model_dump() if job.is_file() else {}
+    settings = validate(ReadingTable, own | stated).settings
     if file.is_dir():
         table = ProfileTable(read_run(file))
     else:
@@ -70,7 +93,6 @@ def groove(
         say(f"{file}: and {len(table.bad) - MOST_TOLD} more like these")
     if not table.profiles:
         raise ConfigurationError("holds no profile that can be read", file=file)
-    settings = GrooveSettings(model=MODELS[model], noise=1e-3 * noise_mm)
     readings = list(read_all(table.profiles, settings))
     if json:
         print(dumps({"readings": [to_dict(r) for r in readings], "bad": table.bad}, indent=2))
