@@ -45,7 +45,7 @@ def steps_until_closed(gap: float, nominal: float) -> float:
     sections = []
     for i in count():
         sections.append(section(i * angle, i))
-        if finished(plan(nominal), sections) is StopReason.CLOSED:
+        if finished(plan(nominal), sections, nominal) is StopReason.CLOSED:
             return float(i * angle)
     raise AssertionError
 
@@ -69,7 +69,7 @@ def test_the_length_counts_from_the_second_section_and_ends_at_the_nearest_step(
     step = groove_length(sections[:2])
     for steps in (3, 7):
         asked = plan(step, length=(steps + 0.4) * step)
-        ends = [n for n in range(2, 12) if finished(asked, sections[:n]) is StopReason.LENGTH]
+        ends = [n for n in range(2, 12) if finished(asked, sections[:n], step) is StopReason.LENGTH]
         assert ends[0] == 2 + steps
 
 

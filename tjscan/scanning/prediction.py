@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tjscan.frames import Array, pose, unit
+from tjscan.scanning.scan import Scan
+from tjscan.scanning.set_point import Predictor, SetPoint
 from tjscan.scanning.target import R_REVERSED, Direction
 
 
@@ -75,3 +78,14 @@ def predict(
     if direction is Direction.CLOCKWISE:
         R_t = R_REVERSED.T @ R_t @ R_REVERSED  # (27)
     return T_I @ T_b_t @ pose(R_t)  # (7)
+
+
+def paper_predictor(prediction: Prediction, direction: Direction) -> Predictor:
+    """A case of the paper as a predictor: frame t stays where it sits in the sensor."""
+
+    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+        before, last = sections[-2:]
+        T_b_t = predict(last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction)
+        return SetPoint(T_b_t, last.T_s_t)
+
+    return predictor

@@ -34,7 +34,7 @@ def complete(stop: StopReason, plan: ScanPlan) -> bool:
     return stop is not StopReason.LOST
 
 
-def finished(plan: ScanPlan, sections: Sequence[Scan]) -> StopReason | None:
+def finished(plan: ScanPlan, sections: Sequence[Scan], step: float) -> StopReason | None:
     """Tell why the scan is done, or None while there is more to do.
 
     Parameters
@@ -43,6 +43,8 @@ def finished(plan: ScanPlan, sections: Sequence[Scan]) -> StopReason | None:
         What was asked.
     sections : sequence of Scan
         The sections so far, the two taught ones first.
+    step : float
+        Length of the step that would follow, metres.
 
     Notes
     -----
@@ -50,12 +52,12 @@ def finished(plan: ScanPlan, sections: Sequence[Scan]) -> StopReason | None:
     way, and is reached at the step that comes nearest to it. The joint is closed when the scan,
     having left the first section behind, is less than a step from it, before it or past it.
     """
-    if plan.length is not None and plan.length - groove_length(sections[1:]) < plan.step / 2:
+    if plan.length is not None and plan.length - groove_length(sections[1:]) < step / 2:
         return StopReason.LENGTH
     if plan.sections is not None and len(sections) >= plan.sections:
         return StopReason.SECTIONS
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections])
     from_first = np.linalg.norm(origins - origins[0], axis=1)
-    if from_first[-1] < plan.step and from_first.max() > 2 * plan.step:
+    if from_first[-1] < step and from_first.max() > 2 * step:
         return StopReason.CLOSED
     return None

@@ -21,11 +21,12 @@ from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.correction import correct
 from tjscan.scanning.journal import Journal
+from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.plausible import check_step
-from tjscan.scanning.prediction import predict
 from tjscan.scanning.progress import StopReason, finished, groove_length
 from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.set_point import Predictor, SetPoint, StepRule
 from tjscan.scanning.target import Direction
 
 
@@ -88,6 +89,10 @@ class Scanner:
         Step, direction, view and end.
     journal : Journal
         Is told of everything at once.
+    predictor : Predictor, optional
+        Says where the next section lies; the plan's where left out.
+    step_of : StepRule, optional
+        Says how far to step; the plan's where left out.
     """
 
     def __init__(
@@ -98,9 +103,13 @@ class Scanner:
         read: Callable[[Profile], GrooveSection],
         plan: ScanPlan,
         journal: Journal,
+        predictor: Predictor | None = None,
+        step_of: StepRule | None = None,
     ) -> None:
         self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
         self._read, self._plan, self._journal = read, plan, journal
+        self._predict = predictor or predictor_of(plan)
+        self._step_of = step_of or step_rule_of(plan)
         self._views: list[View] = []
         self._sections: list[Scan] = []
         self._half_steps = 0
@@ -160,49 +169,49 @@ class Scanner:
 
     def _go_on(self) -> ScanResult:
         """Step until the plan is fulfilled or no step is possible."""
-        while (stop := finished(self._plan, self._sections)) is None:
+        while True:
+            step = self._step_of(self._sections)
+            if (stop := finished(self._plan, self._sections, step)) is not None:
+                return self._end(stop)
             try:
-                scan = self._step_or_half_step()
+                scan = self._step_or_half_step(step)
             except PoseUnreachable as error:
                 return self._end(StopReason.UNREACHABLE, str(error))
             except GrooveNotFound as error:
                 return self._end(StopReason.LOST, str(error))
             self._finish(scan)
-        return self._end(stop)
 
-    def _step_or_half_step(self) -> Scan:
-        """One step of the plan's length, or of half of it where the groove is not found."""
+    def _step_or_half_step(self, step: float) -> Scan:
+        """One step of that length, or of half of it where the groove is not found."""
         try:
-            return self._step(self._plan.step)
+            return self._step(step)
         except GrooveNotFound as error:
             self._half_steps += 1
             self._journal.event("half step", f"section {len(self._sections)}: {error}")
-            return self._step(self._plan.step / 2)
+            return self._step(step / 2)
 
     def _step(self, d_st: float) -> Scan:
         """Algorithm 1: from the last two sections to the next one."""
-        plan, (before, last) = self._plan, self._sections[-2:]
+        last = self._sections[-1]
 
         # Prediction substep
-        T_b_t = predict(
-            last.T_b_t, before.T_b_g, last.T_b_g, d_st, plan.prediction, plan.direction
-        )  # (7)
-        direction_b = unit(T_b_t[:3, 3] - last.T_b_t[:3, 3])
-        predicted = self._scan(Substep.PREDICTION, T_b_t, last.T_s_t)
+        ahead = self._predict(self._sections, d_st)  # (7)
+        direction_b = unit(ahead.T_b_t[:3, 3] - last.T_b_t[:3, 3])
+        predicted = self._scan(Substep.PREDICTION, ahead)
         check_step(last.T_b_g[:3, 3], predicted.T_b_g[:3, 3], direction_b, d_st)
 
         # Correction substep
-        T_s_t = plan.target(predicted.groove.work_angle)  # (14)
+        T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
         T_b_t = correct(last.T_b_g, predicted.T_b_g)  # (12)
-        corrected = self._scan(Substep.CORRECTION, T_b_t, T_s_t)
+        corrected = self._scan(Substep.CORRECTION, SetPoint(T_b_t, T_s_t))
         check_step(last.T_b_g[:3, 3], corrected.T_b_g[:3, 3], direction_b, d_st)
         return corrected
 
-    def _scan(self, substep: Substep, T_b_t: Array, T_s_t: Array) -> Scan:
+    def _scan(self, substep: Substep, to: SetPoint) -> Scan:
         """Lay frame t on its set-point, take a profile and read it."""
-        state = self._arm.move_linear(T_b_t @ inverse(self._T_f_s @ T_s_t))
+        state = self._arm.move_linear(to.T_b_t @ inverse(self._T_f_s @ to.T_s_t))
         view = self._look(substep, state)
-        return Scan(view, self._read(view.profile), T_s_t)
+        return Scan(view, self._read(view.profile), to.T_s_t)
 
     def _taught(self, which: str, move: Callable[[Array], ArmState], T_b_f: Array) -> Scan:
         """Go to a taught pose and read the groove there."""

@@ -44,3 +44,11 @@ class Predictor(Protocol):
     def __call__(self, sections: Sequence[Scan], step: float) -> SetPoint:
         """Set-point a step (metres) beyond the last of two or more sections."""
         ...
+
+
+class StepRule(Protocol):
+    """Says how long the next step shall be, from the finished sections and from nothing else."""
+
+    def __call__(self, sections: Sequence[Scan]) -> float:
+        """Length of the step beyond the last of two or more sections, metres."""
+        ...

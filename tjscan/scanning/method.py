@@ -1,0 +1,17 @@
+"""How a plan's steps are made: what predicts them, and what says how long they are."""
+
+from __future__ import annotations
+
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.prediction import paper_predictor
+from tjscan.scanning.set_point import Predictor, StepRule
+
+
+def predictor_of(plan: ScanPlan) -> Predictor:
+    """The predictor that a plan names."""
+    return paper_predictor(plan.prediction, plan.direction)
+
+
+def step_rule_of(plan: ScanPlan) -> StepRule:
+    """The rule that a plan's steps follow: all of the same length."""
+    return lambda sections: plan.step
