@@ -234,6 +234,10 @@ class ComparisonRefused(TjscanError):
     """What was measured can't be brought onto its reference with confidence."""
 
 
+class TubesNotFound(TjscanError):
+    """Points do not hold the two tubes of a joint."""
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 
