@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tjscan.calibration.file import CalibrationFile, NoiseTable, write_calibration
 from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
+from tjscan.config import validate
 from tjscan.frames import Array, transform
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
@@ -88,3 +91,28 @@ def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     T_j_b = ResultFrame(job.joint.T_b_j).T_from_b
     corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
     return corner_errors(corners, feature_edges(joint[1]))
+
+
+def calibration_file(file: Path) -> Path:
+    """A calibration of the example's arm and laser that says what its job says, in a file."""
+    variance = 0.01
+    found = validate(
+        CalibrationFile,
+        {
+            "arm": "ur10e",
+            "laser": "simulated",
+            "date": datetime(2026, 3, 4, tzinfo=UTC),
+            "method": "plane touched",
+            "lines": 12,
+            "T_f_s_mm": read_job(PAPER).calibration.T_f_s_mm,
+            "covariance": np.diag(np.full(6, variance)).tolist(),
+            "sigma_position_mm": float(np.sqrt(3 * variance)),
+            "sigma_rotation_deg": float(np.sqrt(3 * variance)),
+            "condition": 1.0,
+            "excess": 1.0,
+            "noise": NoiseTable(),
+            "residuals": [],
+        },
+    )
+    write_calibration(file, found)
+    return file

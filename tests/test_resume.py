@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import FAULTLESS, PAPER
+from cells import FAULTLESS, PAPER, calibration_file
 from command import tjscan
 
 from tjscan.errors import RecordingError
 from tjscan.files import sole_writer
-from tjscan.recording.messages import SECTION
+from tjscan.recording.messages import EVENT, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
 
@@ -87,9 +87,8 @@ def test_a_joint_that_moved_is_not_scanned_on(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = cut(whole, tmp_path / "cut", 0.5)
-    job = run / "job.toml"
-    job.write_text(job.read_text(encoding="utf-8").replace("522.0", "524.0"), encoding="utf-8")
-    assert tjscan("scan", "--resume", run) == 4
+    aside = "[[1, 0, 0, 1.25], [0, 1, 0, -114.845], [0, 0, 1, 167.616], [0, 0, 0, 1]]"
+    assert tjscan("scan", "--resume", run, "--simulation.T_f_s_mm", aside) == 4
     told = " ".join(capsys.readouterr().err.split())
     assert "from where it was" in told
     assert not (run / "summary.json").exists()
@@ -112,6 +111,97 @@ def test_what_matters_cannot_change_while_a_scan_goes_on(
     run = cut(whole, tmp_path / "cut", 0.5)
     assert tjscan("scan", "--resume", run, *arguments) == 2
     assert len(parts(run)) == 1
+
+
+def edit(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "key"),
+    [
+        ("job.toml", "standoff_mm = 230.0", "standoff_mm = 220.0", "scan.standoff_mm"),
+        ("job.toml", "-114.845", "-115.845", "calibration.T_f_s_mm"),
+        ("job.toml", 'model = "ur10e"', 'model = "ur10e"\nid = "arm 3"', "arm.id"),
+        ("joint.toml", "= 457.2", "= 457.4", "joint.toml: brace.outer_diameter_mm"),
+    ],
+)
+def test_a_run_whose_files_were_edited_does_not_go_on_and_says_which_key(
+    whole: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    old: str,
+    new: str,
+    key: str,
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    edit(run / name, old, new)
+    assert tjscan("scan", "--resume", run) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"{key}: was " in told
+    assert len(parts(run)) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("-114.845", "-114.846", "calibration.toml: T_f_s_mm"),
+        ('laser = "simulated"', 'laser = "another"', "another"),
+    ],
+)
+def test_a_run_whose_calibration_was_edited_does_not_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, key: str
+) -> None:
+    file, run = calibration_file(tmp_path / "calibration.toml"), tmp_path / "run"
+    options = ["--calibration.file", file, "--scan.sections", "3", *OPTIONS]
+    assert tjscan("scan", PAPER, "--out", run, *options) == 0
+    edit(run / "calibration.toml", old, new)
+    assert tjscan("scan", "--resume", run) == 2
+    assert key in " ".join(capsys.readouterr().err.split())
+
+
+def test_what_may_change_is_told_and_recorded(whole: Path, tmp_path: Path) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    assert tjscan("scan", "--resume", run, "--scan.sections", "12") == 0
+    events = [m for topic, m in read_messages(run / "scan-2.mcap") if topic == EVENT]
+    changed = [m["detail"] for m in events if m["name"] == "changed"]
+    assert changed == ["scan.sections was not there, is 12"]
+
+
+@pytest.mark.parametrize("name", ["scan.mcap", "job.toml", "joint.toml"])
+def test_a_run_with_links_out_of_it_does_not_go_on(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    elsewhere = tmp_path / name
+    (run / name).rename(elsewhere)
+    (run / name).symlink_to(elsewhere)
+    before = elsewhere.read_bytes()
+    assert tjscan("scan", "--resume", run) == 2
+    assert "leads out of" in " ".join(capsys.readouterr().err.split())
+    assert elsewhere.read_bytes() == before
+
+
+def test_results_replace_a_link_and_leave_alone_what_it_leads_to(
+    whole: Path, tmp_path: Path
+) -> None:
+    run, elsewhere = cut(whole, tmp_path / "cut", 0.97), tmp_path / "precious.csv"
+    elsewhere.write_text("precious", encoding="utf-8")
+    (run / "sections.csv").symlink_to(elsewhere)
+    assert tjscan("scan", "--resume", run) == 0
+    assert elsewhere.read_text(encoding="utf-8") == "precious"
+    assert not (run / "sections.csv").is_symlink()
+
+
+def test_what_a_dead_process_left_in_the_making_is_swept_away(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / ".partial-dead").mkdir(parents=True)
+    (run / ".partial-dead" / "job.toml").write_text("half a", encoding="utf-8")
+    assert tjscan("scan", PAPER, "--out", run, "--scan.sections", "3") == 0
+    assert not list(run.glob(".partial*"))
 
 
 def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:

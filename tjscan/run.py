@@ -12,17 +12,18 @@ import numpy as np
 from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
 from tjscan.errors import ConfigurationError, TjscanError
-from tjscan.files import sole_writer
+from tjscan.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.recording.reader import read_progress
+from tjscan.recording.origin import Origin, changes
+from tjscan.recording.reader import read_origin, read_progress
 from tjscan.recording.writer import Recording, next_part
 from tjscan.result.calibration import calibration_name
-from tjscan.result.directory import JOB, make_directory
+from tjscan.result.directory import COPIES, JOB, make_directory, origin_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
 from tjscan.result.write import write_scan
@@ -153,9 +154,10 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         mount = mount_of(job, job_file)
         cell = open_cell(job, mount.T_f_s, joint and joint[1])
         make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
-        with sole_writer(directory), Recording(next_part(directory)) as recording:
-            result = scan_in(cell, job, Journals(recording, watch))
-    return _write(directory, job, result, joint and joint[1])
+        with sole_writer(directory):
+            with Recording(next_part(directory), origin_of(directory, job)) as recording:
+                result = scan_in(cell, job, Journals(recording, watch))
+            return _write(directory, job, result, joint and joint[1])
 
 
 def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Summary:
@@ -180,6 +182,7 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
         As `run_job` does.
     """
     job_file = directory / JOB
+    check_inside(directory, *COPIES)
     for key in overrides:
         if not key.startswith(RESUMABLE):
             raise ConfigurationError(
@@ -189,14 +192,46 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
                 key=key,
             )
     job = read_job(job_file, overrides)
-    with naming(job_file):
+    with naming(job_file), sole_writer(directory):
         joint = joint_of(job, job_file)
+        mount = mount_of(job, job_file)
+        origin = origin_of(directory, job)
+        changed = check_origin(directory, origin)
         done = read_progress(directory, reader_of(job))
         left = done.views[-1] if done.views else None
-        cell = open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1], left)
-        with sole_writer(directory), Recording(next_part(directory)) as recording:
-            result = scan_in(cell, job, Journals(recording, watch), done)
-    return _write(directory, job, result, joint and joint[1])
+        cell = open_cell(job, mount.T_f_s, joint and joint[1], left)
+        with Recording(next_part(directory), origin) as recording:
+            journal = Journals(recording, watch)
+            for key, what in changed:
+                journal.event("changed", f"{key} {what}")
+            result = scan_in(cell, job, journal, done)
+        return _write(directory, job, result, joint and joint[1])
+
+
+def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
+    """What changed since a run was last recorded, where a scan may go on all the same.
+
+    Returns
+    -------
+    list of (str, str)
+        Key and what became of it, those of `RESUMABLE` only.
+
+    Raises
+    ------
+    ConfigurationError
+        If something else changed: job, joint, calibration or the arm's model were edited.
+    """
+    before = read_origin(directory)
+    changed = [] if before is None else list(changes(before, now))
+    for key, what in changed:
+        if not key.startswith(RESUMABLE):
+            raise ConfigurationError(
+                f"{what}. What was scanned before does not fit any more: put it back, or start a "
+                "new scan",
+                file=directory,
+                key=key,
+            )
+    return changed
 
 
 def _write(

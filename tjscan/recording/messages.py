@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +14,11 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, Substep, View
 
 _FLOAT64: Final = 8  # numeric type of foxglove.PackedElementField
+MOST_SECTIONS: Final = 1_000_000
+LARGEST: Final = 1e9
+"""Metres, radians or seconds: what is larger was not measured."""
+UNNORMALISED: Final = 1e-6
+"""A quaternion whose length is further from one is not one."""
 _TEXT: Final = {"type": "string"}
 _INTEGER: Final = {"type": "integer"}
 _NUMBER: Final = {"type": "number"}
@@ -107,17 +113,27 @@ def section_message(scan: Scan) -> dict[str, Any]:
 
 
 def read_view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
-    """The view that `flange_message` and `profile_message` wrote."""
+    """The view that `flange_message` and `profile_message` wrote.
+
+    Raises
+    ------
+    KeyError, ValueError, TypeError, OverflowError
+        If a field is missing, or holds something else.
+    """
     table = np.frombuffer(b64decode(profile["data"])).reshape(-1, len(profile["fields"]))
     columns = {field["name"]: table[:, i] for i, field in enumerate(profile["fields"])}
+    index, time = profile["index"], profile["arm_time"]
+    if type(index) is not int or not 0 <= index <= MOST_SECTIONS or index != flange["index"]:
+        raise ValueError(f"section {index!r}")
+    (time,) = _finite((time,))
     return View(
-        index=profile["index"],
+        index=index,
         substep=Substep(profile["substep"]),
         T_b_f=to_pose(flange["pose"]),
         T_b_s=to_pose(profile["pose"]),
-        profile=Profile(columns["x"], columns["z"], columns.get("intensity"), profile["arm_time"]),
-        time=profile["arm_time"],
-        q=np.array(flange["q"]),
+        profile=Profile(columns["x"], columns["z"], columns.get("intensity"), time),
+        time=time,
+        q=np.array(_finite(flange["q"])),
     )
 
 
@@ -138,7 +154,16 @@ def _from_point(p: Array) -> dict[str, float]:
 
 
 def to_pose(message: dict[str, dict[str, float]]) -> Array:
-    """A pose as the messages write it."""
-    quaternion = [message["orientation"][axis] for axis in "xyzw"]
-    position = [message["position"][axis] for axis in "xyz"]
+    """A pose as the messages write it; raises as `read_view` does."""
+    quaternion = _finite(message["orientation"][axis] for axis in "xyzw")
+    position = _finite(message["position"][axis] for axis in "xyz")
+    if not abs(np.linalg.norm(quaternion) - 1) < UNNORMALISED:
+        raise ValueError(f"a quaternion of length {np.linalg.norm(quaternion):.3g}")
     return pose(Rotation.from_quat(quaternion).as_matrix(), position)
+
+
+def _finite(values: Iterable[Any]) -> list[float]:
+    numbers = [float(value) for value in values]
+    if not all(abs(number) <= LARGEST for number in numbers):
+        raise ValueError(f"{numbers} are no numbers of a scan")
+    return numbers

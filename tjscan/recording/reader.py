@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, Final
 
-from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message, Metadata
 
 from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.frames import inverse
+from tjscan.files import check_size
+from tjscan.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.messages import EVENT, FLANGE, PROFILE, SECTION, read_view, to_pose
+from tjscan.recording.origin import ORIGIN, Origin
+from tjscan.recording.records import MOST_BYTES, read_records
 from tjscan.recording.writer import parts
 from tjscan.scanning.scan import Scan, View
 from tjscan.scanning.scanner import Progress
+
+UNREADABLE: Final = (KeyError, ValueError, TypeError, OverflowError)
+"""What comes of a message whose fields are others than those a scan writes."""
 
 
 def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -28,21 +32,40 @@ def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     Raises
     ------
     ConfigurationError
-        If there is no such file.
+        If there is no such file, or it is too large.
     RecordingError
         If it is no recording. One that was cut off ends where it was cut.
     """
-    try:
-        with file.open("rb") as stream:
-            yield from _messages(stream)
-    except FileNotFoundError:
-        raise ConfigurationError(
-            "there is no recording; a run directory holds scan.mcap", file=file
-        ) from None
-    except OSError as error:
-        raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
-    except (McapError, struct.error, KeyError, ValueError) as error:
-        raise RecordingError(f"{file}: is no recording, or is damaged: {error}") from error
+    topics: dict[int, str] = {}
+    for record in _records(file):
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Message):
+            try:
+                content = json.loads(record.data)
+                topic = topics[record.channel_id]
+            except (ValueError, KeyError, RecursionError) as error:
+                raise _damaged(file, error) from error
+            if not isinstance(content, dict):
+                raise _damaged(file, f"a message on {topic} holds no fields")
+            yield topic, content
+
+
+def read_origin(directory: Path) -> Origin | None:
+    """What a run was last recorded with; None where nothing was, or where it does not say.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    found = None
+    for file in parts(directory):
+        # It stands before the first message.
+        for record in takewhile(lambda record: not isinstance(record, Message), _records(file)):
+            if isinstance(record, Metadata) and record.name == ORIGIN:
+                found = Origin.of(record.metadata)
+    return found
 
 
 def read_views(file: Path) -> Iterator[View]:
@@ -84,12 +107,22 @@ def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> 
             if view is not None:
                 views.append(view)
             elif topic == SECTION:
-                last = views[-1]
-                T_s_t = inverse(last.T_b_s) @ to_pose(message["T_b_t"])
+                last, T_b_t = _section(file, views, message)
+                T_s_t = inverse(last.T_b_s) @ T_b_t
                 sections[last.index] = Scan(last, read(last.profile), T_s_t)
             elif topic == EVENT:
-                half_steps += message["name"] == "half step"
+                half_steps += message.get("name") == "half step"
     return Progress(tuple(sections.values()), tuple(views), half_steps)
+
+
+def _section(file: Path, views: list[View], message: dict[str, Any]) -> tuple[View, Array]:
+    """The view that a section was read in, and its frame t in the base frame."""
+    try:
+        if not views or views[-1].index != message["index"]:
+            raise ValueError("a section without its profile")
+        return views[-1], to_pose(message["T_b_t"])
+    except UNREADABLE as error:
+        raise _damaged(file, f"a section of another make: {error!r}") from error
 
 
 def _with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]:
@@ -102,26 +135,25 @@ def _with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]
         elif topic == PROFILE:
             try:
                 view = read_view(flange, message)
-            except (KeyError, ValueError, TypeError) as error:
-                raise RecordingError(f"{file}: holds a profile of another make: {error}") from error
+            except UNREADABLE as error:
+                raise _damaged(file, f"a profile of another make: {error!r}") from error
         yield topic, view, message
 
 
-def _messages(stream: BinaryIO) -> Iterator[tuple[str, dict[str, Any]]]:
-    topics: dict[int, str] = {}
-    records = StreamReader(stream).records
-    while True:
-        try:
-            record = next(records, None)
-            if isinstance(record, Message):
-                content = json.loads(record.data)
-        except (EndOfFile, struct.error, ValueError):
-            if stream.read(1):
-                raise
-            return  # cut off in the middle of this record: those before it are whole
-        if record is None:
-            return
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
-        elif isinstance(record, Message):
-            yield topics[record.channel_id], content
+def _records(file: Path) -> Iterator[Channel | Message | Metadata]:
+    try:
+        check_size(file, MOST_BYTES, "a recording")
+        with file.open("rb") as stream:
+            yield from read_records(stream)
+    except FileNotFoundError:
+        raise ConfigurationError(
+            "there is no recording; a run directory holds scan.mcap", file=file
+        ) from None
+    except OSError as error:
+        raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
+    except ValueError as error:
+        raise _damaged(file, error) from error
+
+
+def _damaged(file: Path, why: object) -> RecordingError:
+    return RecordingError(f"{file}: is no recording, or is damaged: {why}")

@@ -13,6 +13,7 @@ from typing import Any, Self
 from mcap.writer import CompressionType, Writer
 
 from tjscan.errors import RecordingError
+from tjscan.files import check_inside
 from tjscan.recording.messages import (
     EVENT,
     FLANGE,
@@ -24,14 +25,23 @@ from tjscan.recording.messages import (
     profile_message,
     section_message,
 )
+from tjscan.recording.origin import ORIGIN, Origin
 from tjscan.scanning.scan import Scan, View
 
 
 def parts(directory: Path) -> list[Path]:
-    """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed."""
+    """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed.
+
+    Raises
+    ------
+    ConfigurationError
+        If a part is a link that leads out of the directory.
+    """
     first = directory / "scan.mcap"
     others = (directory / f"scan-{number}.mcap" for number in count(2))
-    return [first, *takewhile(Path.exists, others)]
+    found = [first, *takewhile(Path.exists, others)]
+    check_inside(directory, *(file.name for file in found))
+    return found
 
 
 def next_part(directory: Path) -> Path:
@@ -47,6 +57,8 @@ class Recording:
     ----------
     file : Path
         Must not exist yet.
+    origin : Origin, optional
+        What it is made with.
 
     Raises
     ------
@@ -54,8 +66,8 @@ class Recording:
         On entering or writing, if the file can't be written.
     """
 
-    def __init__(self, file: Path) -> None:
-        self._file = file
+    def __init__(self, file: Path, origin: Origin | None = None) -> None:
+        self._file, self._origin = file, origin
 
     def __enter__(self) -> Self:
         try:
@@ -64,6 +76,8 @@ class Recording:
             raise self._lost(error) from error
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
         self._writer.start(profile="tjscan")
+        if self._origin is not None:
+            self._writer.add_metadata(ORIGIN, self._origin.metadata)
         self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
         self._start_ns, self._arm_time = time.time_ns(), 0.0
         self._stream.flush()

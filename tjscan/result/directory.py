@@ -10,13 +10,16 @@ from typing import Final
 import tomli_w
 
 from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import drafted
+from tjscan.files import DRAFT, drafted
 from tjscan.job import CalibrationTable, CellFile
+from tjscan.recording.origin import Origin, digest
 
 JOB: Final = "job.toml"
 JOINT: Final = "joint.toml"
 CALIBRATION: Final = "calibration.toml"
 URDF: Final = "arm.urdf"
+COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
+"""What a run directory is made with."""
 
 
 def default_directory(job_file: Path) -> Path:
@@ -40,7 +43,7 @@ def make_directory(
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        if any(directory.iterdir()):
+        if any(not file.name.startswith(DRAFT) for file in directory.iterdir()):
             raise ConfigurationError(
                 "is not empty; a run never overwrites another. Choose another --out",
                 file=directory,
@@ -48,15 +51,44 @@ def make_directory(
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
     with drafted(directory) as draft:
-        if job.joint is not None and joint is not None:
+        if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
-            table = job.joint.model_copy(update={"file": JOINT})
-            job = job.model_copy(update={"joint": table})
         if calibration is not None:
             shutil.copyfile(calibration, draft / CALIBRATION)
-            job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
-            job = job.model_copy(update={"arm": job.arm.model_copy(update={"model": URDF})})
-        text = tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))
-        (draft / JOB).write_text(text, encoding="utf-8")
+        (draft / JOB).write_text(_text(job, draft), encoding="utf-8")
+
+
+def origin_of(directory: Path, job: CellFile) -> Origin:
+    """What a run directory's recording is made with: a job as it now is, and the files it names.
+
+    Raises
+    ------
+    RecordingError
+        If a file there can't be read.
+    """
+    try:
+        texts = {
+            name: file.read_text(encoding="utf-8") if file.is_file() else ""
+            for name, file in (
+                ("joint", directory / JOINT),
+                ("calibration", directory / CALIBRATION),
+            )
+        }
+        urdf = directory / URDF
+        arm = digest(urdf) if urdf.is_file() else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{directory}: can't be read: {error}") from error
+    return Origin(_text(job, directory), **texts, arm=arm)
+
+
+def _text(job: CellFile, directory: Path) -> str:
+    """A job as TOML that names the copies which stand in a directory."""
+    if job.joint is not None and (directory / JOINT).is_file():
+        job = job.model_copy(update={"joint": job.joint.model_copy(update={"file": JOINT})})
+    if (directory / CALIBRATION).is_file():
+        job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
+    if (directory / URDF).is_file():
+        job = job.model_copy(update={"arm": job.arm.model_copy(update={"model": URDF})})
+    return tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))

@@ -1,0 +1,84 @@
+"""What a recording was made with, so that what goes on from it can tell whether that changed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final, Self
+
+from tjscan.errors import RecordingError
+
+ORIGIN: Final = "tjscan.origin"
+"""Name of the metadata record at the head of a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The job of a run and the files beside it, as they stood when it was recorded.
+
+    Parameters
+    ----------
+    job, joint, calibration : str
+        Text of the TOML files; empty where there is none.
+    arm : str
+        SHA-256 of the arm's URDF; empty where the job names a model instead.
+    """
+
+    job: str
+    joint: str = ""
+    calibration: str = ""
+    arm: str = ""
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, str]) -> Self:
+        """What `metadata` gave."""
+        return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """For the head of a recording."""
+        return asdict(self)
+
+
+def digest(file: Path) -> str:
+    """SHA-256 of a file."""
+    return sha256(file.read_bytes()).hexdigest()
+
+
+def changes(before: Origin, now: Origin) -> Iterator[tuple[str, str]]:
+    """What differs between two origins: the key, and both values in words.
+
+    Keys of the job are its own; those of the other files begin with ``joint.toml:``,
+    ``calibration.toml:`` and ``arm.urdf``.
+
+    Raises
+    ------
+    RecordingError
+        If a text is no TOML.
+    """
+    yield from _differing("", before.job, now.job)
+    yield from _differing("joint.toml: ", before.joint, now.joint)
+    yield from _differing("calibration.toml: ", before.calibration, now.calibration)
+    if before.arm != now.arm:
+        yield "arm.urdf", "another file than it was"
+
+
+def _differing(name: str, before: str, now: str) -> Iterator[tuple[str, str]]:
+    try:
+        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, now))
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"what it was recorded with can't be read: {error}") from error
+    for key in sorted(old.keys() | new.keys()):
+        if old.get(key) != new.get(key):
+            yield f"{name}{key}", f"was {old.get(key, 'not there')}, is {new.get(key, 'not there')}"
+
+
+def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
