@@ -34,6 +34,9 @@ app.command(
     name="compare",
     help="Compare a run or a cloud with a mesh, a cloud or a joint.",
 )
+app.command(
+    "tjscan.cli.export:export", name="export", help="Hand a run's sections on to another tool."
+)
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(
     "tjscan.cli.ur_loopback:ur_loopback",

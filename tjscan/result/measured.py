@@ -25,7 +25,8 @@ class MeasuredSection:
     azimuth : float
         About the brace's axis from the crown, radians; NaN where no joint is known.
     T_r_g : ndarray, shape (4, 4)
-        Frame g: x tangent to the groove, y up the brace's wall, z that wall's normal.
+        Frame g. Its x is square to the laser's plane, which is turned from the groove's normal
+        plane by about the pull angle; its y goes up the brace's wall.
     points : ndarray, shape (5, 3)
         p1 to p5, metres.
     covariances : ndarray, shape (3, 3, 3)

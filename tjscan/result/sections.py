@@ -18,8 +18,8 @@ UNITS: Final = ("deg", "mm", "mm", "mm2")
 IN_FILE: Final = np.array((180 / np.pi, 1e3, 1e3, 1e6))
 """From radians, metres and square metres to the units of the measures in the file."""
 
-AXES: Final = ("tangent", "up", "normal")
-"""x, y and z of frame g."""
+AXES: Final = ("xg", "yg", "zg")
+"""Of frame g: square to the section's plane, up the brace's wall, and out of that wall."""
 
 _PAIRS: Final = np.triu_indices(4, 1)
 _SIX: Final = np.triu_indices(3)
@@ -184,7 +184,7 @@ def _section(row: _Row) -> MeasuredSection:
         raise row.wrong(f"{index:g} is no whole number", "index")
     R = row.numbers(ROTATION, least=-1, most=1).reshape(3, 3).T
     if not np.allclose(R.T @ R, np.eye(3), atol=_ROUNDED) or np.linalg.det(R) < 0:
-        raise row.wrong("tangent, up and normal are no right-handed axes", ROTATION[0])
+        raise row.wrong("xg, yg and zg are no right-handed axes", ROTATION[0])
     spread = row.numbers(SIGMAS, least=0) / IN_FILE
     correlation = np.eye(4)
     correlation[_PAIRS] = row.numbers(CORRELATIONS, least=-1, most=1)

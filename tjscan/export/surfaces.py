@@ -1,0 +1,120 @@
+"""The groove's direction and the surfaces' normals, from sections that lie across it.
+
+A section's own plane is turned from the groove's normal plane by about the pull angle, and so are
+the axes of its frame g. What a torch wants to know is the groove's true direction, which only
+neighbouring sections tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, readonly
+from tjscan.result.measured import MeasuredSection
+
+WINDOW: Final = 60e-3
+"""Metres to either side within which neighbours tell the direction."""
+
+FEWEST: Final = 5
+"""Neighbours that are asked at least, itself included, where there are as many."""
+
+DEGREE: Final = 3
+"""Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
+
+FADING: Final = 0.4
+"""Standard deviation of the neighbours' weights, in reaches: the near ones tell more.
+
+On the edge of a 457 mm brace on a 600 mm leg, noise of 0.05 mm included, nine directions of ten
+are then right to 0.2° inside the chain and 1.1° at its ends for steps of 5 to 40 mm; for steps
+of 80 mm to 1.2° and 2.8°.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
+
+    Parameters
+    ----------
+    tangent : ndarray
+        Along the groove at p3, counterclockwise seen from above.
+    wall, bevel, leg : ndarray
+        Normals out of the steel: of the brace's wall at p2, the bevel between p2 and p3, and the
+        leg at p4.
+    """
+
+    tangent: Array
+    wall: Array
+    bevel: Array
+    leg: Array
+
+    def __post_init__(self) -> None:
+        for name in ("tangent", "wall", "bevel", "leg"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
+    """Directions at sections that stand in the order along the groove.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is one section only, which tells no direction.
+    """
+    if len(sections) < 2:
+        raise ConfigurationError("two sections or more are needed to tell the groove's direction")
+    frames = np.array([section.T_r_g[:3, :3] for section in sections])
+    x, y, z = (frames[:, :, i] for i in range(3))
+    edges = np.array([section.points[1:4] for section in sections])
+    along = [_along(edges[:, i], x) for i in range(3)]
+    opening = np.array([section.measures[0] for section in sections])
+    work = np.array([section.work_angle for section in sections])
+    # From (16): gamma_1 raises the bevel over z_g, gamma_2 lowers the leg below it.
+    gamma_1, gamma_2 = (0.5 * opening + work)[:, None], (0.5 * opening - work)[:, None]
+    bevel = np.cos(gamma_1) * z + np.sin(gamma_1) * y
+    leg = np.cos(gamma_2) * z - np.sin(gamma_2) * y
+    return Surfaces(
+        tangent=along[1],
+        wall=_units(np.cross(along[0], y)),
+        bevel=_units(np.cross(along[1], bevel)),
+        leg=_units(np.cross(leg, along[2])),
+    )
+
+
+def _along(points: Array, x: Array) -> Array:
+    """Directions of a line through points, shape (n, 3), on the side of `x`."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    s = np.concatenate(([0.0], steps.cumsum()))
+    gap = float(np.linalg.norm(points[-1] - points[0]))
+    closed = len(points) > FEWEST and gap <= 2 * float(np.median(steps))
+    if closed:
+        whole = s[-1] + gap
+        s = np.concatenate((s - whole, s, s + whole))
+        points = np.tile(points, (3, 1))
+    n = len(x)
+    first = n if closed else 0
+    directions = np.array([_slope(s, points, i) for i in range(first, first + n)])
+    sides = np.sign(np.sum(directions * x, axis=1))[:, None]
+    return _units(np.where(sides == 0, 1.0, sides) * directions)
+
+
+def _slope(s: Array, points: Array, i: int) -> Array:
+    """Derivative at ``s[i]`` of a polynomial through the points about it."""
+    away = np.abs(s - s[i])
+    reach = max(WINDOW, float(np.sort(away)[min(FEWEST, len(s)) - 1]))
+    near = away <= reach
+    u = (s[near] - s[i]) / reach
+    weights = np.exp(-0.5 * (u / FADING) ** 2)[:, None]
+    degree = min(DEGREE, len(np.unique(u)) - 1)
+    powers = u[:, None] ** np.arange(degree + 1)
+    coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
+    return np.asarray(coefficients[1])
+
+
+def _units(v: Array) -> Array:
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
