@@ -38,13 +38,16 @@ from tjscan.joint.mesh import build_mesh
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface
+from tjscan.laser.replay import ReplayedLaser
 from tjscan.laser.simulated import SimulatedLaser
-from tjscan.robot.arm import Arm
+from tjscan.recording.reader import read_recording
+from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import Clearance, Margins
 from tjscan.robot.cleared import ClearedArm
 from tjscan.robot.collision import CollisionModel, check_links
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
+from tjscan.robot.replay import ReplayedArm
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.ur import UrArm, UrSettings
 from tjscan.scanning.scan import View
@@ -124,7 +127,9 @@ def mount_of(job: CellFile, job_file: Path) -> Mount:
     if T_f_s is not None:
         return Mount(T_f_s)
     file = job_file.parent / str(job.calibration.file)
-    found = read_calibration(file, arm=job.arm.device, laser=job.laser.device)
+    # A recording does not say which laser made it, unless the job does.
+    laser = job.laser.id if job.laser.is_replay else job.laser.device
+    found = read_calibration(file, arm=job.arm.device, laser=laser)
     return Mount(found.T_f_s, file)
 
 
@@ -149,6 +154,8 @@ def open_cell(
     ConfigurationError
         If the arm's model is unknown, or a simulated device lacks what it needs.
     """
+    if job.laser.is_replay:
+        return _replaying(job, T_f_s)
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
     arm, flange = _arm(job.arm, job.simulation, left)
@@ -156,6 +163,20 @@ def open_cell(
     surface = Surface(mesh.vertices, mesh.triangles)
     laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, job.joint.T_b_j)
     return _cleared(job, arm, laser, T_f_s)
+
+
+def _replaying(job: CellFile, T_f_s: Array) -> Cell:
+    """A cell of which nothing is there but its recording."""
+    table = job.laser
+    with naming(key="laser.recording"):
+        views = list(read_recording(Path(table.recording or "")))
+    arm = ReplayedArm(
+        [ArmState(view.q, view.T_b_f, view.time) for view in views],
+        distance=1e-3 * table.replay_tolerance_mm,
+        angle=radians(table.replay_tolerance_deg),
+    )
+    laser = ReplayedLaser([view.profile for view in views], arm.take)
+    return Cell(arm, laser, T_f_s, clearance_of(job))
 
 
 def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
@@ -174,6 +195,11 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         As `open_cell` does.
     """
     simulation, board = job.simulation, job.board
+    if job.laser.is_replay:
+        raise ConfigurationError(
+            "a calibration touches its board: recorded profiles go in with --lines and --poses",
+            key="laser.driver",
+        )
     if simulation is None:
         raise ConfigurationError("a simulated cell needs the table [simulation]")
     arm, flange = _arm(job.arm, simulation)

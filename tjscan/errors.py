@@ -91,6 +91,21 @@ class PathBlocked(PoseUnreachable):
         super().__init__(reason, T_b_f)
 
 
+class ViewNotRecorded(PoseUnreachable):
+    """A recording that is replayed holds no view from the pose asked for.
+
+    Parameters
+    ----------
+    reason : str
+        What it holds instead, and what to do about it.
+    T_b_f : array_like, shape (4, 4)
+        The flange pose asked for, in the base frame.
+    """
+
+    def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
+        super().__init__(f"the recording does not hold this view: {reason}", T_b_f)
+
+
 class ArmNotReached(ArmFault):
     """The arm's controller can't be connected to, or does not take this program's orders."""
 

@@ -132,9 +132,16 @@ class ArmTable(FileModel):
 
 
 class LaserTable(FileModel):
-    """The line laser and the window it measures in."""
+    """The line laser and the window it measures in.
 
-    driver: Literal["simulated"] = "simulated"
+    The driver "replay" sees again what a recording holds, `recording` being a run directory or
+    a file of its; then the arm, whatever its driver, stands where it stood, and nothing moves.
+    """
+
+    driver: Literal["simulated", "replay"] = "simulated"
+    recording: str | None = Field(default=None, min_length=1)
+    replay_tolerance_mm: float = Field(default=5.0, ge=0, le=1000)
+    replay_tolerance_deg: float = Field(default=2.0, ge=0, le=180)
     id: str | None = Field(default=None, min_length=1)
     points: int = Field(default=640, ge=160, le=640, multiple_of=80)
     near_mm: float = Field(default=190.0, ge=1, le=5000)
@@ -145,6 +152,17 @@ class LaserTable(FileModel):
         if self.near_mm >= self.far_mm:
             raise ValueError("near_mm must be smaller than far_mm")
         return self
+
+    @model_validator(mode="after")
+    def _replay_has_a_recording(self) -> LaserTable:
+        if self.driver == "replay" and self.recording is None:
+            raise ValueError('driver "replay" needs a recording: a run directory, or its scan.mcap')
+        return self
+
+    @property
+    def is_replay(self) -> bool:
+        """Whether no device is there, neither laser nor arm."""
+        return self.driver == "replay"
 
     @property
     def device(self) -> str:
@@ -324,7 +342,8 @@ class CellFile(FileModel):
 
     @model_validator(mode="after")
     def _simulation_is_whole(self) -> CellFile:
-        if "simulated" in (self.arm.driver, self.laser.driver) and self.simulation is None:
+        drivers = () if self.laser.is_replay else (self.arm.driver, self.laser.driver)
+        if "simulated" in drivers and self.simulation is None:
             raise ValueError("a simulated arm or laser needs a [simulation] table")
         return self
 
@@ -393,8 +412,14 @@ def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
 
 
 def _located(job: J, folder: Path) -> J:
-    """Seek an arm's URDF from the job's folder, as the other files that a job names."""
-    if Path(job.arm.model).suffix != ".urdf":
-        return job
-    arm = job.arm.model_copy(update={"model": str(folder / job.arm.model)})
-    return job.model_copy(update={"arm": arm})
+    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
+    if Path(job.arm.model).suffix == ".urdf":
+        arm = job.arm.model_copy(update={"model": str(folder / job.arm.model)})
+        job = job.model_copy(update={"arm": arm})
+    if job.laser.recording is not None:
+        # Absolute: the job is copied into its run directory, a recording is not.
+        recording = str((folder / job.laser.recording).absolute())
+        job = job.model_copy(
+            update={"laser": job.laser.model_copy(update={"recording": recording})}
+        )
+    return job

@@ -33,7 +33,7 @@ def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
         if text is None:
             raise ConfigurationError(f"option {option} needs a value")
         key, found = option[2:].replace("-", "_"), _toml_value(text)
-        is_path = key.endswith(".file") and isinstance(found, str)
+        is_path = key.endswith((".file", ".recording")) and isinstance(found, str)
         overrides[key] = str(Path(found).absolute()) if is_path else found
     return overrides
 

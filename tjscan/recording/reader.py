@@ -75,12 +75,17 @@ def read_views(file: Path) -> Iterator[View]:
             yield view
 
 
+def read_recording(path: Path) -> Iterator[View]:
+    """Yield every view of a run directory, or of one file; raises as `read_messages` does."""
+    for file in parts(path) if path.is_dir() else (path,):
+        yield from read_views(file)
+
+
 def read_run(directory: Path) -> dict[str, Profile]:
     """Every profile of a run directory, by section and substep; raises as `read_messages` does."""
-    views = (view for file in parts(directory) for view in read_views(file))
     return {
         f"profile {number}: section {view.index}, {view.substep}": view.profile
-        for number, view in enumerate(views, start=1)
+        for number, view in enumerate(read_recording(directory), start=1)
     }
 
 
