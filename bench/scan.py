@@ -53,7 +53,7 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Su
     start = perf_counter()
     result = scan_in(cell, job, Journals())
     seconds = perf_counter() - start
-    frame = ResultFrame(job.joint.T_b_j)
+    frame = ResultFrame(job.joint.T_w_j)
     corners = np.array([transform(frame.T_from_b, s.points_b) for s in result.sections])
     errors = corner_errors(corners, feature_edges(joint[1]))
     return summarise(result, plan_of(job), frame, errors), seconds
@@ -89,7 +89,7 @@ def profile_ms() -> float:
     T_f_s = mount_of(job, JOBS["ccw"]).T_f_s
     cell, times = open_cell(job, T_f_s, joint and joint[1]), []
     with cell:
-        cell.arm.move_joint(job.scan.first.T)
+        cell.arm.move_joint(job.starts[0].T)
         for _ in range(200):
             start = perf_counter()
             cell.laser.capture()

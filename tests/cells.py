@@ -79,7 +79,8 @@ def scan_example(
     joint = joint_of(job, file)
     with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
         scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, read, plan_of(job), notes or Notes())
-        return scanner.run(job.scan.first.T, job.scan.second.T)
+        first, second = job.starts
+        return scanner.run(first.T, second.T)
 
 
 def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
@@ -88,7 +89,7 @@ def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     joint = joint_of(job, file)
     assert joint is not None
     assert job.joint is not None
-    T_j_b = ResultFrame(job.joint.T_b_j).T_from_b
+    T_j_b = ResultFrame(job.joint.T_w_j).T_from_b
     corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
     return corner_errors(corners, feature_edges(joint[1]))
 

@@ -75,7 +75,7 @@ def test_an_arm_that_stands_at_a_start_pose_sees_its_groove() -> None:
 
     from tjscan.job import read_job
 
-    T = read_job(PAPER).scan.first.T
+    T = read_job(PAPER).starts[0].T
     home = [float(word) for word in standing(T).strip("[]").split(",")]
     findings = {f.what: f for f in examine(PAPER, {"simulation.arm.home_deg": home})}
     assert "and a groove" in findings["profile"].detail

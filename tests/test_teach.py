@@ -44,12 +44,12 @@ def test_the_pose_written_is_the_pose_read_and_all_else_stays(
 ) -> None:
     job = example(tmp_path, EXAMPLES / "ur10e.toml")
     before, old = job.read_text(encoding="utf-8"), read_job(job)
-    T = read_job(job).scan.first.T
+    T = read_job(job).starts[0].T
     stands = pose(T[:3, :3] @ rot_y(0.02), T[:3, 3] + (0.003, -0.012, 0.004))
     home = standing(stands)
     assert tjscan("teach", job, "--which", which, "--simulation.arm.home_deg", home, "--json") == 0
     new, told = read_job(job), json.loads(capsys.readouterr().out)
-    found = getattr(new.scan, which)
+    found = new.starts[which == "second"]
     assert np.abs(found.T[:3, 3] - stands[:3, 3]).max() < HALF_DIGIT[0]
     assert rotation_angle(found.T, stands) < 2 * HALF_DIGIT[1]
     assert tuple(told["position_mm"]) == found.position_mm
@@ -86,15 +86,15 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
     job.chmod(0o640)
     link = tmp_path / "link.toml"
     link.symlink_to(job)
-    write_pose(link, "first", (7.5, 8.0, 9.0), (1.0, -2.0, 3.0))
+    write_pose(link, ("scan", "first"), (7.5, 8.0, 9.0), (1.0, -2.0, 3.0))
     text = job.read_text(encoding="utf-8")
     assert "# by hand" in text
     assert text.startswith(head)
     assert text.endswith(rest)
     assert link.is_symlink()
     assert stat.S_IMODE(job.stat().st_mode) == 0o640
-    assert read_job(link).scan.first.position_mm == (7.5, 8.0, 9.0)
-    assert read_job(link).scan.second.position_mm == (1.0, 2.0, 3.0)
+    assert read_job(link).starts[0].position_mm == (7.5, 8.0, 9.0)
+    assert read_job(link).starts[1].position_mm == (1.0, 2.0, 3.0)
 
 
 @settings(max_examples=50)
@@ -117,5 +117,5 @@ def test_a_file_that_is_no_job_any_more_is_left_alone(tmp_path: Path) -> None:
     for text in ("scan = 3", "[scan]\nfirst = 3", "[scan", "[scan]\n[scan.first]\n"):
         job.write_text(text, encoding="utf-8")
         with pytest.raises(ConfigurationError, match=str(job)):
-            write_pose(job, "first", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            write_pose(job, ("scan", "first"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         assert job.read_text(encoding="utf-8") == text

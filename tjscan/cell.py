@@ -31,6 +31,7 @@ from tjscan.job import (
     SimulatedBoardTable,
     SimulatedLaserTable,
     SimulationTable,
+    StandingTable,
     UrTable,
 )
 from tjscan.joint.definition import JointDefinition
@@ -49,6 +50,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.replay import ReplayedArm
 from tjscan.robot.simulated import SimulatedArm
+from tjscan.robot.solids import Solid
 from tjscan.robot.ur import UrArm, UrSettings
 from tjscan.scanning.scan import View
 
@@ -161,7 +163,8 @@ def open_cell(
     arm, flange = _arm(job.arm, job.simulation, left)
     mesh = build_mesh(joint)
     surface = Surface(mesh.vertices, mesh.triangles)
-    laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, job.joint.T_b_j)
+    T_b_j = inverse(job.T_w_b_true) @ job.joint.T_w_j
+    laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, T_b_j)
     return _cleared(job, arm, laser, T_f_s)
 
 
@@ -254,7 +257,7 @@ def clearance_of(job: CellFile) -> Clearance:
     with naming(key="arm.model"):
         model = CollisionModel(
             kinematics,
-            [one.solid for one in table.solid],
+            [_in_b(one, job) for one in table.solid],
             [one.solid for one in table.tool],
             self_collision=table.self_collision,
             ignored=table.ignore,
@@ -265,6 +268,12 @@ def clearance_of(job: CellFile) -> Clearance:
         singular=table.smallest_singular_value,
     )
     return Clearance(kinematics, model, margins)
+
+
+def _in_b(table: StandingTable, job: CellFile) -> Solid:
+    """A solid where it stands in frame b; one about the workpiece as far as that is known."""
+    solid = table.solid
+    return solid if table.frame == "b" else replace(solid, T=inverse(job.T_w_b) @ solid.T)
 
 
 def _cleared(job: CellFile, arm: Arm, laser: LineLaser, T_f_s: Array) -> Cell:

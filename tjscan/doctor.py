@@ -13,12 +13,13 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.cell import Cell, clearance_of, mount_of
+from tjscan.config import naming
 from tjscan.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.laser.profile import Profile
 from tjscan.robot.cleared import ClearedArm
-from tjscan.run import cell_of, joint_of, reader_of
+from tjscan.run import cell_of, frame_of, joint_of, reader_of
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
 """Whose versions are told."""
@@ -54,7 +55,9 @@ class Finding:
         return self.error is None
 
 
-def examine(job_file: Path, overrides: dict[str, Any] | None = None) -> Iterator[Finding]:
+def examine(
+    job_file: Path, overrides: dict[str, Any] | None = None, station: str | None = None
+) -> Iterator[Finding]:
     """Check a job, what it names, its devices and the way to its start poses, one after another.
 
     Devices are connected, and nothing moves. What rests on something that is wrong is left out.
@@ -65,12 +68,15 @@ def examine(job_file: Path, overrides: dict[str, Any] | None = None) -> Iterator
         The job.
     overrides : dict, optional
         Dotted keys and their values, as `read_job` takes them.
+    station : str, optional
+        Where the arm stands; may be left out where the job has one station, or none.
     """
     yield Finding("versions", ", ".join(_versions()))
     jobs: list[JobFile] = []
 
     def read() -> str:
-        jobs.append(read_job(job_file, overrides))
+        with naming(job_file):
+            jobs.append(read_job(job_file, overrides).at(station))
         return f"{job_file} is sound"
 
     yield (finding := _look("job", read))
@@ -107,7 +113,7 @@ def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
         if laser.sound and arm.sound:
             yield _look("profile", partial(_profile, cell, reader_of(job)))
         if arm.sound:
-            first, second = job.scan.first.T, job.scan.second.T
+            first, second = (start.T for start in job.starts)
             yield _look("first pose", partial(_way, cell, first))
             yield _look("second pose", partial(_way, cell, first, second))
 
@@ -129,7 +135,8 @@ def _versions() -> Iterator[str]:
 
 def _joint(job: JobFile, job_file: Path) -> str:
     joint = joint_of(job, job_file)
-    return "none named: results will be in frame b" if joint is None else f"{joint[0]}"
+    frame = f"results will be in frame {frame_of(job).name}"
+    return f"none named: {frame}" if joint is None else f"{joint[0]}; {frame}"
 
 
 def _calibration(job: JobFile, job_file: Path) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from tjscan.calibration.file import NoiseTable, PoseRows, rows_to_pose
-from tjscan.config import FileModel, read_toml, validate
-from tjscan.errors import ConfigurationError
+from tjscan.config import FileModel, naming, read_toml, validate
+from tjscan.errors import ConfigurationError, nearest
 from tjscan.frames import Array, from_euler_zyx
 from tjscan.groove.models import MODELS
 from tjscan.groove.settings import DEFAULT, GrooveSettings
@@ -22,6 +22,7 @@ FARTHEST_MM: Final = 1e5
 Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
 Vector3 = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+JointAngle = Annotated[float, Field(ge=-720, le=720)]
 Length = Annotated[float, Field(gt=0, le=FARTHEST_MM)]
 
 SMALLEST_BOARD_MM: Final = 100.0
@@ -55,6 +56,25 @@ class ScanTable(FileModel):
     length_mm: float | None = Field(default=None, gt=0)
     sections: int | None = Field(default=None, ge=3)
     resume_tolerance_mm: float = Field(default=0.5, gt=0, le=50)
+    first: PoseTable | None = None
+    second: PoseTable | None = None
+
+
+class NamedPoseTable(PoseTable):
+    """The pose of a station's base, in frame w. Its name is one of a folder, too."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+
+
+class StationTable(NamedPoseTable):
+    """A place that is scanned from: where the arm's base stands in frame w, about, and its start.
+
+    What it leaves out holds as in [scan].
+    """
+
+    direction: Literal["counterclockwise", "clockwise"] | None = None
+    length_mm: float | None = Field(default=None, gt=0)
+    sections: int | None = Field(default=None, ge=3)
     first: PoseTable
     second: PoseTable
 
@@ -222,8 +242,14 @@ class SolidTable(PoseTable):
         return shape(1e-3 * (self.radius_mm or 0.0), 1e-3 * (self.length_mm or 0.0))
 
 
+class StandingTable(SolidTable):
+    """A solid that stands in the base frame, b, or about the workpiece, w."""
+
+    frame: Literal["b", "w"] = "b"
+
+
 class ClearanceTable(FileModel):
-    """What the arm keeps clear of: `solid` stands in frame b, `tool` sits on the flange, frame f.
+    """What the arm keeps clear of: `solid` stands in b or w, `tool` sits on the flange, frame f.
 
     The defaults are assumptions about a cell that was measured with a tape.
     """
@@ -236,7 +262,7 @@ class ClearanceTable(FileModel):
     ignore: Annotated[
         tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)
     ] = ()
-    solid: Annotated[tuple[SolidTable, ...], Field(strict=False)] = ()
+    solid: Annotated[tuple[StandingTable, ...], Field(strict=False)] = ()
     tool: Annotated[tuple[SolidTable, ...], Field(strict=False)] = ()
 
 
@@ -270,7 +296,8 @@ class BoardTable(FileModel):
 class JointTable(FileModel):
     """The joint as designed: what the comparison measures against, and the simulated world.
 
-    The scanner itself never looks at it.
+    Its place is told in frame w, which is b for a job without stations. The scanner itself never
+    looks at it.
     """
 
     file: str
@@ -278,15 +305,15 @@ class JointTable(FileModel):
     euler_zyx_deg: Vector3
 
     @property
-    def T_b_j(self) -> Array:
-        """Pose of the joint in the base frame, shape (4, 4), metres."""
+    def T_w_j(self) -> Array:
+        """Pose of the joint in frame w, shape (4, 4), metres."""
         return PoseTable(position_mm=self.position_mm, euler_zyx_deg=self.euler_zyx_deg).T
 
 
 class SimulatedArmTable(FileModel):
     """What only a simulated arm needs to be told."""
 
-    home_deg: Annotated[tuple[Annotated[float, Field(ge=-720, le=720)], ...], Field(strict=False)]
+    home_deg: Annotated[tuple[JointAngle, ...], Field(strict=False)]
     repeatability_mm: float = Field(default=0.05, ge=0, le=5)
     repeatability_deg: float = Field(default=0.006, ge=0, le=5)
     realtime: bool = False
@@ -315,16 +342,23 @@ class SimulatedBoardTable(PoseTable):
     touch_mm: float = Field(default=0.05, ge=0, le=5)
 
 
+class SimulatedStationTable(NamedPoseTable):
+    """Where a station's base truly stands in frame w, and how the arm stands on it before."""
+
+    home_deg: Annotated[tuple[JointAngle, ...], Field(strict=False)] | None = None
+
+
 class SimulationTable(FileModel):
     """The simulated world.
 
-    `T_f_s_mm` is where the laser truly sits, `board` where the board truly is; where left out,
-    they are where the job believes them to be.
+    `T_f_s_mm` is where the laser truly sits, `board` where the board truly is, `station` where
+    stations truly are; where left out, they are where the job believes them to be.
     """
 
     seed: int = Field(default=1, ge=0)
     T_f_s_mm: PoseRows | None = None
     board: SimulatedBoardTable | None = None
+    station: Annotated[tuple[SimulatedStationTable, ...], Field(strict=False)] = ()
     arm: SimulatedArmTable
     laser: SimulatedLaserTable = SimulatedLaserTable()
 
@@ -337,6 +371,7 @@ class CellFile(FileModel):
     calibration: CalibrationTable
     board: BoardTable | None = None
     joint: JointTable | None = None
+    station: Annotated[tuple[StationTable, ...], Field(strict=False)] = ()
     clearance: ClearanceTable = ClearanceTable()
     simulation: SimulationTable | None = None
 
@@ -346,6 +381,95 @@ class CellFile(FileModel):
         if "simulated" in drivers and self.simulation is None:
             raise ValueError("a simulated arm or laser needs a [simulation] table")
         return self
+
+    @model_validator(mode="after")
+    def _stations_are_told_apart(self) -> CellFile:
+        simulated = () if self.simulation is None else self.simulation.station
+        for key, tables in (("station", self.station), ("simulation.station", simulated)):
+            names = [_folded(table.name) for table in tables]
+            for i, name in enumerate(names):
+                if name in names[:i]:
+                    raise ConfigurationError(
+                        f"two stations are called {tables[i].name!r}; each needs a name of its "
+                        "own, and upper and lower case, - and _ are alike",
+                        key=f"{key}.{i}.name",
+                    )
+        for i, table in enumerate(simulated):
+            if table.name not in self.stations:
+                raise ConfigurationError(
+                    f"there is no station {table.name!r}; did you mean: "
+                    f"{nearest(table.name, self.stations) or 'to name it under [[station]]'}?",
+                    key=f"simulation.station.{i}.name",
+                )
+        return self
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations, in their order."""
+        return tuple(table.name for table in self.station)
+
+    @property
+    def T_w_b(self) -> Array:
+        """Where the base is believed to stand in frame w, shape (4, 4), metres.
+
+        Frame w is b for a job without stations.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job has several stations.
+        """
+        return np.eye(4) if not self.station else self.at().station[0].T
+
+    @property
+    def T_w_b_true(self) -> Array:
+        """Where the base of a simulated world truly stands; otherwise as `T_w_b`."""
+        simulation = self.at().simulation
+        stands = () if simulation is None else simulation.station
+        return stands[0].T if stands else self.T_w_b
+
+    def at(self, name: str | None = None) -> Self:
+        """The same job at one of its stations, which then is its only one.
+
+        What the station says for itself stands where it would for a job without stations. A
+        simulated world draws other random numbers at each.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which; may be left out where there is but one, or none.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such station, or the job has several and none is named.
+        """
+        if name is None and len(self.station) > 1:
+            raise ConfigurationError(
+                f"has several stations; choose one with --station: {', '.join(self.stations)}",
+                key="station",
+            )
+        if not self.station and name is None:
+            return self
+        if name is not None and name not in self.stations:
+            known = (
+                f"did you mean: {nearest(name, self.stations)}?" if self.station else "it has none"
+            )
+            raise ConfigurationError(f"there is no station {name!r}; {known}", key="station")
+        i = 0 if name is None else self.stations.index(name)
+        return self._at(i)
+
+    def _at(self, i: int) -> Self:
+        station, simulation = self.station[i], self.simulation
+        if simulation is not None:
+            truly = tuple(table for table in simulation.station if table.name == station.name)
+            home = truly[0].home_deg if truly else None
+            arm = simulation.arm
+            arm = arm if home is None else arm.model_copy(update={"home_deg": home})
+            simulation = simulation.model_copy(
+                update={"seed": simulation.seed + i, "station": truly, "arm": arm}
+            )
+        return self.model_copy(update={"station": (station,), "simulation": simulation})
 
 
 class JobFile(CellFile):
@@ -359,6 +483,41 @@ class JobFile(CellFile):
         if self.laser.driver == "simulated" and self.joint is None:
             raise ValueError("a simulated laser needs a [joint] table to look at")
         return self
+
+    @model_validator(mode="after")
+    def _has_its_start_poses(self) -> JobFile:
+        for which in ("first", "second"):
+            taught = getattr(self.scan, which) is not None
+            if taught == bool(self.station):
+                raise ConfigurationError(
+                    f"each station has its own start poses: move it to [station.{which}]"
+                    if taught
+                    else "this key is required, or [[station]] tables with their own start poses",
+                    key=f"scan.{which}",
+                )
+        return self
+
+    @property
+    def starts(self) -> tuple[PoseTable, PoseTable]:
+        """The first and the second taught pose of the flange in frame b.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job has several stations.
+        """
+        table = self.at().station[0] if self.station else self.scan
+        if table.first is None or table.second is None:
+            raise ConfigurationError("a taught pose is required here", key="scan")
+        return table.first, table.second
+
+    def _at(self, i: int) -> Self:
+        job, station = super()._at(i), self.station[i]
+        own = {key: getattr(station, key) for key in ("direction", "length_mm", "sections")}
+        said = {key: value for key, value in own.items() if value is not None}
+        bare = station.model_copy(update=dict.fromkeys(own))
+        scan = self.scan.model_copy(update=said)
+        return job.model_copy(update={"scan": scan, "station": (bare,)})
 
 
 class CalibrationJob(CellFile):
@@ -398,17 +557,44 @@ def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) ->
 
 def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
     data = read_toml(file)
-    for key, value in (overrides or {}).items():
-        *tables, last = key.split(".")
-        table = data
-        for name in tables:
-            table = table.setdefault(name, {})
-            if not isinstance(table, dict):
-                raise ConfigurationError(f"{name} is no table", file=file, key=key)
-        table[last] = value
-        if key in EXCLUDED:
-            table.pop(EXCLUDED[key], None)
-    return _located(validate(model, data, file), file.parent)
+    with naming(file):
+        for key, value in (overrides or {}).items():
+            *tables, last = key.split(".")
+            table: Any = data
+            for name in tables:
+                table = _inner(table, name, key)
+            if isinstance(table, list):
+                raise ConfigurationError(
+                    f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
+                )
+            table[last] = value
+            if key in EXCLUDED:
+                table.pop(EXCLUDED[key], None)
+        return _located(validate(model, data, file), file.parent)
+
+
+def _inner(tables: Any, name: str, key: str) -> Any:
+    """A table in a table; in an array of tables the one of that name, or number from 0."""
+    if isinstance(tables, dict):
+        return _table(tables.setdefault(name, {}), name, key)
+    named = {_folded(str(entry.get("name"))): entry for entry in tables if isinstance(entry, dict)}
+    if (found := named.get(_folded(name))) is None and name.isdigit() and int(name) < len(tables):
+        found = tables[int(name)]
+    if found is None:
+        known = f"; there are: {', '.join(named)}" if named else ""
+        raise ConfigurationError(f"no table of it is called {name}{known}", key=key)
+    return _table(found, name, key)
+
+
+def _table(found: Any, name: str, key: str) -> Any:
+    if not isinstance(found, dict | list):
+        raise ConfigurationError(f"{name} is no table", key=key)
+    return found
+
+
+def _folded(name: str) -> str:
+    """A name as folders of some systems, and options, have it."""
+    return name.casefold().replace("-", "_")
 
 
 def _located(job: J, folder: Path) -> J:

@@ -109,7 +109,7 @@ def check_job(job: JobFile, job_file: Path) -> None:
         If a taught pose is, or the way there is blocked.
     """
     with cell_of(job, job_file) as cell:
-        cell.arm.check(job.scan.first.T, job.scan.second.T)
+        cell.arm.check(*(start.T for start in job.starts))
 
 
 def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = None) -> ScanResult:
@@ -121,7 +121,8 @@ def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = 
         try:
             if done is not None and len(done.sections) >= 2:
                 return scanner.resume(done, 1e-3 * job.scan.resume_tolerance_mm)
-            return scanner.run(job.scan.first.T, job.scan.second.T)
+            first, second = job.starts
+            return scanner.run(first.T, second.T)
         except TjscanError as error:
             journal.event("failed", str(error))
             raise
@@ -234,10 +235,26 @@ def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
     return changed
 
 
+def frame_of(job: JobFile) -> ResultFrame:
+    """The frame that a scan's results are told in.
+
+    It is b for a station: where the joint stands there is known but about.
+    """
+    if job.joint is None or job.station:
+        return ResultFrame()
+    return ResultFrame(job.joint.T_w_j)
+
+
 def _write(
     directory: Path, job: JobFile, result: ScanResult, joint: JointDefinition | None
 ) -> Summary:
-    frame = ResultFrame(None if job.joint is None else job.joint.T_b_j)
+    frame = frame_of(job)
     return write_scan(
-        directory, result, plan_of(job), frame, joint, calibration=calibration_name(directory)
+        directory,
+        result,
+        plan_of(job),
+        frame,
+        None if frame.T_b_j is None else joint,
+        station=job.station[0].name if job.station else "1",
+        calibration=calibration_name(directory),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import MutableMapping
+from collections.abc import MutableMapping, MutableSequence, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -32,12 +32,15 @@ class Taught:
 
     Parameters
     ----------
+    key : tuple of str
+        Where it stands in the file.
     position_mm, euler_zyx_deg : tuple of float
         As the job file holds them.
     groove : GrooveSection
         What the laser saw from there.
     """
 
+    key: tuple[str, ...]
     position_mm: tuple[float, ...]
     euler_zyx_deg: tuple[float, ...]
     groove: GrooveSection
@@ -51,7 +54,7 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     Parameters
     ----------
     job : JobFile
-        The job as it was read, with keys replaced or not.
+        The job as it was read, with keys replaced or not; of one station, if it has any.
     job_file : Path
         Where it was read from, and what is changed.
     which : str
@@ -75,8 +78,9 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
     position_mm, euler_zyx_deg = written(state.T_b_f)
-    write_pose(job_file, which, position_mm, euler_zyx_deg)
-    return Taught(position_mm, euler_zyx_deg, groove)
+    key = (*(("station", job.station[0].name) if job.station else ("scan",)), which)
+    write_pose(job_file, key, position_mm, euler_zyx_deg)
+    return Taught(key, position_mm, euler_zyx_deg, groove)
 
 
 def written(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -89,11 +93,20 @@ def written(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def write_pose(
     job_file: Path,
-    which: Which,
+    key: Sequence[str],
     position_mm: tuple[float, ...],
     euler_zyx_deg: tuple[float, ...],
 ) -> None:
     """Replace one start pose in a job file, and leave all else; the file is whole at any time.
+
+    Parameters
+    ----------
+    job_file : Path
+        The file.
+    key : sequence of str
+        Where the pose stands: ``scan``, ``first``; or ``station``, its name, ``first``.
+    position_mm, euler_zyx_deg : tuple of float
+        The pose.
 
     Raises
     ------
@@ -107,7 +120,9 @@ def write_pose(
         document = tomlkit.parse(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, TOMLKitError) as error:
         raise ConfigurationError(f"can't be read again: {error}", file=job_file) from None
-    pose = _table(_table(document, "scan", job_file), which, job_file)
+    pose: Any = document
+    for name in key:
+        pose = _table(pose, name, job_file)
     pose["position_mm"] = list(position_mm)
     pose["euler_zyx_deg"] = list(euler_zyx_deg)
     with drafted(file.parent) as folder:
@@ -125,8 +140,12 @@ def _check(draft: Path, job_file: Path) -> None:
         raise ConfigurationError(error.message, file=job_file, key=error.key) from None
 
 
-def _table(parent: MutableMapping[str, Any], name: str, job_file: Path) -> MutableMapping[str, Any]:
-    found = parent.get(name)
-    if not isinstance(found, MutableMapping):
+def _table(parent: Any, name: str, job_file: Path) -> Any:
+    """A table in a table, or in an array of tables by its name."""
+    if isinstance(parent, MutableMapping):
+        found = parent.get(name)
+    else:
+        found = next((one for one in parent if one.get("name") == name), None)
+    if not isinstance(found, MutableMapping | MutableSequence):
         raise ConfigurationError("must be a table", file=job_file, key=name)
     return found

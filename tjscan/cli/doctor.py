@@ -11,6 +11,7 @@ from cyclopts import Parameter
 def doctor(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    station: str | None = None,
     json: bool = False,
 ) -> None:
     """Check a job's cell: files, arm, laser, and the way to its start poses. Nothing moves.
@@ -19,6 +20,8 @@ def doctor(
     ----------
     job
         The job file (TOML).
+    station
+        Where the arm stands, of a job with several stations.
     json
         Print the findings as JSON on stdout.
     """
@@ -29,7 +32,7 @@ def doctor(
     from tjscan.doctor import examine
 
     findings = []
-    for finding in examine(job, parse_overrides(overrides)):
+    for finding in examine(job, parse_overrides(overrides), station):
         findings.append(finding)
         if not json:
             mark = "ok   " if finding.sound else "WRONG"

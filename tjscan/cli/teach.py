@@ -12,6 +12,7 @@ def teach(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     which: Literal["first", "second"],
+    station: str | None = None,
     json: bool = False,
 ) -> None:
     """Write where the arm stands into a job file as a start pose, if the laser sees a groove.
@@ -25,6 +26,8 @@ def teach(
         The job file (TOML), which is changed.
     which
         The first or the second start pose.
+    station
+        Where the arm stands, of a job with several stations.
     json
         Print the pose as JSON on stdout.
     """
@@ -32,14 +35,20 @@ def teach(
 
     from tjscan.cli.console import say
     from tjscan.cli.overrides import parse_overrides
+    from tjscan.config import naming
     from tjscan.job import read_job
     from tjscan.result.readings import measures
     from tjscan.teaching import teach_pose
 
-    taught = teach_pose(read_job(job, parse_overrides(overrides)), job, which)
+    with naming(job):
+        here = read_job(job, parse_overrides(overrides)).at(station)
+    taught = teach_pose(here, job, which)
     pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}
     if json:
         print(dumps({"which": which, **pose}, indent=2))
     seen = ", ".join(f"{name} {value:.2f}" for name, value, _ in measures(taught.groove))
     say(f"the laser sees a groove there: {seen}")
-    say(f"{job}: scan.{which} is now {list(taught.position_mm)} mm, {list(taught.euler_zyx_deg)}°")
+    say(
+        f"{job}: {'.'.join(taught.key)} is now {list(taught.position_mm)} mm, "
+        f"{list(taught.euler_zyx_deg)}°"
+    )
