@@ -137,7 +137,7 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
     Parameters
     ----------
     job : JobFile
-        The job.
+        The job, of one station if it has any.
     job_file : Path
         Where it was read from; the files it names are sought from there.
     directory : Path
@@ -151,6 +151,7 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     with naming(job_file):
+        job = job.at()
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
         cell = open_cell(job, mount.T_f_s, joint and joint[1])
@@ -192,8 +193,8 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
                 file=job_file,
                 key=key,
             )
-    job = read_job(job_file, overrides)
     with naming(job_file), sole_writer(directory):
+        job = read_job(job_file, overrides).at()
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
         origin = origin_of(directory, job)
