@@ -33,7 +33,8 @@ from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault
 from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.robot.ur import UrArm, UrSettings
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
 from tjscan.run import joint_of, run_job, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.scanner import ScanResult
@@ -158,7 +159,7 @@ def clients_left() -> int:
     """How many processes of the client library this process has left behind."""
     children = Path("/proc/self/task").glob("*/children")
     pids = [pid for file in children for pid in file.read_text(encoding="ascii").split()]
-    return sum(b"ur_client" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in pids)
+    return sum(b"ur.client" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in pids)
 
 
 def measure() -> list[Row]:

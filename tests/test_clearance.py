@@ -96,6 +96,9 @@ class Spy:
     def stop(self) -> None:
         self.arm.stop()
 
+    def clear_stop(self) -> None:
+        self.arm.clear_stop()
+
 
 def spied(
     keeps: Clearance, *, lifts: tuple[float, ...] = (0.05, 0.1, 0.2)
@@ -256,6 +259,39 @@ def test_a_post_in_the_way_is_passed_round_at_the_least_lift_that_clears_it(stra
     np.testing.assert_allclose(reached.T_b_f, aside(0.5), atol=1e-8)
 
 
+def test_a_detour_is_told_of_before_it_begins() -> None:
+    told: list[str] = []
+    arm, spy = spied(clearance(post(-0.06)))
+    arm.on_detour = lambda words: told.append(f"{words} ({len(spy.told)} moves made)")
+    with arm:
+        arm.move_linear(aside(0.1))
+        arm.check(aside(0.5))
+        assert told == []
+        arm.move_linear(aside(0.5))
+    (words,) = told
+    assert words.startswith("round post, 100 mm back, across on a line and forward: ")
+    assert words.endswith("(1 moves made)")
+
+
+def test_no_leg_of_a_detour_begins_after_a_stop() -> None:
+    class StoppedOnTheWay(Spy):
+        def move_linear(self, T_b_f: Array) -> ArmState:
+            reached = super().move_linear(T_b_f)
+            arm.stop()
+            return reached
+
+    spy = StoppedOnTheWay(SimulatedArm(kinematics(), HOME))
+    arm = ClearedArm(spy, clearance(post(-0.06)), np.eye(4), lifts=(0.1,))
+    with arm:
+        with pytest.raises(ArmFault, match="taken back"):
+            arm.move_linear(aside(0.5))
+        assert len(spy.told) == 1
+        with pytest.raises(ArmFault, match="taken back"):
+            arm.move_joint(aside(0.1))
+        arm.clear_stop()
+        arm.move_joint(aside(0.1))
+
+
 def test_where_nothing_goes_the_refusal_is_that_of_the_direct_path_and_nothing_moves() -> None:
     arm, spy = spied(clearance(post(0.6)))
     with arm:
@@ -349,15 +385,18 @@ def test_the_examples_ways_are_clear(file: object) -> None:
     check_job(job, file)
 
 
+CLAMP = {
+    "name": "clamp",
+    "kind": "box",
+    "size_mm": [60.0, 60.0, 60.0],
+    "position_mm": [70.0, 640.0, 270.0],
+}
+"""Beside the groove, where the scan of the example comes near it."""
+
+
 def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() -> None:
-    clamp = {
-        "name": "clamp",
-        "kind": "box",
-        "size_mm": [60.0, 60.0, 60.0],
-        "position_mm": [70.0, 640.0, 270.0],
-    }
     job = read_job(PAPER)
-    solids = [*job.model_dump()["clearance"]["solid"], clamp]
+    solids = [*job.model_dump()["clearance"]["solid"], CLAMP]
     job = read_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     joint = joint_of(job, PAPER)
     notes = Notes()
@@ -366,6 +405,28 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
     assert result.stop is StopReason.UNREACHABLE
     assert "clamp" in result.detail
     assert 2 <= len(notes.sections) < 16
+
+
+def test_a_detour_of_a_scan_is_an_event() -> None:
+    job = read_job(PAPER)
+    assert job.simulation is not None
+    start, first = np.radians(job.simulation.arm.home_deg), job.scan.first.T
+    arm = Kinematics.load(job.arm.model)
+    halfway = arm.forward((start + arm.inverse(first, near=start)) / 2)
+    crate = {
+        "name": "crate",
+        "kind": "box",
+        "size_mm": [30.0, 30.0, 30.0],
+        "position_mm": (1e3 * (halfway[:3, 3] + 0.05 * halfway[:3, 2])).tolist(),
+    }
+    solids = [*job.model_dump()["clearance"]["solid"], crate]
+    job = read_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
+    joint = joint_of(job, PAPER)
+    notes = Notes()
+    scan_in(open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1]), job, notes)
+    (name, detail), *_ = notes.events
+    assert name == "detour"
+    assert detail.startswith("round crate, 50 mm back, across in joint space and forward: ")
 
 
 def test_a_scan_keeps_clear_of_what_it_scanned() -> None:

@@ -156,6 +156,21 @@ def test_a_stop_ends_a_move_on_its_path() -> None:
         assert np.linalg.norm(way[[0, 2]]) < 5e-6
 
 
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_stop_between_two_moves_holds_until_it_is_taken_back(realtime: bool) -> None:
+    with SimulatedArm(kinematics(), WELL, realtime=realtime) as arm:
+        arm.stop()
+        for move in (arm.move_linear, arm.move_joint):
+            with pytest.raises(ArmFault, match="taken back"):
+                move(ahead())
+        np.testing.assert_array_equal(arm.state().q, WELL)
+        assert arm.state().time == 0
+        arm.clear_stop()
+        arm.move_linear(ahead(0.002))
+    with arm:  # the stop on leaving is taken back by entering
+        arm.move_linear(ahead(0.001))
+
+
 @pytest.mark.parametrize(
     ("q", "complaint"),
     [

@@ -31,6 +31,7 @@ from tjscan.errors import (
     ProtectiveStop,
     RegistersInUse,
     TargetRefused,
+    words_of,
 )
 from tjscan.frames import pose, rot_y, rot_z, rotation_angle
 from tjscan.recording.messages import EVENT, SECTION
@@ -39,7 +40,9 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.loopback.server import RTDE_PORT
 from tjscan.robot.loopback.wire import HEADER, INPUTS
-from tjscan.robot.ur import UrArm, UrSettings
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.settings import UrSettings
 
 pytest.importorskip("rtde_control")
 
@@ -128,11 +131,10 @@ def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
         loopback.order(f"{fault} 1" if fault != "miss-target" else fault)
         with pytest.raises(MID_MOVE[fault]) as caught:
             arm.move_linear(beside_home(0.08))
-        if fault != "miss-target":
-            with pytest.raises(type(caught.value)):
-                arm.move_linear(beside_home())
-            with pytest.raises(type(caught.value)):
-                arm.state()
+        with pytest.raises(type(caught.value)):
+            arm.move_linear(beside_home())
+        with pytest.raises(type(caught.value)):
+            arm.state()
     loopback.order("clear")
     with arm_at(loopback.host) as arm:
         # It stands where the fault left it: on the way, or beside where it should be.
@@ -230,28 +232,105 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
         stopper.join()
         stands = arm.state()
         assert np.abs(stands.q - HOME).max() < 0.2
+        with pytest.raises(ArmFault, match="taken back"):
+            arm.move_joint(beside_home())
+        np.testing.assert_array_equal(arm.state().q, stands.q)
+        arm.clear_stop()
         np.testing.assert_allclose(arm.move_joint(beside_home()).q, HOME, atol=1e-5)
     assert client_processes() == []
 
 
-ORPHAN = """
+def test_a_stop_given_before_a_move_begins_holds(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        arm.stop()
+        for move in (arm.move_joint, arm.move_linear):
+            with pytest.raises(ArmFault, match="taken back"):
+                move(beside_home(0.1))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+    with arm:  # connecting again takes it back
+        arm.move_joint(beside_home(0.05))
+
+
+def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        loopback.order("refuse-stop")
+        loopback.order("drop-link 1")
+        with pytest.raises(ArmLinkLost) as caught:
+            arm.move_linear(beside_home(0.08))
+        assert "did not end the program" in words_of(caught.value)
+        assert "emergency stop" in words_of(caught.value)
+
+
+def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
+    for order in ("clear", "refuse-stop"):
+        loopback.order(order)
+        with Dashboard(loopback.host) as dashboard:
+            dashboard.stop()
+
+
+DRIVER = """
 import sys
 sys.path.insert(0, sys.argv[2])
-from ur_cell import arm_at, beside_home
-with arm_at(sys.argv[1]) as arm:
-    arm.move_joint(beside_home(0.3))
+from tjscan.errors import MoveUnfollowed
+from tjscan.robot.motion import MotionLimits
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
+from ur_cell import KINEMATICS, beside_home
+with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as arm:
+    for _ in range(2):
+        try:
+            arm.move_joint(beside_home(0.3))
+            print("arrived")
+        except MoveUnfollowed as fault:
+            print("stopped", fault)
 """
+"""A program that moves an arm, for six seconds if they are not shortened."""
 
 
 def test_the_arm_stops_when_the_program_is_killed() -> None:
     with LoopbackProcess(address()) as loopback:
         folder = str(Path(__file__).parent)
-        with subprocess.Popen([sys.executable, "-c", ORPHAN, loopback.host, folder]) as program:
+        with subprocess.Popen([sys.executable, "-c", DRIVER, loopback.host, folder]) as program:
             loopback.wait_for("move")
             program.kill()
         loopback.wait_for("program stopped")
         with arm_at(loopback.host) as arm:
             assert np.abs(arm.state().q - HOME).max() < 0.2
+
+
+def test_the_arm_stops_when_the_program_stands_still() -> None:
+    with LoopbackProcess(address()) as loopback:
+        folder = str(Path(__file__).parent)
+        command = [sys.executable, "-c", DRIVER, loopback.host, folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGSTOP)
+            try:
+                # Its client lives, and answers the controller's watchdog.
+                loopback.wait_for("program stopped")
+            finally:
+                program.send_signal(signal.SIGCONT)
+            said, _ = program.communicate()
+        assert said.count("stopped this program stood still") == 2  # the second is not begun
+        assert "arrived" not in said
+        assert not any(line.startswith("move") for line in loopback.heard())
+        with arm_at(loopback.host) as arm:
+            moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - beside_home()[:3, 3])
+        # A second unfollowed, and what a busy machine adds; without a stop all of 0.3 m.
+        assert 1e-3 < moved < 0.2
+
+
+def test_a_program_that_stands_still_for_a_moment_moves_on() -> None:
+    with LoopbackProcess(address(), "--fast") as loopback:
+        folder = str(Path(__file__).parent)
+        command = [sys.executable, "-c", DRIVER, loopback.host, folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGSTOP)
+            program.send_signal(signal.SIGCONT)
+            said, _ = program.communicate()
+        assert said.splitlines() == ["arrived", "arrived"]
 
 
 def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
@@ -282,7 +361,8 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
             loopback.wait_for("program stopped")
             assert program.wait() == 130
         events = [m for topic, m in read_messages(tmp_path / "run" / "scan.mcap") if topic == EVENT]
-        assert [m["name"] for m in events] == ["interrupted"]
+        assert [m["name"] for m in events] == ["arm", "interrupted"]
+        assert "serial number 00000000000" in events[0]["detail"]
 
 
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
@@ -337,6 +417,9 @@ def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
 
 
 def test_the_loopback_starts_where_it_is_told_to() -> None:
+    for wrong in ("nan", "inf", "400"):
+        angles = ("-100", "-90", "150", wrong, "-100", "10")
+        assert tjscan("ur-loopback", "--host", address(), "--home-deg", *angles) == 2
     angles = ("-100", "-90", "150", "100", "-100", "10")
     with LoopbackProcess(address(), "--home-deg", *angles) as loopback:
         with arm_at(loopback.host) as arm:

@@ -8,7 +8,8 @@ import numpy as np
 
 from tjscan.frames import Array, pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.ur import UrArm, UrSettings
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
 
 HOME = np.radians([-110, -95, 160, 105, -110, 0])
 """Where the loopback controller starts."""
@@ -40,6 +41,6 @@ def client_processes() -> list[int]:
     for thread in Path("/proc/self/task").iterdir():
         for pid in (thread / "children").read_text(encoding="ascii").split():
             words = Path(f"/proc/{pid}/cmdline")
-            if words.exists() and b"tjscan.robot.ur_client" in words.read_bytes():
+            if words.exists() and b"tjscan.robot.ur.client" in words.read_bytes():
                 found.append(int(pid))
     return found

@@ -51,7 +51,8 @@ from tjscan.robot.motion import MotionLimits
 from tjscan.robot.replay import ReplayedArm
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Solid
-from tjscan.robot.ur import UrArm, UrSettings
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.scan import View
 
 _LASER_STREAM: Final = 1

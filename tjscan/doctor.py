@@ -18,6 +18,7 @@ from tjscan.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.laser.profile import Profile
+from tjscan.robot.arm import identity_words
 from tjscan.robot.cleared import ClearedArm
 from tjscan.run import cell_of, frame_of, joint_of, reader_of
 
@@ -158,10 +159,9 @@ def _clearance(job: JobFile) -> str:
 
 def _model(cell: Cell) -> str:
     """Whether the arm is the one that the job names."""
-    state, told = cell.arm.state(), "connected"
-    if isinstance(cell.arm, ClearedArm) and (identity := cell.arm.identity()) is not None:
-        words = (identity.model, identity.serial, identity.software)
-        told = ", ".join(word for word in words if word) or told
+    state = cell.arm.state()
+    identity = cell.arm.identity() if isinstance(cell.arm, ClearedArm) else None
+    told = "connected" if identity is None else identity_words(identity)
     T_b_f = cell.clearance.kinematics.forward(state.q)
     apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
     if apart > SAME_ARM:

@@ -167,6 +167,10 @@ class ProgramStopped(ArmFault):
     """Somebody else stopped the program that the arm ran for this one."""
 
 
+class MoveUnfollowed(ArmFault):
+    """The arm was stopped, because this program stood still while it moved."""
+
+
 class PoseMissed(ArmFault):
     """The arm says it has arrived, and stands somewhere else.
 
@@ -255,6 +259,11 @@ class TubesNotFound(TjscanError):
 
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
+
+
+def words_of(error: BaseException) -> str:
+    """What an error says, and what was noted of it since."""
+    return " ".join((str(error), *getattr(error, "__notes__", ())))
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
-from tjscan.errors import ConfigurationError, TjscanError
+from tjscan.errors import ConfigurationError, TjscanError, words_of
 from tjscan.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
@@ -27,6 +27,8 @@ from tjscan.result.directory import COPIES, JOB, make_directory, origin_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
 from tjscan.result.write import write_scan
+from tjscan.robot.arm import Arm, identity_words
+from tjscan.robot.cleared import ClearedArm
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
@@ -117,6 +119,7 @@ def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = 
     seen = SeenGroove(cell.clearance, () if done is None else done.sections)
     journal = Journals(journal, seen)
     with cell:
+        _note_arm(cell.arm, journal)
         scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, reader_of(job), plan_of(job), journal)
         try:
             if done is not None and len(done.sections) >= 2:
@@ -124,11 +127,19 @@ def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = 
             first, second = job.starts
             return scanner.run(first.T, second.T)
         except TjscanError as error:
-            journal.event("failed", str(error))
+            journal.event("failed", words_of(error))
             raise
         except KeyboardInterrupt:
             journal.event("interrupted", "by the operator")
             raise
+
+
+def _note_arm(arm: Arm, journal: Journal) -> None:
+    """Let a journal know which arm it is, and of every detour that it takes."""
+    if isinstance(arm, ClearedArm):
+        arm.on_detour = partial(journal.event, "detour")
+        if (identity := arm.identity()) is not None:
+            journal.event("arm", identity_words(identity))
 
 
 def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Summary:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError
 
 from tjscan import __version__
-from tjscan.errors import ArmFault, ConfigurationError, LaserFault, TjscanError
+from tjscan.errors import ArmFault, ConfigurationError, LaserFault, TjscanError, words_of
 
 app = App(
     name="tjscan",
@@ -61,7 +61,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except CycloptsError:
         sys.exit(2)
     except TjscanError as error:
-        print(f"tjscan: {error}", file=sys.stderr)
+        print(f"tjscan: {words_of(error)}", file=sys.stderr)
         sys.exit(exit_code(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough

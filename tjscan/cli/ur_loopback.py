@@ -19,8 +19,8 @@ def ur_loopback(
     """Stand in for a Universal Robots controller on this machine, until interrupted.
 
     A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
-    drop-link, freeze, refuse-targets, stop-program or miss-target; clear sets all right again,
-    home puts the arm where it started.
+    drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
+    right again, home puts the arm where it started.
     With a number behind it, it comes half way through that move, counted from now.
 
     Parameters

@@ -93,7 +93,18 @@ class Arm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Bring the arm to rest now."""
+        """Bring the arm to rest now, from any thread, and let it begin no move any more.
+
+        The move under way raises ArmFault in its own thread; so does every later one, until the
+        stop is taken back by `clear_stop`, or by connecting again.
+        """
+        ...
+
+    def clear_stop(self) -> None:
+        """Take orders again after a stop, once the move that was stopped has ended.
+
+        Not from within a move's own thread while it moves: this waits for it.
+        """
         ...
 
 
@@ -114,6 +125,16 @@ class Identity(Protocol):
     def software(self) -> str:
         """Version of its controller's software."""
         ...
+
+
+def identity_words(identity: Identity) -> str:
+    """Which arm it is, in words, as far as its controller tells."""
+    told = {"serial number": identity.serial, "software": identity.software}
+    words = [
+        identity.model or "unnamed",
+        *(f"{name} {word}" for name, word in told.items() if word),
+    ]
+    return ", ".join(words)
 
 
 @runtime_checkable

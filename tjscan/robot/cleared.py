@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +15,7 @@ from tjscan.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.frames import Array
 from tjscan.robot.arm import Arm, ArmState, Identified, Identity
 from tjscan.robot.clearance import Clearance
+from tjscan.robot.latch import StopLatch
 
 LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
@@ -44,6 +44,41 @@ class Leg:
     q: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """A way that keeps clear.
+
+    Parameters
+    ----------
+    legs : tuple of Leg
+        Its parts: the direct way is one, a detour three.
+    blocked : PathBlocked, optional
+        What stands in the direct way, where another one had to be found.
+    """
+
+    legs: tuple[Leg, ...]
+    blocked: PathBlocked | None = None
+
+    def __str__(self) -> str:
+        blocked = self.blocked
+        if blocked is None:
+            return "on the direct way"
+        near = f"come within {1e3 * blocked.distance:.1f} mm of it"
+        touches = near if blocked.distance > 0 else "run into it"
+        return (
+            f"round {blocked.other}, {self._how()}: {blocked.share:.0%} of the direct way "
+            f"{blocked.moving} would {touches}"
+        )
+
+    def _how(self) -> str:
+        if len(self.legs) == 1:
+            return "into another configuration"
+        _, across, forward = self.legs
+        lift = float(np.linalg.norm(across.T_b_f[:3, 3] - forward.T_b_f[:3, 3]))
+        how = "on a line" if across.straight else "in joint space"
+        return f"{1e3 * lift:.0f} mm back, across {how} and forward"
+
+
 class ClearedArm:
     """Any arm, its paths checked as a whole before anything moves.
 
@@ -61,6 +96,11 @@ class ClearedArm:
         The sensor on the flange: detours draw it back along its z axis.
     lifts : iterable of float, optional
         How far, in metres, one after the other; none where detours are not wanted.
+
+    Attributes
+    ----------
+    on_detour : callable
+        Is told of every way that is not the direct one, in words, before it begins.
     """
 
     def __init__(
@@ -68,10 +108,12 @@ class ClearedArm:
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
-        self._halt = threading.Event()
+        self.on_detour: Callable[[str], None] = _tell_nobody
+        self._latch = StopLatch()
 
     def __enter__(self) -> Self:
         """Connect the arm."""
+        self._latch.clear()
         self._arm.__enter__()
         return self
 
@@ -82,7 +124,7 @@ class ClearedArm:
         trace: TracebackType | None,
     ) -> None:
         """Stop and disconnect the arm."""
-        self._halt.set()
+        self._latch.stop()
         self._arm.__exit__(kind, error, trace)
 
     def state(self) -> ArmState:
@@ -106,8 +148,9 @@ class ClearedArm:
         q, direct = self._arm.state().q, True
         for i, T in enumerate(T_b_f):
             way = self.way(q, T, straight=i > 0)
-            direct = direct and len(way) == 1 and (i > 0 or self._is_nearest(q, way[-1]))
-            q = way[-1].q
+            last = way.legs[-1]
+            direct = direct and way.blocked is None and (i > 0 or self._is_nearest(q, last))
+            q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
             self._arm.check(*T_b_f)
@@ -130,13 +173,16 @@ class ClearedArm:
         return self._move(T_b_f, straight=False, near=near)
 
     def stop(self) -> None:
-        """Bring the arm to rest now, and begin no further leg of a detour."""
-        self._halt.set()
+        """Bring the arm to rest now, and begin no further leg of a detour. See `Arm.stop`."""
+        self._latch.stop()
         self._arm.stop()
 
-    def way(
-        self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None
-    ) -> tuple[Leg, ...]:
+    def clear_stop(self) -> None:
+        """Take orders again after a stop, once all legs of the move have ended."""
+        self._latch.clear()
+        self._arm.clear_stop()
+
+    def way(self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None) -> Way:
         """Plan a way that keeps clear: the direct path, else a detour of three legs.
 
         A move in joint space has one choice more: another configuration at its end.
@@ -158,16 +204,16 @@ class ClearedArm:
             Of the direct path, if no other way keeps clear either.
         """
         if near is not None:
-            return (Leg(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
+            return Way(self._into(q, T_b_f, near))
         try:
-            return (self._leg(q, T_b_f, straight=straight),)
+            return Way((self._leg(q, T_b_f, straight=straight),))
         except PathBlocked as blocked:
             if blocked.share == 0:  # where it stands: no way begins elsewhere
                 raise
             others = () if straight else self._configurations(q, T_b_f)
             for plan in chain(self._detours(q, T_b_f, straight=straight), others):
                 try:
-                    return plan()
+                    return Way(plan(), blocked)
                 except PoseUnreachable:
                     continue
             raise _without_detour(blocked, self._lifts) from None
@@ -184,7 +230,7 @@ class ClearedArm:
     def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Callable[[], tuple[Leg, ...]]]:
         """Plans of direct moves into the other configurations; the nearer ones first."""
         for other in self.clearance.kinematics.inverses(T_b_f, near=q)[1:]:
-            yield partial(self.way, q, T_b_f, straight=False, near=other)
+            yield partial(self._into, q, T_b_f, other)
 
     def _is_nearest(self, q: Array, leg: Leg) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
@@ -204,23 +250,32 @@ class ClearedArm:
             legs.append(leg)
         return tuple(legs)
 
+    def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[Leg, ...]:
+        """The direct move in joint space into one configuration."""
+        return (Leg(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
+
     def _leg(self, q: Array, T_b_f: Array, *, straight: bool) -> Leg:
         plan = self.clearance.linear if straight else self.clearance.joint
         return Leg(straight, T_b_f, plan(q, T_b_f))
 
     def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
-        # Before the planning, so that a stop given while it plans holds.
-        self._halt.clear()
-        state = self._arm.state()
-        for leg in self.way(state.q, T_b_f, straight=straight, near=near):
-            if self._halt.is_set():
-                raise ArmFault("the arm was stopped before its move. See that the way is clear.")
-            if leg.straight:
-                state = self._arm.move_linear(leg.T_b_f)
-            else:
-                state = self._arm.move_joint(leg.T_b_f, near=leg.q)
-            _check_configuration(state, leg)
-        return state
+        with self._latch.move():
+            state = self._arm.state()
+            way = self.way(state.q, T_b_f, straight=straight, near=near)
+            if way.blocked is not None:
+                self.on_detour(str(way))
+            for leg in way.legs:
+                self._latch.check()
+                if leg.straight:
+                    state = self._arm.move_linear(leg.T_b_f)
+                else:
+                    state = self._arm.move_joint(leg.T_b_f, near=leg.q)
+                _check_configuration(state, leg)
+            return state
+
+
+def _tell_nobody(words: str) -> None:
+    """Tell nobody."""
 
 
 def _check_configuration(state: ArmState, leg: Leg) -> None:

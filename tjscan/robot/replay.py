@@ -97,6 +97,9 @@ class ReplayedArm:
     def stop(self) -> None:
         """Do nothing: it does not move."""
 
+    def clear_stop(self) -> None:
+        """Do nothing: it did not stop."""
+
     def take(self) -> int:
         """Number of the view taken now from where it stands.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from itertools import chain, repeat
@@ -16,6 +15,7 @@ from tjscan.errors import ArmFault, ConfigurationError
 from tjscan.frames import Array, pose, readonly
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.latch import StopLatch
 from tjscan.robot.motion import JointPath, MotionLimits
 from tjscan.robot.path import joint_path, linear_path
 
@@ -81,11 +81,11 @@ class SimulatedArm:
         self._now = (readonly(q), time)
         self._error = self._draw_error()
         self._connected = False
-        self._moving = threading.Lock()
-        self._halt = threading.Event()
+        self._latch = StopLatch()
 
     def __enter__(self) -> Self:
         """Make ready to move."""
+        self._latch.clear()
         self._connected = True
         return self
 
@@ -130,8 +130,12 @@ class SimulatedArm:
         return self._move(lambda q: self._joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
-        """End the move under way where it is; that move raises ArmFault in its own thread."""
-        self._halt.set()
+        """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
+        self._latch.stop()
+
+    def clear_stop(self) -> None:
+        """Take orders again after a stop. See `Arm.clear_stop`."""
+        self._latch.clear()
 
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
         return linear_path(self.kinematics, q, T_b_f, self.limits)
@@ -142,18 +146,15 @@ class SimulatedArm:
 
     def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
         self._need_connection()
-        if not self._moving.acquire(blocking=False):
-            raise ArmFault("the arm is moving already: wait for that move or stop it")
-        try:
-            # Before the planning, so that a stop given while it plans holds.
-            self._halt.clear()
+        with self._latch.move():
             q, start = self._now
             path = plan(q)
-            passed = self._wait(path, start) if self.realtime else path.duration
+            with self._latch.start():
+                passed = 0.0 if self.realtime else path.duration
+            if self.realtime:
+                passed = self._wait(path, start)
             self._now = (readonly(path.at(passed)), start + passed)
             self._error = self._draw_error()
-        finally:
-            self._moving.release()
         if passed < path.duration:
             raise ArmFault(
                 f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
@@ -166,7 +167,7 @@ class SimulatedArm:
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
             self._now = (readonly(path.at(passed)), start + passed)
-            if self._halt.wait(min(TICK, path.duration - passed)):
+            if self._latch.wait(min(TICK, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

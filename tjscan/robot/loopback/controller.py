@@ -86,7 +86,7 @@ class Controller:
         self.kinematics, self.tell = kinematics, tell
         self.mode, self.safety, self.runtime = Mode.RUNNING, Safety.NORMAL, Runtime.STOPPED
         self.remote = True
-        self.refusing = self.frozen = self.dropping = False
+        self.refusing = self.deaf = self.frozen = self.dropping = False
         self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
         self.input_double, self.output_double = [0.0] * REGISTERS, [0.0] * REGISTERS
         self.q, self.speed = np.array(q, dtype=float), np.zeros(6)
@@ -262,6 +262,8 @@ class Controller:
             self.refusing = True
         elif fault is Fault.MISS_TARGET:
             self._missing = True
+        elif fault is Fault.REFUSE_STOP:
+            self.deaf = True
         elif fault is Fault.HOME:
             self.halt()
             self.q = self._home.copy()
@@ -270,7 +272,7 @@ class Controller:
 
     def _clear(self) -> None:
         self.mode, self.safety, self.remote = Mode.RUNNING, Safety.NORMAL, True
-        self.refusing = self.frozen = self._missing = False
+        self.refusing = self.deaf = self.frozen = self._missing = False
         self._orders.clear()
         if self.runtime is Runtime.PAUSED:
             self.stop_program()

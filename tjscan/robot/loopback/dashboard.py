@@ -62,6 +62,8 @@ class Dashboard:
         return f"could not understand: '{words}'" if known is None else known()
 
     def _stop(self) -> str:
+        if self._controller.deaf:
+            return "Failed to execute: stop"
         self._controller.stop_program()
         return "Stopped"
 

@@ -20,6 +20,7 @@ class Fault(StrEnum):
     REFUSE_TARGETS = "refuse-targets"
     STOP_PROGRAM = "stop-program"
     MISS_TARGET = "miss-target"
+    REFUSE_STOP = "refuse-stop"
     CLEAR = "clear"
     HOME = "home"
 

@@ -35,7 +35,10 @@ def serve(
     with naming(key="model"):
         kinematics = Kinematics.load(model)
     q = np.radians(home_deg)
-    if q.shape != kinematics.lower.shape or np.any((q < kinematics.lower) | (q > kinematics.upper)):
+    stands = q.shape == kinematics.lower.shape and np.all(
+        (q >= kinematics.lower) & (q <= kinematics.upper)  # not where an angle is no number
+    )
+    if not stands:
         raise ConfigurationError(
             f"{kinematics.name} can't stand at {list(home_deg)}", key="home_deg"
         )

@@ -11,8 +11,8 @@ import time
 from multiprocessing.connection import Connection
 from typing import Final, TypeVar
 
-from tjscan.errors import ArmLinkLost, ArmSilent
-from tjscan.robot.ur_words import Answer, Request, Snapshot
+from tjscan.errors import ArmLinkLost, ArmSilent, MoveUnfollowed
+from tjscan.robot.ur.words import FORSAKEN, Answer, Request
 
 QUICK: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
@@ -38,7 +38,7 @@ class Link:
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `close`
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tjscan.robot.ur_client", str(theirs.fileno())],
+                [sys.executable, "-m", "tjscan.robot.ur.client", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=self._words,
@@ -53,10 +53,6 @@ class Link:
         """Number of the client's process."""
         return self._process.pid
 
-    def look(self, limit: float) -> Snapshot:
-        """Read the controller's state within some seconds; raises as `ask` does."""
-        return self.ask(Snapshot, "look", limit=limit)
-
     def ask(self, kind: type[T], name: str, *arguments: object, limit: float = QUICK) -> T:
         """Let the client do something, and return what it returns.
 
@@ -65,7 +61,7 @@ class Link:
         kind : type
             Of the value.
         name : str
-            A method of `ur_client.Client`.
+            A method of `client.Client`.
         *arguments : object
             What it takes.
         limit : float, optional
@@ -77,11 +73,19 @@ class Link:
             If the client does not answer in time. It is ended then.
         ArmLinkLost
             If the client's process died.
+        MoveUnfollowed
+            If the client had to stop a move because this process stood still.
         ClientFailed
             If the client library raised something.
         """
         with self._asking:
             answer = self._exchange(name, arguments, limit)
+        if answer.failure == FORSAKEN:
+            raise MoveUnfollowed(
+                "this program stood still while the arm moved, and the arm was stopped on its "
+                "way. See that the way is clear, and that nothing holds this computer up, then "
+                "start again."
+            )
         if answer.failure is not None:
             raise ClientFailed(answer.failure)
         if not isinstance(answer.value, kind):

@@ -1,9 +1,10 @@
-"""The client library in a process of its own: ``python -m tjscan.robot.ur_client SOCKET``.
+"""The client library in a process of its own: ``python -m tjscan.robot.ur.client SOCKET``.
 
 Its constructors hold the interpreter's lock, some of its calls wait for minutes, and when it
 loses the controller it reconnects for ever and then takes its process down. Here it harms
 nobody: the main process asks over a socket, waits as long as it likes, and ends this process.
-When the main process is gone, this one stops the arm and ends.
+When the main process is gone, this one stops the arm and ends; when it leaves a move unfollowed,
+this one stops the arm and does nothing more.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import os
 import signal
 import sys
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from tjscan.robot.ur_words import Answer, Request, Six, Snapshot
+from tjscan.robot.ur.words import FORSAKEN, Answer, Request, Six, Snapshot
 
 FREQUENCY: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -39,7 +41,10 @@ KICK: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
 STOP: Final = 2.0
-"""rad/s² with which the arm is stopped when the main process is gone."""
+"""rad/s² with which the arm is stopped when nobody watches over it."""
+
+UNFOLLOWED: Final = 1.0
+"""Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
 
 class Client:
@@ -50,7 +55,8 @@ class Client:
         self._receive: Any = None
         self._tells_payload = True
         self._watched = False
-        self._kicked = 0.0
+        self._kicked = self._followed = 0.0
+        self._before: int | None = None  # the operation before the move that is to be followed
 
     def connect(self, host: str) -> None:
         """Connect, and start the control script."""
@@ -68,6 +74,14 @@ class Client:
         """Let the controller stop the arm when this process falls silent."""
         self._watched = bool(self._control.setWatchdog(WATCHDOG))
         return self._watched
+
+    def follow(self) -> Snapshot:
+        """Read the state for the one who waits for a move: he is awake."""
+        now = self.look()
+        self._followed = time.monotonic()
+        if not now.moving and now.operation != self._before:
+            self._before = None  # he knows that it has ended
+        return now
 
     def look(self) -> Snapshot:
         """Read the state."""
@@ -112,19 +126,22 @@ class Client:
 
     def move_joint(self, q: Six, speed: float, acceleration: float) -> bool:
         """Begin a move in joint space."""
+        self._expect_to_be_followed()
         return bool(self._control.moveJ(list(q), speed, acceleration, True))
 
     def move_linear(self, tcp: Six, speed: float, acceleration: float) -> bool:
         """Begin a linear move."""
+        self._expect_to_be_followed()
         return bool(self._control.moveL(list(tcp), speed, acceleration, True))
 
     def stop(self, deceleration: float) -> None:
         """Stop the move under way, and wait until the arm is at rest."""
         self._control.stopJ(deceleration)
+        self._before = None
 
     def end(self) -> None:
         """End the control script."""
-        self._watched = False
+        self._watched, self._before = False, None
         self._control.stopScript()
 
     def kick(self) -> None:
@@ -133,16 +150,31 @@ class Client:
             self._kicked = time.monotonic()
             self._control.kickWatchdog()
 
+    @property
+    def forsaken(self) -> bool:
+        """Whether nobody follows the move under way."""
+        if self._before is None or time.monotonic() - self._followed < UNFOLLOWED:
+            return False
+        status = self._control.getAsyncOperationProgressEx()
+        if not status.isAsyncOperationRunning() and status.operationId() != self._before:
+            self._before = None  # it has ended meanwhile, where it was to end
+        return self._before is not None
+
     def abandon(self) -> None:
         """Stop the arm: nobody is there to watch over it."""
+        self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
             self._control.stopJ(STOP)
             self._control.stopScript()
 
+    def _expect_to_be_followed(self) -> None:
+        self._followed = time.monotonic()
+        self._before = self._control.getAsyncOperationProgressEx().operationId()
+
 
 def serve(connection: Connection, client: Client) -> None:
-    """Do as asked until the main process is gone."""
-    while True:
+    """Do as asked until the main process is gone, or leaves a move unfollowed."""
+    while not client.forsaken:
         try:
             if not connection.poll(KICK):
                 client.kick()
@@ -161,6 +193,17 @@ def serve(connection: Connection, client: Client) -> None:
         except OSError:
             continue  # the main process is gone: the next poll finds out
         client.kick()
+    with suppress(Exception):  # the library raises what it likes
+        client.abandon()
+    refuse(connection)
+
+
+def refuse(connection: Connection) -> None:
+    """Do nothing more, and tell why, until the main process is gone."""
+    with suppress(EOFError, OSError):
+        while True:
+            request: Request = connection.recv()
+            connection.send(Answer(request.number, None, FORSAKEN))
 
 
 def main() -> None:

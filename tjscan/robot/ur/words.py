@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 Six = tuple[float, float, float, float, float, float]
 """Joint angles, or a position and a rotation vector."""
@@ -31,6 +32,9 @@ class SafetyMode(IntEnum):
     VIOLATION = 8
     FAULT = 9
 
+
+FORSAKEN: Final = "nobody followed the move"
+"""What the client says of every request after it had to stop a move that nobody followed."""
 
 PLAYING = 2
 """Runtime state of a program that runs."""
@@ -83,7 +87,7 @@ class Request:
     number : int
         Counts the requests.
     name : str
-        A method of `ur_client.Client`.
+        A method of `client.Client`.
     arguments : tuple
         What it takes.
     """

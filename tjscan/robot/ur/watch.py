@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from tjscan.errors import ArmSilent
-from tjscan.robot.ur_words import Snapshot
+from tjscan.robot.ur.words import Snapshot
 
 
 class ClockWatch:
@@ -33,6 +33,5 @@ class ClockWatch:
         if moment - self._since > self._limit:
             raise ArmSilent(
                 f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
-                "silent, and could not be told to stop. Press the emergency stop if the arm "
-                "still moves; look at its pendant and cable, then start again."
+                "silent. Look at its pendant and cable, then start again."
             )

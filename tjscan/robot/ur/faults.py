@@ -15,7 +15,7 @@ from tjscan.errors import (
     ProtectiveStop,
     RegistersInUse,
 )
-from tjscan.robot.ur_words import PLAYING, RobotMode, SafetyMode, Snapshot
+from tjscan.robot.ur.words import PLAYING, RobotMode, SafetyMode, Snapshot
 
 _EMERGENCY: Final = "an emergency stop is pressed. Release it, switch the arm on, then start again."
 _PROTECTIVE: Final = (

@@ -9,7 +9,7 @@ import socket
 from types import TracebackType
 from typing import Final, Self
 
-from tjscan.errors import ArmNotReached, ArmSilent
+from tjscan.errors import ArmFault, ArmNotReached, ArmSilent
 
 PORT: Final = 29999
 
@@ -84,6 +84,23 @@ class Dashboard:
     def value(self, line: str) -> str:
         """What stands behind the colon of an answer, or all of it."""
         return self.ask(line).rpartition(": ")[2].strip()
+
+    def stop(self) -> None:
+        """End the program that runs, and all motion with it.
+
+        Raises
+        ------
+        ArmFault
+            If the controller does not confirm that, and a program runs on.
+        ArmSilent
+            As `ask` does.
+        """
+        answer = self.ask("stop")
+        # Whether a controller on which nothing runs confirms is not known: that it runs counts.
+        if not answer.lower().startswith("stopped") and self.value("running").lower() != "false":
+            raise ArmFault(
+                f"the controller did not end the program when it was told to ({answer!r})."
+            )
 
     def close(self) -> None:
         """Hang up."""

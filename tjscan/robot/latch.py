@@ -1,0 +1,76 @@
+"""Stops that hold: what an arm lets begin, and what it does not."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tjscan.errors import ArmFault
+
+
+class StopLatch:
+    """One move at a time, and none after a stop until that is taken back.
+
+    Whoever moves an arm holds `move` from the moment a move is ordered until it has ended, and
+    `start` while he sets it off. So a stop, given from any thread, finds one of two: the move has
+    not started, and never will; or it has, and `wait` tells.
+    """
+
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+        self._moving = threading.Lock()
+        self._starting = threading.RLock()  # a signal's handler may stop what it interrupted
+
+    @contextmanager
+    def move(self) -> Iterator[None]:
+        """Order a move and see it to its end.
+
+        Raises
+        ------
+        ArmFault
+            If another move is under way, or the arm was stopped and that holds.
+        """
+        if not self._moving.acquire(blocking=False):
+            raise ArmFault("the arm is moving already: wait for that move or stop it")
+        try:
+            self.check()
+            yield
+        finally:
+            self._moving.release()
+
+    @contextmanager
+    def start(self) -> Iterator[None]:
+        """Set a move off; raises as `check` does, and nothing starts then."""
+        with self._starting:
+            self.check()
+            yield
+
+    def check(self) -> None:
+        """See that no stop holds.
+
+        Raises
+        ------
+        ArmFault
+            If one does.
+        """
+        if self._stopped.is_set():
+            raise ArmFault(
+                "the arm was stopped, and begins no move until that is taken back. See that the "
+                "way is clear, then start again."
+            )
+
+    def stop(self) -> None:
+        """Let no more moves start; when this returns, none is on the point of it."""
+        self._stopped.set()
+        with self._starting:
+            pass
+
+    def clear(self) -> None:
+        """Wait until the move under way has ended, then take the stop back."""
+        with self._moving:
+            self._stopped.clear()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until a stop, but not longer than this; returns whether there was one."""
+        return self._stopped.wait(seconds)

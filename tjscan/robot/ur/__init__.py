@@ -1,0 +1,1 @@
+"""A Universal Robots arm over its network interfaces."""

@@ -1,0 +1,157 @@
+"""A Universal Robots arm behind the `Arm` protocol.
+
+The client library ur-rtde runs in a process of its own (`client`); this one asks it, never
+longer than a time limit, and keeps the dashboard at hand to stop the arm without it. Every
+move is begun and then followed, so that it can be stopped; what the arm says of itself is
+watched with it. After a fault the arm takes no more orders: nothing resumes by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import chain, repeat
+from types import TracebackType
+from typing import Self
+
+from tjscan.errors import ArmFault
+from tjscan.frames import Array
+from tjscan.robot.arm import ArmState
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.latch import StopLatch
+from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.ur.connecting import connect
+from tjscan.robot.ur.identity import UrIdentity, identify
+from tjscan.robot.ur.moving import POLL, arrive, carry_out, check_target
+from tjscan.robot.ur.orders import MoveOrder, joint_order, linear_order
+from tjscan.robot.ur.session import Session
+from tjscan.robot.ur.settings import UrSettings
+
+
+class UrArm:
+    """A real arm, or the loopback controller.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm as its maker draws it; where it differs by its calibration, the controller's
+        word holds.
+    settings : UrSettings
+        Where it is.
+    limits : MotionLimits, optional
+        How fast it may move.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, settings: UrSettings, limits: MotionLimits | None = None
+    ) -> None:
+        self.kinematics, self.settings = kinematics, settings
+        self.limits = MotionLimits() if limits is None else limits
+        self._session: Session | None = None
+        self._identity: UrIdentity | None = None
+        self._latch = StopLatch()
+
+    def __enter__(self) -> Self:
+        """Connect, set TCP and payload, and read them back; nothing moves.
+
+        Raises
+        ------
+        ArmFault
+            If the arm can't be reached or is not ready, each cause by its own error.
+        ConfigurationError
+            If it is another model than it should be.
+        """
+        self._latch.clear()
+        session = connect(self.settings, self.kinematics, partial(self._latch.wait, POLL))
+        try:
+            self._identity = identify(session.dashboard, session.look().payload)
+        except BaseException as error:
+            session.end(error)
+            raise
+        self._session = session
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop, end the program on the controller, and disconnect."""
+        self.stop()
+        session, self._session, self._identity = self._session, None, None
+        if session is not None:
+            session.end(error)
+
+    @property
+    def identity(self) -> UrIdentity:
+        """Which arm it is; known while connected."""
+        if self._identity is None:
+            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+        return self._identity
+
+    def state(self) -> ArmState:
+        """Joint angles, flange pose and time, as the controller tells them."""
+        return self._connected.state()
+
+    def check(self, *T_b_f: Array) -> None:
+        """Plan a move in joint space and straight lines on, and move nothing. See `Arm.check`."""
+        q = self.state().q
+        plans = chain([self._joint_path], repeat(self._linear_path))
+        for plan, T in zip(plans, T_b_f, strict=False):
+            q = plan(q, T).q[-1]
+
+    def move_linear(self, T_b_f: Array) -> ArmState:
+        """Move the flange on a straight line to a pose. See `Arm.move_linear`.
+
+        Raises
+        ------
+        TargetRefused
+            Before anything moves, if the controller holds the pose for unsafe.
+        PoseMissed
+            If the arm came to rest somewhere else. It takes no more orders then.
+        """
+        return self._move(T_b_f, self._linear_path, self._linear_order)
+
+    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+        """Move to the nearest configuration that holds a pose. See `move_linear`."""
+        return self._move(T_b_f, partial(self._joint_path, near=near), joint_order)
+
+    def stop(self) -> None:
+        """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
+        self._latch.stop()
+
+    def clear_stop(self) -> None:
+        """Take orders again after a stop. See `Arm.clear_stop`."""
+        self._latch.clear()
+
+    @property
+    def _connected(self) -> Session:
+        if self._session is None:
+            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+        return self._session
+
+    def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
+        return linear_path(self.kinematics, q, T_b_f, self.limits)
+
+    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointPath:
+        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
+        return joint_path(self.kinematics, q, goal, self.limits)
+
+    def _linear_order(self, session: Session, path: JointPath, T_b_f: Array) -> MoveOrder:
+        return linear_order(session, self.kinematics, path, T_b_f)
+
+    def _move(
+        self,
+        T_b_f: Array,
+        plan: Callable[[Array, Array], JointPath],
+        order: Callable[[Session, JointPath, Array], MoveOrder],
+    ) -> ArmState:
+        session = self._connected
+        with self._latch.move():
+            path = plan(session.state().q, T_b_f)
+            if path.duration > 0:
+                check_target(session, T_b_f)
+                carry_out(session, self._latch, order(session, path, T_b_f), T_b_f)
+            return arrive(session, self._latch, self.settings, T_b_f)

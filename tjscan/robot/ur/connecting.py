@@ -1,0 +1,160 @@
+"""Connect to a controller, and set it up to be told poses of the flange."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from types import NoneType
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import (
+    ArmBusy,
+    ArmFault,
+    ArmNotReached,
+    ConfigurationError,
+    ProgramStopped,
+    RegistersInUse,
+)
+from tjscan.frames import Array, inverse
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.faults import fault_of, start_fault
+from tjscan.robot.ur.link import ClientFailed, Link
+from tjscan.robot.ur.poses import pose_of
+from tjscan.robot.ur.session import Session, unready
+from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.words import Snapshot
+
+Pause = Callable[[], object]
+"""Waits a moment, or until somebody stops the arm."""
+
+STARTS: Final = 2.0
+"""Seconds within which a program starts or ends, and a value that was set is shown."""
+
+SAME: Final = 1e-6
+"""Metres, radians or kilograms between a value that was set and the same read back."""
+
+OTHER_ARM: Final = 0.005
+"""Metres between the flange as the controller and as the model has it, beyond calibration.
+
+Less than the clearance's default margins: what is planned on the model holds for the arm.
+"""
+
+
+def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Session:
+    """Connect, set TCP and payload, and read them back; nothing moves.
+
+    Raises
+    ------
+    ArmFault
+        If the arm can't be reached or is not ready, each cause by its own error.
+    ConfigurationError
+        If it is another model than it should be, or the client library is missing.
+    """
+    if find_spec("rtde_control") is None:
+        raise ConfigurationError(
+            "the client library of this driver is missing: pip install 'tjscan[ur]'",
+            key="arm.driver",
+        )
+    dashboard = Dashboard(settings.host)
+    try:
+        if (fault := unready(dashboard)) is not None:
+            raise fault
+        _await_nobody(dashboard, pause)
+        session = Session(dashboard, Link(), settings.silence_limit)
+    except BaseException:
+        dashboard.close()
+        raise
+    try:
+        _begin(session, settings, kinematics, pause)
+    except BaseException as error:
+        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotReached)):
+            session.stop_program(error)  # ours runs, or may
+        session.close()
+        raise
+    return session
+
+
+def _begin(session: Session, settings: UrSettings, kinematics: Kinematics, pause: Pause) -> None:
+    host = settings.host
+    try:
+        session.link.ask(NoneType, "connect", host, limit=settings.connect_limit)
+        _await_program(session.link, pause)
+        session.ask(bool, "watch")
+        _set_tcp(session)
+        _set_payload(session, settings, pause)
+        _check_model(session, kinematics)
+    except ClientFailed as failed:
+        raise unready(session.dashboard) or start_fault(host, str(failed)) from None
+
+
+def _await_nobody(dashboard: Dashboard, pause: Pause) -> None:
+    """See that no program runs: the client library would end it without asking."""
+    limit = time.monotonic() + STARTS  # the dashboard is slow to tell of a program's end
+    while dashboard.value("running").lower() == "true":
+        if time.monotonic() > limit:
+            raise ArmBusy(
+                "another program runs on the arm's controller. End it on the pendant, or end "
+                "the program that sent it, then start again."
+            )
+        pause()
+
+
+def _await_program(link: Link, pause: Pause) -> None:
+    """Let both links show the program that was started."""
+    limit = time.monotonic() + STARTS
+    while (fault := fault_of(link.ask(Snapshot, "look", limit=STARTS))) is not None:
+        if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
+            raise fault
+        pause()
+
+
+def _set_tcp(session: Session) -> None:
+    """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
+    session.ask(bool, "set_tcp", (0.0,) * 6)
+    offset = session.ask(list, "tcp")
+    if len(offset) != 6 or np.abs(offset).max() > SAME:
+        session.look()  # the true reason, if the arm is not well
+        raise _disobeyed("TCP", "zero", offset)
+    session.T_tcp_f = inverse(pose_of(offset))
+
+
+def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:
+    if settings.payload is None:
+        return
+    session.ask(bool, "set_payload", settings.payload, settings.centre_of_gravity)
+    wanted = np.array([settings.payload, *settings.centre_of_gravity])
+    limit = time.monotonic() + STARTS
+    while not _carries(now := session.look(), wanted):
+        if time.monotonic() > limit:
+            raise _disobeyed("payload", f"{settings.payload:g} kg", now.payload)
+        pause()
+
+
+def _carries(now: Snapshot, wanted: Array) -> bool:
+    """Whether the payload is the one asked for, or is not told at all."""
+    if now.payload is None or now.centre_of_gravity is None:
+        return True
+    return bool(np.abs(np.array([now.payload, *now.centre_of_gravity]) - wanted).max() < SAME)
+
+
+def _check_model(session: Session, kinematics: Kinematics) -> None:
+    state = session.state()
+    apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
+    if apart > OTHER_ARM:
+        raise ConfigurationError(
+            f"the controller has its flange {1e3 * apart:.0f} mm from where a "
+            f"{kinematics.name} with these joint angles has it: name the arm that "
+            "stands there, or see what its installation says of its mounting",
+            key="arm.model",
+        )
+
+
+def _disobeyed(what: str, wanted: str, found: object) -> ArmFault:
+    return ArmFault(
+        f"the controller was told to set its {what} to {wanted} and says {found}. See that "
+        "nobody else works with it, then start again."
+    )

@@ -1,0 +1,40 @@
+"""Which arm stands there, in the controller's words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tjscan.robot.ur.dashboard import Dashboard
+
+
+@dataclass(frozen=True, slots=True)
+class UrIdentity:
+    """Which arm it is, as far as its controller tells.
+
+    Parameters
+    ----------
+    model, serial, software : str
+        Model, serial number and version of the controller's software; empty where not told.
+    payload : float or None
+        The active payload in kilograms.
+    """
+
+    model: str
+    serial: str
+    software: str
+    payload: float | None
+
+
+def identify(dashboard: Dashboard, payload: float | None) -> UrIdentity:
+    """Ask which arm it is; raises as `Dashboard.ask` does."""
+    return UrIdentity(
+        model=_told(dashboard.ask("get robot model")),
+        serial=_told(dashboard.ask("get serial number")),
+        software=_told(dashboard.ask("PolyscopeVersion")),
+        payload=payload,
+    )
+
+
+def _told(answer: str) -> str:
+    """An answer, or nothing where the dashboard does not know the question."""
+    return "" if "understand" in answer.lower() or "not supported" in answer.lower() else answer

@@ -1,0 +1,138 @@
+"""A move on a controller: set off, followed to its end, and judged there."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import ArmFault, ArmSilent, PoseMissed, ProgramStopped, TargetRefused
+from tjscan.frames import Array, rotation_angle
+from tjscan.robot.arm import ArmState
+from tjscan.robot.latch import StopLatch
+from tjscan.robot.ur.orders import MoveOrder
+from tjscan.robot.ur.session import Session
+from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.words import Snapshot
+
+POLL: Final = 0.004
+"""Seconds between two looks at a move."""
+
+STARTS: Final = 2.0
+"""Seconds within which a move that was accepted begins."""
+
+STALLED: Final = 10.0
+"""Seconds that a move may stand still: the speed slider may be at zero for a moment."""
+
+SETTLED: Final = 1.0
+"""Seconds the arm may take to come to rest where it was told to."""
+
+REST: Final = 5e-3
+"""rad/s: what encoders show of a joint that stands, an assumption."""
+
+CREEP: Final = 1e-5
+"""Radians a joint turns at least between two looks at an arm that moves."""
+
+
+def check_target(session: Session, T_b_f: Array) -> None:
+    """Ask the controller whether a pose is within its safety limits.
+
+    Raises
+    ------
+    TargetRefused
+        If not.
+    """
+    if not session.ask(bool, "pose_is_safe", session.tcp_at(T_b_f)):
+        session.look()  # the true reason, if the arm is not well
+        raise TargetRefused(
+            "that is outside the safety limits set on its pendant. Look at its safety "
+            "planes and joint limits, or move the base.",
+            T_b_f,
+        )
+
+
+def carry_out(session: Session, latch: StopLatch, order: MoveOrder, T_b_f: Array) -> None:
+    """Set a move off and see it to its end; whatever interrupts it leaves the arm at rest.
+
+    Raises
+    ------
+    TargetRefused
+        If the controller does not begin it.
+    ArmFault
+        If the arm was stopped, or something is wrong with it.
+    """
+    before = session.look()
+    try:
+        with latch.start():
+            begun = session.ask(bool, order.name, order.target, order.speed, order.acceleration)
+        if not begun:
+            session.look()
+            raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
+        _follow(session, latch, before)
+    except BaseException:
+        session.rest()
+        raise
+
+
+def _follow(session: Session, latch: StopLatch, before: Snapshot) -> None:
+    """Watch a move until it has ended."""
+    began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
+    while True:
+        stopping = latch.wait(POLL)
+        now, moment = session.follow(), time.monotonic()
+        if stopping:
+            raise ArmFault(
+                "the arm was stopped on its way. See that the way is clear, then move again "
+                "from where it stands."
+            )
+        if now.operation == before.operation:
+            if moment > began + STARTS:
+                raise session.end_with(
+                    ProgramStopped("the controller accepted a move and does not begin it.")
+                )
+        elif not now.moving:
+            return
+        q = np.array(now.q)
+        if np.abs(q - last).max() > CREEP:
+            moved, last = moment, q
+        if moment > moved + STALLED:
+            raise session.end_with(
+                ArmSilent(
+                    f"the arm stands still for {STALLED:g} s in the middle of a move. See "
+                    "that the speed slider on its pendant is not at zero, then start again."
+                )
+            )
+
+
+def arrive(session: Session, latch: StopLatch, settings: UrSettings, T_b_f: Array) -> ArmState:
+    """Wait until the arm rests, and check where.
+
+    Raises
+    ------
+    PoseMissed
+        If it is not where it was told to go. The session has ended then: what holds an arm off
+        its place, or moves it, would do so again, and what was planned from there is not so.
+    """
+    limit, first = time.monotonic() + SETTLED, session.look().time
+    while True:
+        now = session.look()
+        # A look later than the one that saw the end: both links have the end by then.
+        newer, state = now.time > first, session.state_of(now)
+        rests = newer and np.abs(now.speed).max() < REST
+        distance = float(np.linalg.norm(state.T_b_f[:3, 3] - T_b_f[:3, 3]))
+        angle = rotation_angle(state.T_b_f, T_b_f)
+        near = distance <= settings.position_tolerance and angle <= settings.rotation_tolerance
+        if rests and near:
+            return state
+        if newer and time.monotonic() > limit:
+            raise session.end_with(
+                PoseMissed(
+                    f"it stands {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
+                    "there. See that the payload is right and nothing holds the arm, then start "
+                    "again.",
+                    T_b_f,
+                    state.T_b_f,
+                )
+            )
+        latch.wait(POLL)

@@ -1,0 +1,106 @@
+"""From a planned path to what the controller is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import TargetRefused
+from tjscan.frames import Array
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import JointPath
+from tjscan.robot.ur.session import Session
+
+NO_LENGTH: Final = 1e-6
+"""Metres: a shorter line is none."""
+
+SWING: Final = 0.005
+"""Metres that the flange may swing aside while it turns on the spot, within any margin."""
+
+OTHER_CONFIGURATION: Final = 0.1
+"""Radians between the controller's inverse and ours, beyond calibration."""
+
+FASTEST: Final = 3.0
+"""rad/s: the client library refuses more than 3.14."""
+
+QUICKEST: Final = 39.0
+"""rad/s²: the client library refuses more than 40."""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveOrder:
+    """A move as the client takes it.
+
+    Parameters
+    ----------
+    name : str
+        A method of `client.Client`.
+    target : tuple of float
+        Pose of the TCP, or joint angles.
+    speed, acceleration : float
+        Of the flange in m/s and m/s², or of the leading joint in rad/s and rad/s².
+    """
+
+    name: str
+    target: tuple[float, ...]
+    speed: float
+    acceleration: float
+
+
+def linear_order(
+    session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
+) -> MoveOrder:
+    """Order a straight line of the flange along a path that ends at a pose.
+
+    Raises
+    ------
+    TargetRefused
+        If it turns on the spot, and swings the flange aside.
+    """
+    way = kinematics.forward(path.q[-1])[:3, 3] - kinematics.forward(path.q[0])[:3, 3]
+    length = float(np.linalg.norm(way))
+    if length < NO_LENGTH:
+        return _turn_order(session, kinematics, path, T_b_f)
+    return MoveOrder("move_linear", session.tcp_at(T_b_f), *_bounds(path, length))
+
+
+def joint_order(session: Session, path: JointPath, T_b_f: Array) -> MoveOrder:
+    """Order a line in joint space along a path that ends at a pose.
+
+    The controller knows how its arm differs from the drawing; ours is the configuration.
+
+    Raises
+    ------
+    TargetRefused
+        If the controller has the pose in another configuration.
+    """
+    goal = path.q[-1]
+    q = np.array(session.ask(list, "inverse", session.tcp_at(T_b_f), tuple(goal.tolist())))
+    if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION:
+        session.look()  # the true reason, if the arm is not well
+        raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
+    speed, acceleration = _bounds(path, float(np.abs(goal - path.q[0]).max()))
+    return MoveOrder(
+        "move_joint", tuple(q.tolist()), min(speed, FASTEST), min(acceleration, QUICKEST)
+    )
+
+
+def _turn_order(
+    session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
+) -> MoveOrder:
+    """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
+    straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
+    places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
+    if np.linalg.norm(places - places[0], axis=1).max() > SWING:
+        raise TargetRefused(
+            "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
+        )
+    return joint_order(session, path, T_b_f)
+
+
+def _bounds(path: JointPath, length: float) -> tuple[float, float]:
+    """Speed and acceleration along a path of this length that take as long as it does."""
+    speed = length / (path.duration - path.ramp)
+    return speed, speed / path.ramp

@@ -1,0 +1,189 @@
+"""What the driver says to one controller while it is connected, and how that ends."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from types import NoneType
+from typing import Final, TypeVar
+
+import numpy as np
+
+from tjscan.errors import ArmFault, ArmLinkLost, ArmSilent, ProgramStopped
+from tjscan.frames import Array, inverse
+from tjscan.robot.arm import ArmState
+from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.faults import (
+    fault_of,
+    power_fault,
+    program_fault,
+    remote_fault,
+    safety_fault,
+)
+from tjscan.robot.ur.link import ClientFailed, Link
+from tjscan.robot.ur.poses import pose_of, values_of
+from tjscan.robot.ur.watch import ClockWatch
+from tjscan.robot.ur.words import Snapshot
+
+T = TypeVar("T")
+
+STOP: Final = 2.0
+"""rad/s² of the leading axis when a move is stopped."""
+
+SLACK: Final = 1.0
+"""Seconds that the client's process may take for itself on a busy machine."""
+
+
+class Session:
+    """Questions and orders to a controller; after the first fault it passes none on.
+
+    Parameters
+    ----------
+    dashboard : Dashboard
+        To stop the arm without the client.
+    link : Link
+        The client.
+    silence_limit : float
+        Seconds for which the controller's clock may stand.
+    """
+
+    def __init__(self, dashboard: Dashboard, link: Link, silence_limit: float) -> None:
+        self.dashboard, self.link = dashboard, link
+        self.fault: ArmFault | None = None
+        self.T_tcp_f = np.eye(4)
+        """The flange in the active TCP, shape (4, 4)."""
+        self._watch, self._limit = ClockWatch(silence_limit), silence_limit + SLACK
+
+    def look(self) -> Snapshot:
+        """What the arm says of itself.
+
+        Raises
+        ------
+        ArmFault
+            What is wrong with it; the session has ended then.
+        """
+        return self._look("look")
+
+    def follow(self) -> Snapshot:
+        """Look at the move under way; the client stops it when nobody does for long."""
+        return self._look("follow")
+
+    def state(self) -> ArmState:
+        """Joint angles, flange pose and time; raises as `look` does."""
+        return self.state_of(self.look())
+
+    def state_of(self, now: Snapshot) -> ArmState:
+        """Joint angles, flange pose and time at one moment."""
+        return ArmState(np.array(now.q), pose_of(now.tcp) @ self.T_tcp_f, now.time)
+
+    def tcp_at(self, T_b_f: Array) -> tuple[float, ...]:
+        """The active TCP, as the controller takes it, where the flange has a pose."""
+        return values_of(T_b_f @ inverse(self.T_tcp_f))
+
+    def ask(self, kind: type[T], name: str, *arguments: object) -> T:
+        """Let the client do something, see `Link.ask`; what it raises becomes the arm's fault."""
+        try:
+            return self._working.ask(kind, name, *arguments)
+        except ClientFailed as failed:
+            self.look()  # the true reason, if the arm is not well
+            raise self.end_with(
+                ArmFault(f"the client library failed at {name}: {failed}. Start again.")
+            ) from None
+        except ArmFault as fault:
+            raise self.end_with(fault) from None
+
+    def rest(self) -> None:
+        """Stop the move under way; the arm stays at hand if it is well."""
+        if self.fault is None:
+            try:
+                self.link.ask(NoneType, "stop", STOP)
+            except ArmFault as fault:
+                self.end_with(fault)
+            except ClientFailed as failed:
+                self.end_with(ArmFault(str(failed)))
+
+    def end_with(self, fault: ArmFault) -> ArmFault:
+        """Stop the arm by whatever still works, and take no more orders; returns the fault."""
+        if self.fault is None:
+            self.fault = self._cause(fault)
+            self.stop_program(self.fault)
+            self.link.close()
+        return self.fault
+
+    def stop_program(self, because: BaseException) -> None:
+        """End our program, and all motion, without the client; note it where that fails."""
+        try:
+            self.dashboard.stop()
+        except ArmFault as unheard:
+            because.add_note(
+                f"What is more, {unheard} Press the emergency stop if the arm still moves."
+            )
+
+    def end(self, because: BaseException | None) -> None:
+        """End the program and disconnect.
+
+        Parameters
+        ----------
+        because : BaseException or None
+            What ended the work, if it did not end well.
+
+        Raises
+        ------
+        ArmFault
+            If the program could not be ended, and nothing else went wrong.
+        """
+        try:
+            if self.fault is None:
+                self._end_program(because)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.link.close()
+        self.dashboard.close()
+
+    @property
+    def _working(self) -> Link:
+        if self.fault is not None:
+            raise self.fault
+        return self.link
+
+    def _look(self, name: str) -> Snapshot:
+        link = self._working
+        try:
+            now = link.ask(Snapshot, name, limit=self._limit)
+            self._watch.see(now)
+            fault = fault_of(now)
+        except ArmFault as found:
+            fault = found
+        except ClientFailed as failed:
+            fault = ArmLinkLost(f"the connection to the arm's controller broke ({failed}).")
+        if fault is not None:
+            raise self.end_with(fault)
+        return now
+
+    def _cause(self, fault: ArmFault) -> ArmFault:
+        """Why the program stopped or nobody answers, where the dashboard knows."""
+        if isinstance(fault, (ProgramStopped, ArmSilent)):
+            with suppress(ArmFault):
+                running = self.dashboard.value("running")
+                return unready(self.dashboard) or program_fault(running) or fault
+        return fault
+
+    def _end_program(self, because: BaseException | None) -> None:
+        try:
+            self.link.ask(NoneType, "end")
+        except (ArmFault, ClientFailed):
+            if because is None:
+                self.dashboard.stop()
+            else:
+                self.stop_program(because)
+
+
+def unready(dashboard: Dashboard) -> ArmFault | None:
+    """What keeps the arm from moving, as the dashboard tells, the cause before its consequences."""
+    return (
+        safety_fault(dashboard.value("safetystatus"))
+        or power_fault(dashboard.value("robotmode"))
+        or remote_fault(dashboard.ask("is in remote control"))
+    )
