@@ -410,6 +410,7 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
 def test_a_detour_of_a_scan_is_an_event() -> None:
     job = read_job(PAPER)
     assert job.simulation is not None
+    assert job.scan.first is not None
     start, first = np.radians(job.simulation.arm.home_deg), job.scan.first.T
     arm = Kinematics.load(job.arm.model)
     halfway = arm.forward((start + arm.inverse(first, near=start)) / 2)
