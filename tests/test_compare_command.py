@@ -12,10 +12,10 @@ import trimesh
 from cells import FAULTLESS, PAPER
 from command import tjscan
 
-from tjscan.comparison.clouds import read_shape
 from tjscan.comparison.sidecar import Told
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array
+from tjscan.result.shapes import read_shape
 
 CAD = Path(__file__).parent.parent / "cad" / "tjoint-600x457.toml"
 
@@ -114,6 +114,26 @@ def test_the_picture_is_drawn_where_azimuths_are(run: Path, tmp_path: Path) -> N
     assert tjscan("compare", run, CAD, "--plot", picture) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert tjscan("compare", run, CAD, "--plot", tmp_path / "map.docx") == 2
+
+
+def test_a_picture_that_cant_be_written_is_refused_before_anything_is_computed(
+    run: Path, cad: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("compare", run, CAD, "--plot", tmp_path / "none" / "map.png") == 2
+    assert "folder does not exist" in capsys.readouterr().err
+    (tmp_path / "map.png").mkdir()
+    assert tjscan("compare", run, CAD, "--plot", tmp_path / "map.png") == 2
+    # Azimuths are known only once both are read: the comparison is told before that is refused.
+    options = ("--units", "mm", "--frame", "hall", "--align", "icp", "--plot", tmp_path / "m.png")
+    shutil.copyfile(cad / "tjoint-600x457.stl", tmp_path / "cad.stl")
+    assert tjscan("compare", run, tmp_path / "cad.stl", *options) == 2
+    assert "cloud to mesh" in capsys.readouterr().out
+
+
+def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(run: Path, tmp_path: Path) -> None:
+    odd = tmp_path / r"$rac$ & <b>"
+    shutil.copytree(run, odd)
+    assert tjscan("compare", odd, CAD, "--plot", tmp_path / "map.png") == 0
 
 
 def write_xyz(file: Path, points: Array) -> None:

@@ -13,7 +13,7 @@ def compare(
     measured: Path,
     reference: Path,
     *,
-    align: Literal["none", "icp"] = "none",
+    align: Literal["none", "joint", "icp"] = "none",
     tolerance_mm: float | None = None,
     units: Literal["mm", "um", "m"] | None = None,
     reference_units: Literal["mm", "um", "m"] | None = None,
@@ -30,7 +30,8 @@ def compare(
     reference
         A joint's TOML, a mesh (STL, PLY, OBJ, 3MF, STEP), a cloud, or a joint's edges.csv.
     align
-        none: both stand in one frame. icp: nearly so, and the rest is found.
+        none: both stand in one frame. joint: leg and brace are found in both, and brought
+        together. icp: both stand nearly in one frame, and the rest is found.
     tolerance_mm
         Exit with 3 where the 95th percentile of the distances is larger: that of a run's corners
         where they can be compared, else that of the cloud.
@@ -50,24 +51,26 @@ def compare(
 
     from tjscan.cli.comparison_words import show_comparison
     from tjscan.cli.console import say
-    from tjscan.comparison.clouds import read_shape
     from tjscan.comparison.compare import compare as compare_shapes
     from tjscan.comparison.compare import to_dict
-    from tjscan.comparison.maps import write_map
+    from tjscan.comparison.maps import check_map, write_map
     from tjscan.comparison.sidecar import Told
+    from tjscan.result.shapes import read_shape
 
+    if plot is not None:
+        check_map(plot)
     comparison = compare_shapes(
         read_shape(measured, Told(units, frame)),
         read_shape(reference, Told(reference_units or units, frame)),
         align,
         None if tolerance_mm is None else 1e-3 * tolerance_mm,
     )
-    if plot is not None:
-        write_map(plot, comparison)
-        say(f"drawn in {plot}")
     if json:
         print(dumps(to_dict(comparison), indent=2))
     else:
         show_comparison(comparison)
+    if plot is not None:
+        write_map(plot, comparison)
+        say(f"drawn in {plot}")
     if not comparison.passed:
         sys.exit(TOLERANCE_EXCEEDED)

@@ -15,10 +15,11 @@ def show_comparison(comparison: Comparison) -> None:
         print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_by} says")
     print(f"told in frame {c.reference.stated.frame}")
     if a.method != "none":
+        rounds = f", {a.rounds} rounds" if a.rounds else ""
         print(
             f"aligned by {a.method}: moved {1e3 * a.moved:.3f} mm, turned "
             f"{np.degrees(a.turned):.4f}°, {100 * a.fitness:.1f} % on the reference, residual "
-            f"{1e3 * a.residual:.4f} mm rms, {a.rounds} rounds"
+            f"{1e3 * a.residual:.4f} mm rms{rounds}"
         )
     for d in c.deviations:
         s = d.statistics

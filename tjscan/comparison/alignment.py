@@ -48,17 +48,20 @@ class Alignment:
     Parameters
     ----------
     method : str
-        ``none`` or ``icp``.
+        ``none``, ``joint`` or ``icp``.
     T : ndarray, shape (4, 4)
         Maps what was measured into the reference's frame.
     fitness : float
         Share of the points that have a partner.
     residual : float
-        Root mean square distance of these from the planes of their partners, metres.
+        Root mean square distance of these from the planes of their partners, metres; from the
+        reference, where tubes were brought together.
     rounds : int
         How many it took.
     moved : float
         Root mean square of how far the points moved, metres.
+    note : str
+        What to know of it; empty where there is nothing.
     """
 
     method: str
@@ -67,6 +70,7 @@ class Alignment:
     residual: float = 0.0
     rounds: int = 0
     moved: float = 0.0
+    note: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T", readonly(self.T))

@@ -1,9 +1,8 @@
-"""Clouds, meshes, edges and runs from files, as shapes in metres."""
+"""Clouds, meshes and edges from files, as shapes in metres."""
 
 from __future__ import annotations
 
 import csv
-import json
 import re
 import zipfile
 from collections.abc import Callable
@@ -32,7 +31,7 @@ Content = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, s
 
 
 def read_shape(path: Path, told: Told | None = None) -> Shape:
-    """Read a run directory, a joint's TOML, a mesh, a cloud or ``edges.csv``.
+    """Read a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
     ----------
@@ -47,8 +46,6 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         If it is missing, damaged or empty, or nobody states its unit or its frame.
     """
     told = told or Told()
-    if path.is_dir():
-        return _read_run(path)
     kind = path.suffix.lower()
     if kind == ".toml":
         return _joint_shape(read_joint(path), Stated("mm", "the joint's file", "j"))
@@ -65,7 +62,9 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
             f"can't read {kind or 'a file without ending'}; {known}", file=path
         )
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
-        return Shape(path.name, Stated("mm", "the names of its columns", "j"), edges=edges)
+        return Shape(
+            path.name, Stated("mm", "the names of its columns", "j"), edges=edges, in_own_joint=True
+        )
     try:
         points, triangles, own = READERS[kind](path)
     except ConfigurationError:
@@ -74,9 +73,6 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         told_by = f"{type(error).__name__}: {error}".strip(": ")
         raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {told_by}", file=path) from None
     sidecar = sidecar_of(path)
-    if sidecar is None and path.name == "groove.ply" and (path.parent / "summary.json").is_file():
-        run = _read_run(path.parent)
-        return Shape(path.name, run.stated, run.points, dropped=run.dropped)
     stated = state(path, told, sidecar, own)
     scaled = UNITS[stated.unit] * points.reshape(-1, 3)
     if triangles is not None and len(triangles):
@@ -84,7 +80,8 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         # The edges of a joint are in frame j, whatever the sidecar says of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
         edges = None if joint is None else feature_edges(joint)
-        return Shape(path.name, stated, mesh=Mesh(readonly(scaled), triangles), edges=edges)
+        mesh = Mesh(readonly(scaled), triangles)
+        return Shape(path.name, stated, mesh=mesh, edges=edges, in_own_joint=edges is not None)
     finite = np.isfinite(scaled).all(axis=1)
     if not finite.any():
         raise ConfigurationError("holds no point", file=path)
@@ -95,7 +92,7 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
 def _joint_shape(joint: JointDefinition, stated: Stated) -> Shape:
     built = build_mesh(joint)
     mesh = Mesh(built.vertices, built.triangles.astype(np.intp))
-    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint))
+    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint), in_own_joint=True)
 
 
 def _read_joint_sidecar(path: Path) -> Shape:
@@ -103,45 +100,6 @@ def _read_joint_sidecar(path: Path) -> Shape:
     if sidecar.joint is None:
         raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
     return _joint_shape(sidecar.joint, Stated("mm", "the joint's sidecar", "j"))
-
-
-def _read_run(directory: Path) -> Shape:
-    """``groove.ply`` and ``sections.csv``, in mm, in the frame that ``summary.json`` names."""
-    summary = directory / "summary.json"
-    try:
-        frame = json.loads(summary.read_text(encoding="utf-8"))["frame"]
-        if not isinstance(frame, str):
-            raise TypeError("the frame is no word")
-        with (directory / "sections.csv").open(newline="", encoding="utf-8") as stream:
-            corners = 1e-3 * np.array(
-                [
-                    [[float(row[f"p{i}{axis}_mm"]) for axis in "xyz"] for i in range(1, 6)]
-                    for row in csv.DictReader(stream)
-                ]
-            ).reshape(-1, 5, 3)
-    except OSError as error:
-        name = Path(error.filename).name
-        raise ConfigurationError(
-            f"is no finished run: {name}: {error.strerror}", file=directory
-        ) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"is no run, or is damaged: {error!r}", file=directory) from None
-    if not np.isfinite(corners).all():
-        raise ConfigurationError("sections.csv holds corners that are no points", file=directory)
-    try:
-        points, _, _ = _read_ply(directory / "groove.ply")
-    except Exception as error:  # parsers raise whatever they stumble on
-        raise ConfigurationError(f"groove.ply can't be read: {error}", file=directory) from None
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.any() or not len(corners):
-        raise ConfigurationError("holds no section", file=directory)
-    return Shape(
-        directory.name or str(directory),
-        Stated("mm", "the run", frame),
-        readonly(1e-3 * points[finite]),
-        readonly(corners),
-        dropped=int((~finite).sum()),
-    )
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:

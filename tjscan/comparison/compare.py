@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from tjscan.comparison.distance import (
     corner_errors,
     spacing,
 )
+from tjscan.comparison.joint_alignment import align_joints
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.surface import SurfaceDistance
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, readonly
 
-Align = Literal["none", "icp"]
+Align = Literal["none", "joint", "icp"]
 
 SMALLEST, LARGEST = 20e-3, 100.0
 """Diagonals of a reference in metres between which its units are believed."""
@@ -119,7 +120,9 @@ def compare(
     reference : Shape
         A mesh, a cloud, or edges.
     align : str
-        ``none``: both stand in the same frame. ``icp``: nearly so, and the rest is found.
+        ``none``: both stand in the same frame. ``joint``: their tubes are found, and the frames
+        that these make are brought together. ``icp``: they stand nearly in the same frame, and
+        the rest is found.
     tolerance : float, optional
         Metres.
 
@@ -155,6 +158,8 @@ def compare(
         else:
             raise ConfigurationError(f"{reference.name} holds edges only: nothing to align to")
         alignment = align_icp(measured.points, partner)
+    elif align == "joint":
+        alignment = align_joints(measured, reference, surface)
     moved = measured.moved(alignment.T, theirs)
     found = tuple(_deviations(moved, reference, surface, tolerance))
     if not found:
@@ -163,6 +168,8 @@ def compare(
             "them: name a run directory, or a mesh or cloud as the reference"
         )
     warnings = tuple(_warnings(moved, reference, surface))
+    if alignment.note:
+        warnings = (*warnings, alignment.note)
     return Comparison(moved, reference, alignment, found, tolerance, warnings)
 
 
@@ -250,9 +257,6 @@ def _size(metres: float) -> str:
     return f"{metres:.3g} m"
 
 
-ALIGNMENTS: Final[tuple[Align, ...]] = ("none", "icp")
-
-
 def to_dict(comparison: Comparison) -> dict[str, Any]:
     """A comparison for JSON, in mm and degrees; names carry the units."""
     c, a = comparison, comparison.alignment
@@ -272,6 +276,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
             "fitness": a.fitness,
             "residual_rms_mm": 1e3 * a.residual,
             "rounds": a.rounds,
+            "note": a.note,
         },
         "tolerance_mm": None if c.tolerance is None else 1e3 * c.tolerance,
         "passed": c.passed,

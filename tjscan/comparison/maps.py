@@ -6,6 +6,7 @@ which are the negative ones.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -146,9 +147,29 @@ def draw_map(comparison: Comparison) -> Figure:
         _draw_lines(axes, lines, azimuth)
     axes.set_xlabel("azimuth / °")
     axes.set_ylabel(label)
-    axes.set_title(f"{deviation.kind}: {comparison.measured.name} and {comparison.reference.name}")
+    # Names of files are no formulas.
+    axes.set_title(
+        f"{deviation.kind}: {comparison.measured.name} and {comparison.reference.name}",
+        parse_math=False,
+    )
     _draw_histogram(side, deviation, mm, scale, comparison.tolerance)
     return figure
+
+
+def check_map(file: Path) -> None:
+    """Refuse a file that no picture can be written to, before anything is computed for it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it does not end in .png, or its folder does not exist or can't be written to.
+    """
+    if file.suffix.lower() != ".png" or file.is_dir():
+        raise ConfigurationError("a picture ends in .png", file=file, key="plot")
+    if not file.parent.is_dir():
+        raise ConfigurationError("its folder does not exist", file=file, key="plot")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise ConfigurationError("can't be written: no permission", file=file, key="plot")
 
 
 def write_map(file: Path, comparison: Comparison) -> None:
@@ -157,12 +178,11 @@ def write_map(file: Path, comparison: Comparison) -> None:
     Raises
     ------
     ConfigurationError
-        As `draw_map` does, or if the file does not end in .png.
+        As `draw_map` and `check_map` do.
     RecordingError
         If it can't be written.
     """
-    if file.suffix.lower() != ".png":
-        raise ConfigurationError("a picture ends in .png", file=file, key="plot")
+    check_map(file)
     figure = draw_map(comparison)
     try:
         figure.savefig(file, dpi=110)

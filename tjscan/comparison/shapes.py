@@ -66,6 +66,8 @@ class Shape:
         The edges of a joint's groove, in frame j.
     dropped : int
         How many points of the file were no finite points, and left out.
+    in_own_joint : bool
+        Whether its frame is its joint's own: by definition, or as found in its own data.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Shape:
     mesh: Mesh | None = None
     edges: FeatureEdges | None = None
     dropped: int = 0
+    in_own_joint: bool = False
 
     @property
     def extent(self) -> float:

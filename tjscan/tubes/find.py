@@ -20,6 +20,7 @@ from tjscan.frames import Array
 from tjscan.tubes.cylinder import Cylinder
 from tjscan.tubes.fit import Tubes
 from tjscan.tubes.frame import LEAST_ANGLE
+from tjscan.tubes.polish import polished
 
 VOXELS: Final = 70
 """Voxels along the cloud's diagonal, of each of which one point is looked at."""
@@ -28,6 +29,9 @@ NEIGHBOURS: Final = 24
 TRIALS: Final = 4000
 REFINED: Final = 24
 """How many of the best trials are refined."""
+
+MOST_POLISHED: Final = 30_000
+"""Points that the tubes are settled on in the end; more would tell no more about ten numbers."""
 
 REACH: Final = 0.02
 """Share of the radius within which points count for a trial."""
@@ -83,6 +87,8 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     apart = np.abs(np.stack((first.distance(thin), second.distance(thin))))
     first, _ = _refined(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)])
     second, _ = _refined(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)])
+    chosen = points[:: max(1, len(points) // MOST_POLISHED)]
+    first, second = polished(first, chosen), polished(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE:
         raise TubesNotFound(

@@ -1,0 +1,69 @@
+"""A run, or a file, as a shape to compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.comparison.clouds import read_shape as read_file
+from tjscan.comparison.shapes import Shape, Stated
+from tjscan.comparison.sidecar import Told
+from tjscan.errors import ConfigurationError
+from tjscan.frames import readonly
+from tjscan.result.sections import read_sections
+from tjscan.result.summary import read_summary
+
+CLOUD: Final = "groove.ply"
+SECTIONS: Final = "sections.csv"
+SUMMARY: Final = "summary.json"
+
+
+def read_shape(path: Path, told: Told | None = None) -> Shape:
+    """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
+
+    Parameters
+    ----------
+    path : Path
+        The directory or file.
+    told : Told, optional
+        Unit and frame of a file that does not state them.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, damaged or empty, or nobody states its unit or its frame.
+    """
+    if path.is_dir():
+        return read_run_shape(path)
+    if path.name == CLOUD and (path.parent / SUMMARY).is_file():
+        told = Told("mm", read_summary(path.parent / SUMMARY).frame)
+    return read_file(path, told)
+
+
+def read_run_shape(directory: Path) -> Shape:
+    """The cloud and the corners of a run, in the frame that its summary names.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds no finished run, or its files are damaged.
+    """
+    if not (directory / SUMMARY).is_file():
+        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}", file=directory)
+    summary = read_summary(directory / SUMMARY)
+    frame = summary.frame
+    sections = read_sections(directory / SECTIONS)
+    if not sections:
+        raise ConfigurationError("holds no section", file=directory / SECTIONS)
+    cloud = read_file(directory / CLOUD, Told("mm", frame))
+    return Shape(
+        directory.resolve().name,
+        Stated("mm", "the run", frame),
+        cloud.points,
+        readonly(np.array([section.points for section in sections])),
+        dropped=cloud.dropped,
+        # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
+        in_own_joint=frame == "j" and bool(summary.stations),
+    )
