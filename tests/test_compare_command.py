@@ -131,7 +131,7 @@ def test_a_picture_that_cant_be_written_is_refused_before_anything_is_computed(
 
 
 def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(run: Path, tmp_path: Path) -> None:
-    odd = tmp_path / r"$rac$ & <b>"
+    odd = tmp_path / r"$\frac$ & <b>"
     shutil.copytree(run, odd)
     assert tjscan("compare", odd, CAD, "--plot", tmp_path / "map.png") == 0
 
