@@ -212,6 +212,29 @@ class GrooveNotFound(TjscanError):
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
+class SetPointRefused(TjscanError):
+    """Where a scan would look next is further from its last section than its step allows.
+
+    Parameters
+    ----------
+    evidence : str
+        How far, and what is allowed.
+    """
+
+    def __init__(self, evidence: str) -> None:
+        super().__init__(f"the next set-point is refused: {evidence}")
+
+
+class Interrupted(TjscanError):
+    """The operator stopped the scan, and the arm with it."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "interrupted; what was recorded stays. See that the way is clear, then go on with "
+            "--resume."
+        )
+
+
 class StartSeesNoGroove(LaserFault):
     """The laser reads no groove from a taught pose, so the scan can't begin."""
 
@@ -243,6 +266,7 @@ class JointMoved(LaserFault):
     """The joint, or the arm's base, does not stand where it stood."""
 
     def __init__(self, evidence: str) -> None:
+        self.evidence = evidence
         super().__init__(
             f"{evidence}. If joint or arm was moved, what was scanned before does not fit what "
             "would follow: start a new scan."

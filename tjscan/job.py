@@ -44,6 +44,18 @@ class PoseTable(FileModel):
         )
 
 
+class SkipTable(FileModel):
+    """When a correction is not worth its move: the view is as near as this to the ideal one.
+
+    Unless `enabled` says otherwise, the paper's cases always make the correction.
+    """
+
+    enabled: bool | None = None
+    position_mm: float = Field(default=8.0, gt=0, le=50)
+    work_angle_deg: float = Field(default=5.0, gt=0, le=30)
+    rotation_deg: float = Field(default=6.0, gt=0, le=30)
+
+
 class ScanTable(FileModel):
     """What to scan, from where, and when to stop."""
 
@@ -56,6 +68,7 @@ class ScanTable(FileModel):
     length_mm: float | None = Field(default=None, gt=0)
     sections: int | None = Field(default=None, ge=3)
     resume_tolerance_mm: float = Field(default=0.5, gt=0, le=50)
+    skip: SkipTable = SkipTable()
     first: PoseTable | None = None
     second: PoseTable | None = None
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
-from tjscan.errors import ConfigurationError, TjscanError, words_of
+from tjscan.errors import ConfigurationError, Interrupted, TjscanError, words_of
 from tjscan.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import JobFile, read_job
+from tjscan.job import JobFile, ScanTable, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
@@ -34,6 +34,9 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
 from tjscan.scanning.scanner import Progress, Scanner, ScanResult
 from tjscan.scanning.seen import SeenGroove
+from tjscan.scanning.skip import Skip
+from tjscan.scanning.stopping import StopRequest
+from tjscan.scanning.tally import Event
 from tjscan.scanning.target import Direction
 
 RESUMABLE: Final = (
@@ -42,6 +45,7 @@ RESUMABLE: Final = (
     "scan.step_mm",
     "scan.prediction_case",
     "scan.resume_tolerance_mm",
+    "scan.skip.",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
     "arm.ur.",
@@ -63,6 +67,20 @@ def plan_of(job: JobFile) -> ScanPlan:
         offset=1e-3 * table.view_offset_mm,
         length=None if table.length_mm is None else 1e-3 * table.length_mm,
         sections=table.sections,
+        skip=_skip_of(table),
+        return_tolerance=1e-3 * table.resume_tolerance_mm,
+    )
+
+
+def _skip_of(scan: ScanTable) -> Skip | None:
+    table = scan.skip
+    enabled = scan.prediction_case not in CASES if table.enabled is None else table.enabled
+    if not enabled:
+        return None
+    return Skip(
+        1e-3 * table.position_mm,
+        float(np.radians(table.work_angle_deg)),
+        float(np.radians(table.rotation_deg)),
     )
 
 
@@ -114,23 +132,32 @@ def check_job(job: JobFile, job_file: Path) -> None:
         cell.arm.check(*(start.T for start in job.starts))
 
 
-def scan_in(cell: Cell, job: JobFile, journal: Journal, done: Progress | None = None) -> ScanResult:
+def scan_in(
+    cell: Cell,
+    job: JobFile,
+    journal: Journal,
+    done: Progress | None = None,
+    stop: StopRequest | None = None,
+) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
+    stop = stop or StopRequest()
     seen = SeenGroove(cell.clearance, () if done is None else done.sections)
     journal = Journals(journal, seen)
-    with cell:
+    with cell, stop.halting(cell.arm.stop):
         _note_arm(cell.arm, journal)
-        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, reader_of(job), plan_of(job), journal)
+        scanner = Scanner(
+            cell.arm, cell.laser, cell.T_f_s, reader_of(job), plan_of(job), journal, stop=stop
+        )
         try:
             if done is not None and len(done.sections) >= 2:
-                return scanner.resume(done, 1e-3 * job.scan.resume_tolerance_mm)
+                return scanner.resume(done)
             first, second = job.starts
             return scanner.run(first.T, second.T)
         except TjscanError as error:
-            journal.event("failed", words_of(error))
-            raise
-        except KeyboardInterrupt:
-            journal.event("interrupted", "by the operator")
+            if stop.at_once:
+                journal.event(Event.INTERRUPTED, f"by the operator: {words_of(error)}")
+                raise Interrupted from error
+            journal.event(Event.FAILED, words_of(error))
             raise
 
 

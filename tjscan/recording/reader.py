@@ -21,6 +21,7 @@ from tjscan.recording.records import MOST_BYTES, read_records
 from tjscan.recording.writer import parts
 from tjscan.scanning.scan import Scan, View
 from tjscan.scanning.scanner import Progress
+from tjscan.scanning.tally import Tally
 
 UNREADABLE: Final = (KeyError, ValueError, TypeError, OverflowError)
 """What comes of a message whose fields are others than those a scan writes."""
@@ -106,7 +107,7 @@ def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> 
     """
     views: list[View] = []
     sections: dict[int, Scan] = {}
-    half_steps = 0
+    tally = Tally()
     for file in parts(directory):
         for topic, view, message in _with_views(file):
             if view is not None:
@@ -116,8 +117,8 @@ def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> 
                 T_s_t = inverse(last.T_b_s) @ T_b_t
                 sections[last.index] = Scan(last, read(last.profile), T_s_t)
             elif topic == EVENT:
-                half_steps += message.get("name") == "half step"
-    return Progress(tuple(sections.values()), tuple(views), half_steps)
+                tally = tally.counting(str(message.get("name")))
+    return Progress(tuple(sections.values()), tuple(views), tally)
 
 
 def _section(file: Path, views: list[View], message: dict[str, Any]) -> tuple[View, Array]:

@@ -143,7 +143,7 @@ def summarise(
         detail=result.detail,
         frame=frame.name,
         groove_length_mm=1e3 * groove_length(result.sections),
-        half_steps=result.half_steps,
+        half_steps=result.tally.half_steps,
         step_mm=StepStatistics(
             nominal=1e3 * plan.step,
             mean=float(steps.mean()) if len(steps) else None,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tjscan.frames import Array
 from tjscan.scanning.prediction import Prediction
+from tjscan.scanning.skip import Skip
 from tjscan.scanning.target import Direction, target_in_sensor
 
 
@@ -31,6 +32,11 @@ class ScanPlan:
         Stop after this much groove, counted from the second taught section, metres.
     sections : int, optional
         Stop after this many sections, the two taught ones included.
+    skip : Skip, optional
+        When a prediction view may be the section's, and no correction is made; never where left
+        out, as in the paper.
+    return_tolerance : float
+        How far a section may seem to have moved when it is seen once more, metres.
     """
 
     step: float
@@ -41,6 +47,8 @@ class ScanPlan:
     offset: float = 0.0
     length: float | None = None
     sections: int | None = None
+    skip: Skip | None = None
+    return_tolerance: float = 0.5e-3
 
     def target(self, work_angle: float) -> Array:
         """T_s_t for a groove with this work angle, shape (4, 4)."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from math import radians
 from typing import Final
 
 import numpy as np
 
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array
+from tjscan.groove.section import GrooveSection
+from tjscan.scanning.guard import turned
+from tjscan.scanning.scan import Scan, Substep
+from tjscan.scanning.stride import TIGHTEST, Stride
 
 SHORTEST: Final = 0.3
 """Steps that a section lies ahead of the last one, at least."""
@@ -18,33 +23,132 @@ LONGEST: Final = 2.0
 ASIDE: Final = 1.0
 """Steps that it lies aside of where the step led, at most."""
 
+BESIDE: Final = 3e-3
+"""Metres aside that need no bend of the groove: errors of reading, of the arm, of a hand."""
 
-def check_step(p_b_last: Array, p_b_found: Array, direction_b: Array, step: float) -> None:
-    """Refuse a section that does not lie about a step ahead of the last one.
+UPRIGHT: Final = 0.25
+"""Least cosine between the wall's tangent and x_s, and between the wall's normal and the view."""
+
+SIGMAS: Final = 5.0
+"""Standard deviations by which two readings of the same groove hardly ever differ."""
+
+OPENING: Final = (radians(3), radians(250))
+"""Radians by which the opening differs from section to section, and radians per metre.
+
+The tightest groove (see `TIGHTEST`) changes by 200° per metre; a laser plane that is turned a
+little further than the last one sees a little more.
+"""
+
+WIDTH: Final = (0.1, 5.0)
+DEPTH: Final = (0.1, 3.0)
+"""Share by which root width and depth differ, and share per metre, of the same groove."""
+
+SMALL: Final = 0.8e-3
+"""Metres by which root width and depth may differ besides: weld beads are no planes."""
+
+
+def check_step(found: Scan, stride: Stride) -> None:
+    """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
 
     Believed, such a section would turn the next set-point round and lead the arm astray.
 
     Parameters
     ----------
-    p_b_last, p_b_found : ndarray, shape (3,)
-        Groove origins of the last section and of the one just read, metres.
-    direction_b : ndarray, shape (3,)
-        Unit vector of the step that was made.
-    step : float
-        Its length, metres.
+    found : Scan
+        What was read, in either substep.
+    stride : Stride
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": too near or too far, aside, turned, or on the wrong side.
+    """
+    check_side(found.groove)
+    step, direction_b = stride.length, stride.direction_b
+    gone = found.T_b_g[:3, 3] - stride.start_b
+    ahead = float(gone @ direction_b)
+    aside = float(np.linalg.norm(gone - ahead * direction_b))
+    if not (SHORTEST * step < ahead < LONGEST * step and aside < _most_aside(step)):
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
+            f"{1e3 * aside:.1f} mm aside, a step of {1e3 * step:.1f} mm was made",
+        )
+    turn = turned(stride.last.T_b_g, found.T_b_g)
+    if turn > stride.largest_turn:
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "
+            f"{1e3 * step:.1f} mm",
+        )
+
+
+def check_side(groove: GrooveSection) -> None:
+    """Refuse a section whose wall is not above it, or turns its back.
 
     Raises
     ------
     GrooveNotFound
         With reason "implausible".
     """
-    gone = p_b_found - p_b_last
-    ahead = float(gone @ direction_b)
-    aside = float(np.linalg.norm(gone - ahead * direction_b))
-    if SHORTEST * step < ahead < LONGEST * step and aside < ASIDE * step:
+    up, towards = float(groove.T_s_g[0, 1]), -float(groove.T_s_g[2, 2])
+    if min(up, towards) < UPRIGHT:
+        raise GrooveNotFound(
+            "implausible",
+            f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
+            f"{towards:.2f}: it is not above the groove",
+        )
+
+
+def check_measures(found: Scan, stride: Stride) -> None:
+    """Refuse a section whose own measures can't follow those of the last one.
+
+    Parameters
+    ----------
+    found : Scan
+        What was read, the laser plane turned as for the last section: measures of a plane that
+        lies otherwise are other measures.
+    stride : Stride
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": the opening, the root or the depth jumps by more than what
+        both readings are uncertain by and a groove changes over such a step.
+    """
+    last, now, step = stride.last.groove, found.groove, stride.length
+    # A hand may have turned the plane of the last section otherwise.
+    doubt = 2.0 if stride.last.view.substep is Substep.TAUGHT else 1.0
+    noise = SIGMAS * np.sqrt(
+        np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
+    )
+    before, after = _measures(last), _measures(now)
+    allowed = noise + doubt * np.array(
+        (
+            OPENING[0] + OPENING[1] * step,
+            SMALL + (WIDTH[0] + WIDTH[1] * step) * before[1],
+            SMALL + (DEPTH[0] + DEPTH[1] * step) * before[2],
+        )
+    )
+    beyond = np.abs(after - before) > allowed
+    if not beyond.any():
         return
+    k = int(beyond.argmax())
+    name, unit = (("opening", "°"), ("root width", " mm"), ("depth", " mm"))[k]
+    scale = np.degrees(1.0) if k == 0 else 1e3
     raise GrooveNotFound(
         "implausible",
-        f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
-        f"{1e3 * aside:.1f} mm aside, a step of {1e3 * step:.1f} mm was made",
+        f"the {name} jumps from {scale * before[k]:.1f} to {scale * after[k]:.1f}{unit} over "
+        f"{1e3 * step:.1f} mm, {scale * allowed[k]:.1f}{unit} are believed",
     )
+
+
+def _measures(groove: GrooveSection) -> Array:
+    return np.array((groove.opening_angle, groove.root_width, groove.depth))
+
+
+def _most_aside(step: float) -> float:
+    """A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that."""
+    return min(BESIDE + step * step / TIGHTEST, ASIDE * step + BESIDE)

@@ -19,6 +19,8 @@ class StopReason(StrEnum):
     CLOSED = "back at the first section"
     UNREACHABLE = "next pose out of reach"
     LOST = "groove not found"
+    REFUSED = "next set-point refused"
+    REQUESTED = "stop requested"
 
 
 def groove_length(sections: Sequence[Scan]) -> float:
@@ -31,7 +33,7 @@ def complete(stop: StopReason, plan: ScanPlan) -> bool:
     """Tell whether a scan that ended so did what it was asked to."""
     if stop is StopReason.UNREACHABLE:
         return plan.length is None and plan.sections is None
-    return stop is not StopReason.LOST
+    return stop not in (StopReason.LOST, StopReason.REFUSED, StopReason.REQUESTED)
 
 
 def finished(plan: ScanPlan, sections: Sequence[Scan], step: float) -> StopReason | None:

@@ -12,21 +12,28 @@ from tjscan.errors import (
     GrooveNotFound,
     JointMoved,
     PoseUnreachable,
+    SetPointRefused,
     StartSeesNoGroove,
 )
-from tjscan.frames import Array, inverse, unit
+from tjscan.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.correction import correct
+from tjscan.scanning.hand import Hand
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.plausible import check_step
+from tjscan.scanning.plausible import check_measures
 from tjscan.scanning.progress import StopReason, finished, groove_length
+from tjscan.scanning.remedies import climb
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.scanning.set_point import Predictor, SetPoint, StepRule
+from tjscan.scanning.skip import deviation, uncertainty
+from tjscan.scanning.stopping import StopRequest
+from tjscan.scanning.stride import Stride
+from tjscan.scanning.tally import Event, Tally
 from tjscan.scanning.target import Direction
 
 
@@ -44,15 +51,15 @@ class ScanResult:
         Why it ended.
     detail : str
         The same in one sentence, with numbers.
-    half_steps : int
-        How often a section was not found and tried again at half the step.
+    tally : Tally
+        How often each remedy was tried.
     """
 
     sections: tuple[Scan, ...]
     views: tuple[View, ...]
     stop: StopReason
     detail: str
-    half_steps: int
+    tally: Tally
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +70,13 @@ class Progress:
     ----------
     sections, views : tuple
         As in `ScanResult`.
-    half_steps : int
+    tally : Tally
         As in `ScanResult`.
     """
 
     sections: tuple[Scan, ...]
     views: tuple[View, ...]
-    half_steps: int
+    tally: Tally
 
 
 class Scanner:
@@ -93,6 +100,8 @@ class Scanner:
         Says where the next section lies; the plan's where left out.
     step_of : StepRule, optional
         Says how far to step; the plan's where left out.
+    stop : StopRequest, optional
+        Asks for an end before the plan is fulfilled.
     """
 
     def __init__(
@@ -105,14 +114,14 @@ class Scanner:
         journal: Journal,
         predictor: Predictor | None = None,
         step_of: StepRule | None = None,
+        stop: StopRequest | None = None,
     ) -> None:
-        self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
-        self._read, self._plan, self._journal = read, plan, journal
+        self._arm, self._plan, self._journal = arm, plan, journal
         self._predict = predictor or predictor_of(plan)
         self._step_of = step_of or step_rule_of(plan)
-        self._views: list[View] = []
+        self._stop = stop or StopRequest()
+        self._hand = Hand(arm, laser, T_f_s, read, plan, journal, self._stop)
         self._sections: list[Scan] = []
-        self._half_steps = 0
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses until the plan is fulfilled or no step is possible.
@@ -127,44 +136,34 @@ class Scanner:
             If the taught poses don't go the way that the plan asks for.
         ArmFault, LaserFault
             If a device fails; what was measured until then is in the journal.
+        Interrupted
+            If everything was to stop at once.
         """
         self._finish(self._taught("first", self._arm.move_joint, T_b_f_first))
         self._finish(self._taught("second", self._arm.move_linear, T_b_f_second))
         self._check_direction()
         return self._go_on()
 
-    def resume(self, done: Progress, tolerance: float) -> ScanResult:
+    def resume(self, done: Progress) -> ScanResult:
         """Go back to the last section of an interrupted scan, see that nothing moved, and go on.
 
         Parameters
         ----------
         done : Progress
             What was found before, two sections or more.
-        tolerance : float
-            How far the last section may seem to have moved, metres.
 
         Raises
         ------
         JointMoved
             If it lies elsewhere now, or is not found any more.
-        ArmFault, LaserFault
+        ArmFault, LaserFault, Interrupted
             As `run` does.
         """
-        self._sections, self._views = list(done.sections), list(done.views)
-        self._half_steps = done.half_steps
-        last = self._sections[-1]
-        view = self._look(Substep.RESUMED, self._arm.move_joint(last.view.T_b_f))
-        try:
-            now = Scan(view, self._read(view.profile), last.T_s_t)
-        except GrooveNotFound as error:
-            raise JointMoved(f"the last section is not there any more: {error}") from None
-        moved = float(np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4].max())
-        if moved > tolerance:
-            raise JointMoved(
-                f"the last section lies {1e3 * moved:.2f} mm from where it was, "
-                f"{1e3 * tolerance:.2f} mm are allowed"
-            )
-        self._journal.event("resumed", f"after section {view.index}, moved {1e3 * moved:.3f} mm")
+        self._sections = list(done.sections)
+        self._hand.remember(done.views, done.tally)
+        moved = self._return(self._arm.move_joint)
+        last = len(self._sections) - 1
+        self._hand.note(Event.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
         return self._go_on()
 
     def _go_on(self) -> ScanResult:
@@ -173,64 +172,93 @@ class Scanner:
             step = self._step_of(self._sections)
             if (stop := finished(self._plan, self._sections, step)) is not None:
                 return self._end(stop)
+            if self._stop.wanted:
+                self._hand.note(Event.STOP_REQUESTED, f"after section {len(self._sections) - 1}")
+                return self._end(StopReason.REQUESTED)
             try:
-                scan = self._step_or_half_step(step)
+                scan = climb(self._step, self._retreat, step, self._hand.note)
             except PoseUnreachable as error:
                 return self._end(StopReason.UNREACHABLE, str(error))
-            except GrooveNotFound as error:
+            except (GrooveNotFound, JointMoved) as error:
                 return self._end(StopReason.LOST, str(error))
+            except SetPointRefused as error:
+                return self._end(StopReason.REFUSED, str(error))
             self._finish(scan)
 
-    def _step_or_half_step(self, step: float) -> Scan:
-        """One step of that length, or of half of it where the groove is not found."""
-        try:
-            return self._step(step)
-        except GrooveNotFound as error:
-            self._half_steps += 1
-            self._journal.event("half step", f"section {len(self._sections)}: {error}")
-            return self._step(step / 2)
-
     def _step(self, d_st: float) -> Scan:
-        """Algorithm 1: from the last two sections to the next one."""
+        """Algorithm 1: from the finished sections to the next one."""
         last = self._sections[-1]
 
         # Prediction substep
         ahead = self._predict(self._sections, d_st)  # (7)
-        direction_b = unit(ahead.T_b_t[:3, 3] - last.T_b_t[:3, 3])
-        predicted = self._scan(Substep.PREDICTION, ahead)
-        check_step(last.T_b_g[:3, 3], predicted.T_b_g[:3, 3], direction_b, d_st)
+        stride = Stride(last, ahead.T_b_t[:3, 3], d_st)
+        predicted = self._scan(Substep.PREDICTION, ahead, stride)
 
         # Correction substep
         T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
-        T_b_t = correct(last.T_b_g, predicted.T_b_g)  # (12)
-        corrected = self._scan(Substep.CORRECTION, SetPoint(T_b_t, T_s_t))
-        check_step(last.T_b_g[:3, 3], corrected.T_b_g[:3, 3], direction_b, d_st)
-        return corrected
+        ideal = SetPoint(correct(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
+        if self._is_good_enough(predicted, ideal, ahead, stride):
+            return predicted
+        return self._scan(Substep.CORRECTION, ideal, stride)
 
-    def _scan(self, substep: Substep, to: SetPoint) -> Scan:
+    def _is_good_enough(
+        self, predicted: Scan, ideal: SetPoint, ahead: SetPoint, stride: Stride
+    ) -> bool:
+        """Whether the prediction view may be the section's: it looks well, and fits the last."""
+        skip = self._plan.skip
+        if skip is None:
+            return False
+        sigma = uncertainty(predicted.groove, ahead, stride.length, self._plan.direction)
+        if not skip.allows(deviation(predicted, ideal), sigma):
+            return False
+        try:
+            check_measures(predicted, stride)
+        except GrooveNotFound:
+            return False
+        return True
+
+    def _scan(self, substep: Substep, to: SetPoint, stride: Stride) -> Scan:
         """Lay frame t on its set-point, take a profile and read it."""
-        state = self._arm.move_linear(to.T_b_t @ inverse(self._T_f_s @ to.T_s_t))
-        view = self._look(substep, state)
-        return Scan(view, self._read(view.profile), to.T_s_t)
+        return self._hand.scan(len(self._sections), substep, to, stride, self._sections[-2])
 
     def _taught(self, which: str, move: Callable[[Array], ArmState], T_b_f: Array) -> Scan:
         """Go to a taught pose and read the groove there."""
-        view = self._look(Substep.TAUGHT, move(T_b_f))
+        state = self._hand.move(move, T_b_f)
         try:
-            groove = self._read(view.profile)
+            return self._hand.look(len(self._sections), Substep.TAUGHT, state, self._hand.read)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
-        return Scan(view, groove, self._plan.target(groove.work_angle))
 
-    def _look(self, substep: Substep, state: ArmState) -> View:
-        profile = self._laser.capture()
-        T_b_s = state.T_b_f @ self._T_f_s
-        resumed = substep is Substep.RESUMED  # looks at the last section once more
-        index = len(self._sections) - resumed
-        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._views.append(view)
-        self._journal.view(view)
-        return view
+    def _retreat(self) -> None:
+        """Go back to the last section on a line, and see that it lies where it lay."""
+        self._return(self._arm.move_linear)
+
+    def _return(self, move: Callable[[Array], ArmState]) -> float:
+        """Go back to the last section; gives the metres that it seems to have moved since.
+
+        Raises
+        ------
+        JointMoved
+            If they are too many, or it is not found any more.
+        """
+        last, tolerance = self._sections[-1], self._plan.return_tolerance
+        state = self._hand.move(move, last.view.T_b_f)
+        try:
+            now = self._hand.look(
+                len(self._sections) - 1,
+                Substep.RESUMED,
+                state,
+                lambda view: self._hand.read(view, last.T_s_t),
+            )
+        except GrooveNotFound as error:
+            raise JointMoved(f"the last section is not there any more: {error}") from None
+        moved = float(np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4].max())
+        if moved > tolerance:
+            raise JointMoved(
+                f"the last section lies {1e3 * moved:.2f} mm from where it was, "
+                f"{1e3 * tolerance:.2f} mm are allowed"
+            )
+        return moved
 
     def _finish(self, scan: Scan) -> None:
         self._sections.append(scan)
@@ -255,6 +283,6 @@ class Scanner:
         length = 1e3 * groove_length(self._sections[1:])
         detail = f"{stop} after {length:.1f} mm from the second taught section"
         detail = f"{detail}: {cause}" if cause else detail
-        self._journal.event("stop", detail)
-        sections, views = tuple(self._sections), tuple(self._views)
-        return ScanResult(sections, views, stop, detail, self._half_steps)
+        self._hand.note(Event.STOP, detail)
+        views = tuple(self._hand.views)
+        return ScanResult(tuple(self._sections), views, stop, detail, self._hand.tally)

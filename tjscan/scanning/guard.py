@@ -1,0 +1,79 @@
+"""Never a wild move: what every set-point has to pass before the arm hears of it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import SetPointRefused
+from tjscan.frames import Array, inverse
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.stride import Stride
+
+FARTHEST: Final = 2.0
+"""Steps that a set-point lies from the last section, at most."""
+
+BESIDE: Final = 0.02
+"""Metres that the groove may be meant to appear from where the plan wants it in the sensor."""
+
+RIGID: Final = 1e-6
+"""How far from orthonormal a rotation may be that was computed."""
+
+
+def check_set_point(to: SetPoint, stride: Stride, plan: ScanPlan) -> None:
+    """Refuse a set-point that is further from the last section than its step allows.
+
+    Parameters
+    ----------
+    to : SetPoint
+        Of either substep.
+    stride : Stride
+        The step under way.
+    plan : ScanPlan
+        Says where in the sensor the groove shall appear.
+
+    Raises
+    ------
+    SetPointRefused
+        If it is no pose, too far away, turned too far, or at another stand-off than was planned.
+    """
+    for name, T in (("T_b_t", to.T_b_t), ("T_s_t", to.T_s_t)):
+        if not _is_pose(T):
+            raise SetPointRefused(f"its {name} is no pose")
+    p_b = to.T_b_t[:3, 3]
+    starts = (stride.start_b, stride.last.T_b_t[:3, 3])
+    away = min(float(np.linalg.norm(p_b - start)) for start in starts)
+    if away > FARTHEST * stride.length:
+        raise SetPointRefused(
+            f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
+            f"{1e3 * stride.length:.1f} mm"
+        )
+    T_b_s = to.T_b_t @ inverse(to.T_s_t)
+    turn = turned(stride.last.view.T_b_s, T_b_s)
+    if turn > stride.largest_turn:
+        raise SetPointRefused(
+            f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
+            f"{np.degrees(stride.largest_turn):.0f}° are believed of a step of "
+            f"{1e3 * stride.length:.1f} mm"
+        )
+    beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
+    if beside > BESIDE:
+        raise SetPointRefused(
+            f"the groove would appear {1e3 * beside:.1f} mm from where it is planned in the sensor"
+        )
+
+
+def turned(T_1: Array, T_2: Array) -> float:
+    """Angle in radians between the rotations of two poses."""
+    cosine = 0.5 * (float(np.sum(T_1[:3, :3] * T_2[:3, :3])) - 1.0)
+    return float(np.arccos(min(1.0, max(-1.0, cosine))))
+
+
+def _is_pose(T: Array) -> bool:
+    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T).max() > 1e6:
+        return False
+    R = T[:3, :3]
+    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < RIGID and np.linalg.det(R) > 0
+    return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())

@@ -1,0 +1,170 @@
+"""The arm with the laser on it: goes where it is told, and looks until it can read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from tjscan.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
+from tjscan.frames import Array, inverse
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+from tjscan.robot.arm import Arm, ArmState
+from tjscan.scanning.fresh import check_fresh
+from tjscan.scanning.guard import check_set_point
+from tjscan.scanning.journal import Journal
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.plausible import check_measures, check_side, check_step
+from tjscan.scanning.remedies import MISSING, nudges, takes
+from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.stopping import StopRequest
+from tjscan.scanning.stride import Stride
+from tjscan.scanning.tally import Event, Tally
+
+
+class Hand:
+    """Takes views and reads them, by remedies where a profile is bad; see `remedies`.
+
+    Parameters
+    ----------
+    arm, laser, T_f_s, read, plan, journal, stop
+        As `Scanner` has them.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        laser: LineLaser,
+        T_f_s: Array,
+        read: Callable[[Profile], GrooveSection],
+        plan: ScanPlan,
+        journal: Journal,
+        stop: StopRequest,
+    ) -> None:
+        self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
+        self._read, self._plan, self._journal, self._stop = read, plan, journal, stop
+        self._fresh: View | None = None
+        self.views: list[View] = []
+        self.tally = Tally()
+
+    def remember(self, views: Iterable[View], tally: Tally) -> None:
+        """Go on from what was done before."""
+        self.views, self.tally = list(views), tally
+
+    def note(self, event: Event, detail: str) -> None:
+        """Tell the journal of an event, and count it."""
+        self.tally = self.tally.counting(event)
+        self._journal.event(event, detail)
+
+    def move(self, by: Callable[[Array], ArmState], T_b_f: Array) -> ArmState:
+        """Move the arm, unless everything is to stop."""
+        self._stop.check()
+        return by(T_b_f)
+
+    def look(
+        self,
+        index: int,
+        substep: Substep,
+        state: ArmState,
+        read: Callable[[View], Scan],
+    ) -> Scan:
+        """Take profiles where the arm stands until one is read, a bounded number of times.
+
+        Raises
+        ------
+        GrooveNotFound
+            What was wrong with the last one.
+        LaserFault
+            If no profile comes.
+        """
+        taken = 0
+        while True:
+            view = self._take(index, substep, state)
+            taken += 1
+            try:
+                return read(view)
+            except GrooveNotFound as error:
+                if taken >= takes(error):
+                    raise
+                self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+
+    def read(self, view: View, T_s_t: Array | None = None) -> Scan:
+        """Read the groove in a view; without T_s_t frame t is laid as the plan lays it."""
+        groove = self._read(view.profile)
+        check_side(groove)
+        return Scan(view, groove, self._plan.target(groove.work_angle) if T_s_t is None else T_s_t)
+
+    def scan(
+        self, index: int, substep: Substep, to: SetPoint, stride: Stride, before: Scan
+    ) -> Scan:
+        """Lay frame t on a set-point and read the groove, from a little beside if need be.
+
+        Parameters
+        ----------
+        index, substep
+            As in `View`.
+        to : SetPoint
+            Where.
+        stride : Stride
+            The step under way, which the set-point and the section have to fit.
+        before : Scan
+            The section before the one that the stride starts from.
+
+        Raises
+        ------
+        SetPointRefused
+            Before anything moves, if the set-point does not fit.
+        GrooveNotFound
+            If none is read that fits.
+        PoseUnreachable, LaserFault
+            As devices do.
+        """
+        try:
+            return self._lay(index, substep, to, stride)
+        except GrooveNotFound as error:
+            lost = error
+        for nudge in nudges(lost, self.views[-1].profile, before, stride.last):
+            self.note(Event.NUDGE, f"section {index}, {substep}, {nudge}: {lost}")
+            try:
+                return self._lay(index, substep, nudge.applied(to, self._plan.direction), stride)
+            except (GrooveNotFound, SetPointRefused, PoseUnreachable):
+                continue
+        raise lost
+
+    def _lay(self, index: int, substep: Substep, to: SetPoint, stride: Stride) -> Scan:
+        """Lay frame t on a set-point and look."""
+        check_set_point(to, stride, self._plan)
+        state = self.move(self._arm.move_linear, to.T_b_t @ inverse(self._T_f_s @ to.T_s_t))
+
+        def read(view: View) -> Scan:
+            found = self.read(view, to.T_s_t)
+            check_step(found, stride)
+            if substep is Substep.CORRECTION:
+                check_measures(found, stride)
+            return found
+
+        return self.look(index, substep, state, read)
+
+    def _take(self, index: int, substep: Substep, state: ArmState) -> View:
+        """Take a profile that shows what is before the sensor now."""
+        missed = 0
+        while True:
+            self._stop.check()
+            try:
+                profile = self._laser.capture()
+                check_fresh(profile, state, self._fresh)
+                break
+            except LaserFault as error:
+                missed += 1
+                if missed > MISSING:
+                    raise LaserFault(
+                        f"{missed} profiles in a row were no good, the last one because: {error}"
+                    ) from error
+                self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+        T_b_s = state.T_b_f @ self._T_f_s
+        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._fresh = view
+        self.views.append(view)
+        self._journal.view(view)
+        return view

@@ -1,0 +1,97 @@
+"""Correction only when it pays: whether a prediction view looks well enough already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.frames import Array, inverse
+from tjscan.groove.section import GrooveSection
+from tjscan.scanning.scan import Scan
+from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.target import Direction
+
+SIGMAS: Final = 2.0
+"""Standard deviations that count besides the deviation itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Skip:
+    """How far a view may be from the ideal one and still be the section's.
+
+    A correction changes how the sensor looks at a section, not where the section lies: its points
+    are points of the groove's edges from either view. What the tolerances keep is good sight.
+
+    Parameters
+    ----------
+    position : float
+        Of the groove in the laser plane, metres. About a groove the sensor's range leaves some
+        centimetres free; 8 mm are a part of them.
+    work_angle : float
+        Of the sensor about the groove, radians. Half a narrow opening is 20°: 5° off, bevel and
+        leg are seen 15° from grazing, where points begin to drop out.
+    rotation : float
+        Of the laser plane about the other two axes, radians. Turned by 6° beyond a pull angle of
+        10° it makes a section 2 % wider, less than it changes from step to step.
+    """
+
+    position: float = 8e-3
+    work_angle: float = radians(5)
+    rotation: float = radians(6)
+
+    def allows(self, off: Array, sigma: Array) -> bool:
+        """Tell whether a view that is `off`, give or take `sigma`, may stand; both shape (6,)."""
+        doubt = SIGMAS * sigma
+        return bool(
+            np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
+            and abs(off[3]) + doubt[3] <= self.work_angle
+            and np.linalg.norm(off[4:]) + doubt[4:].max() <= self.rotation
+        )
+
+
+def deviation(taken: Scan, ideal: SetPoint) -> Array:
+    """How far a view is from the ideal one: position and rotation vector in frame t, shape (6,).
+
+    Metres and radians. The rotation about x counts the work angle with it.
+    """
+    T_t_ideal_t_taken = inverse(ideal.T_b_t) @ taken.view.T_b_s @ ideal.T_s_t
+    turn = Rotation.from_matrix(T_t_ideal_t_taken[:3, :3]).as_rotvec()
+    return np.concatenate((T_t_ideal_t_taken[:3, 3], turn))
+
+
+def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: Direction) -> Array:
+    """Standard deviations of `deviation`, from what was read and what was predicted, shape (6,).
+
+    Parameters
+    ----------
+    groove : GrooveSection
+        What was read in the view.
+    ahead : SetPoint
+        The prediction, with the covariance of the ideal set-point where the predictor tells it.
+    step : float
+        From the last section, metres.
+    direction : Direction
+        Which way round: it says how the work angle turns frame t.
+
+    Notes
+    -----
+    Two independent estimates of the ideal set-point, the reading's and the prediction's, together
+    are more certain than either: variances add as their inverses. Of the reading, the origin is as
+    uncertain as the worse of p2 and p4; the middle of the opening half as much as the opening; the
+    direction of motion as two origins a step apart.
+    """
+    p = max(np.trace(groove.corner_covariances_s[k]) for k in (0, 2))
+    along = 2 * p / step**2
+    reading = np.array((p, p, p, 0.25 * groove.measure_covariance[0, 0], along, along))
+    if ahead.covariance is None:
+        return np.asarray(np.sqrt(reading))
+    P = ahead.covariance
+    prediction = np.diag(P)[:6].copy()
+    turns = -1.0 if direction is Direction.COUNTERCLOCKWISE else 1.0
+    prediction[3] += P[6, 6] + 2 * turns * P[3, 6]
+    total = reading + prediction
+    return np.sqrt(np.divide(reading * prediction, total, out=np.zeros(6), where=total > 0))

@@ -1,0 +1,64 @@
+"""Asking a scan to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tjscan.errors import Interrupted
+
+
+class StopRequest:
+    """Asks a scan to stop, from another thread: after the section under way, or at once."""
+
+    def __init__(self) -> None:
+        self._wanted = self._at_once = False
+        self._halt: Callable[[], None] | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the scan shall end after the section under way."""
+        return self._wanted
+
+    @property
+    def at_once(self) -> bool:
+        """Whether nothing shall move any more."""
+        return self._at_once
+
+    @property
+    def heard(self) -> bool:
+        """Whether a scan is under way that looks at this request."""
+        return self._halt is not None
+
+    def ask(self) -> None:
+        """Ask for an end after the section under way."""
+        self._wanted = True
+
+    def ask_at_once(self) -> None:
+        """Ask for an end now, and stop the arm; to be repeated until the scan has ended.
+
+        An arm that is between two moves forgets that it was stopped.
+        """
+        self._wanted = self._at_once = True
+        if (halt := self._halt) is not None:
+            halt()
+
+    def check(self) -> None:
+        """Let nothing begin after the end was asked for now.
+
+        Raises
+        ------
+        Interrupted
+            If it was.
+        """
+        if self._at_once:
+            raise Interrupted
+
+    @contextmanager
+    def halting(self, halt: Callable[[], None]) -> Iterator[None]:
+        """Stop an arm by `halt` where the end is asked for now, while the block runs."""
+        self._halt = halt
+        try:
+            yield
+        finally:
+            self._halt = None

@@ -1,0 +1,55 @@
+"""What happens out of the ordinary in a scan, by stable names, and how often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+
+class Event(StrEnum):
+    """Names under which journals and recordings hear of it."""
+
+    TAKEN_AGAIN = "taken again"
+    NUDGE = "nudge"
+    HALF_STEP = "half step"
+    RETREAT = "retreat"
+    RESUMED = "resumed"
+    STOP_REQUESTED = "stop requested"
+    STOP = "stop"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """How often each remedy was tried.
+
+    Parameters
+    ----------
+    taken_again : int
+        Profiles taken again at the same place.
+    nudges : int
+        Looks from a little beside the set-point.
+    half_steps : int
+        Steps tried again at half their length.
+    retreats : int
+        Returns to the last section.
+    """
+
+    taken_again: int = 0
+    nudges: int = 0
+    half_steps: int = 0
+    retreats: int = 0
+
+    def counting(self, name: str) -> Tally:
+        """With one more event of that name; the same for events that are no remedy."""
+        field = _COUNTED.get(name)
+        return self if field is None else replace(self, **{field: getattr(self, field) + 1})
+
+
+_COUNTED: dict[str, str] = {
+    Event.TAKEN_AGAIN: "taken_again",
+    Event.NUDGE: "nudges",
+    Event.HALF_STEP: "half_steps",
+    Event.RETREAT: "retreats",
+}
