@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,20 @@ from tjscan.calibration.file import CalibrationFile, NoiseTable, write_calibrati
 from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
 from tjscan.config import validate
+from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array, transform
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import read_job
 from tjscan.joint.edges import feature_edges
+from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
 from tjscan.run import joint_of, plan_of
 from tjscan.scanning.scan import Scan, View
 from tjscan.scanning.scanner import Scanner, ScanResult
+from tjscan.scanning.set_point import Predictor
+from tjscan.scanning.stopping import StopRequest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 PAPER, CLOCKWISE = EXAMPLES / "paper.toml", EXAMPLES / "paper-clockwise.toml"
@@ -73,12 +77,24 @@ def scan_example(
     file: Path = PAPER,
     notes: Notes | None = None,
     read: Callable[[Profile], GrooveSection] = find_groove,
+    through: Callable[[LineLaser], LineLaser] = lambda laser: laser,
+    predictor: Predictor | None = None,
+    stop: StopRequest | None = None,
 ) -> ScanResult:
-    """Scan an example with keys replaced."""
+    """Scan an example with keys replaced, its laser heard `through` another one."""
     job = read_job(file, overrides)
     joint = joint_of(job, file)
     with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
-        scanner = Scanner(cell.arm, cell.laser, cell.T_f_s, read, plan_of(job), notes or Notes())
+        scanner = Scanner(
+            cell.arm,
+            through(cell.laser),
+            cell.T_f_s,
+            read,
+            plan_of(job),
+            notes or Notes(),
+            predictor,
+            stop=stop,
+        )
         first, second = job.starts
         return scanner.run(first.T, second.T)
 
@@ -117,3 +133,15 @@ def calibration_file(file: Path) -> Path:
     )
     write_calibration(file, found)
     return file
+
+
+def reading_fails_at(calls: Container[int]) -> Callable[[Profile], GrooveSection]:
+    """A reader that finds no groove in the profiles of these numbers."""
+    count = iter(range(10_000))
+
+    def read(profile: Profile) -> GrooveSection:
+        if next(count) in calls:
+            raise GrooveNotFound("no bevel", "hidden by a clamp")
+        return find_groove(profile)
+
+    return read

@@ -5,12 +5,10 @@ from itertools import count
 import numpy as np
 import pytest
 
-from tjscan.errors import GrooveNotFound
 from tjscan.frames import inverse, pose, rot_z
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.plausible import check_step
 from tjscan.scanning.prediction import CASES
 from tjscan.scanning.progress import StopReason, complete, finished, groove_length
 from tjscan.scanning.scan import Scan, Substep, View
@@ -79,15 +77,3 @@ def test_what_was_asked_decides_whether_a_scan_is_complete() -> None:
     assert complete(StopReason.UNREACHABLE, plan(0.04))
     assert not complete(StopReason.UNREACHABLE, plan(0.04, length=0.5))
     assert not complete(StopReason.LOST, plan(0.04))
-
-
-@pytest.mark.parametrize(
-    "found", [(-0.04, 0, 0), (0.0, 0, 0), (0.1, 0, 0), (0.04, 0.06, 0), (0.04, 0, -0.06)]
-)
-def test_a_section_that_is_not_about_a_step_ahead_is_implausible(
-    found: tuple[float, float, float],
-) -> None:
-    last, ahead = np.array((0.3, 0.2, 0.1)), np.array((1.0, 0.0, 0.0))
-    check_step(last, last + 0.04 * ahead, ahead, 0.04)
-    with pytest.raises(GrooveNotFound, match="implausible"):
-        check_step(last, last + np.array(found), ahead, 0.04)

@@ -169,7 +169,9 @@ def _note_arm(arm: Arm, journal: Journal) -> None:
             journal.event("arm", identity_words(identity))
 
 
-def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Summary:
+def run_job(
+    job: JobFile, job_file: Path, directory: Path, watch: Journal, stop: StopRequest | None = None
+) -> Summary:
     """Scan as a job says and leave a run directory behind.
 
     Parameters
@@ -182,6 +184,8 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         The run directory to make.
     watch : Journal
         Is told of everything, after it is on disk.
+    stop : StopRequest, optional
+        Asks for an end before the job is done.
 
     Raises
     ------
@@ -196,11 +200,13 @@ def run_job(job: JobFile, job_file: Path, directory: Path, watch: Journal) -> Su
         make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
         with sole_writer(directory):
             with Recording(next_part(directory), origin_of(directory, job)) as recording:
-                result = scan_in(cell, job, Journals(recording, watch))
+                result = scan_in(cell, job, Journals(recording, watch), stop=stop)
             return _write(directory, job, result, joint and joint[1])
 
 
-def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Summary:
+def resume_job(
+    directory: Path, overrides: dict[str, Any], watch: Journal, stop: StopRequest | None = None
+) -> Summary:
     """Go on with a scan that was interrupted, after its last finished section.
 
     Parameters
@@ -211,6 +217,8 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
         Dotted keys and values, those of `RESUMABLE` only.
     watch : Journal
         Is told of everything, after it is on disk.
+    stop : StopRequest, optional
+        Asks for an end before the job is done.
 
     Raises
     ------
@@ -244,7 +252,7 @@ def resume_job(directory: Path, overrides: dict[str, Any], watch: Journal) -> Su
             journal = Journals(recording, watch)
             for key, what in changed:
                 journal.event("changed", f"{key} {what}")
-            result = scan_in(cell, job, journal, done)
+            result = scan_in(cell, job, journal, done, stop)
         return _write(directory, job, result, joint and joint[1])
 
 

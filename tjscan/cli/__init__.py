@@ -8,7 +8,14 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError
 
 from tjscan import __version__
-from tjscan.errors import ArmFault, ConfigurationError, LaserFault, TjscanError, words_of
+from tjscan.errors import (
+    ArmFault,
+    ConfigurationError,
+    Interrupted,
+    LaserFault,
+    TjscanError,
+    words_of,
+)
 
 app = App(
     name="tjscan",
@@ -45,7 +52,12 @@ app.command(
 )
 app.register_install_completion_command()
 
-EXIT_CODES: dict[type[TjscanError], int] = {ConfigurationError: 2, ArmFault: 4, LaserFault: 4}
+EXIT_CODES: dict[type[TjscanError], int] = {
+    ConfigurationError: 2,
+    ArmFault: 4,
+    LaserFault: 4,
+    Interrupted: 130,
+}
 """What each branch of the error tree ends with; 1 for the rest."""
 
 

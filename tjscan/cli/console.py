@@ -21,6 +21,7 @@ from tjscan.result.readings import Reading, measures
 from tjscan.result.summary import Summary, to_json
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.tally import Event
 
 stderr = Console(stderr=True, highlight=False)
 
@@ -53,7 +54,7 @@ class ProgressJournal:
 
     def event(self, name: str, detail: str) -> None:
         """Print what happened above the bar; how the scan ended is told at its end."""
-        if name not in ("stop", "failed"):
+        if name not in (Event.STOP, Event.FAILED, Event.INTERRUPTED):
             self._progress.console.print(f"{name}: {detail}", markup=False)
 
 

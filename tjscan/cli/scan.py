@@ -19,6 +19,9 @@ def scan(
 ) -> None:
     """Scan a groove as a job file says.
 
+    Ctrl-C ends the scan after the section under way; twice, it stops the arm at once. Either way
+    --resume goes on from there.
+
     Every key of the job file is an option too: ``--scan.step-mm 20``.
 
     Parameters
@@ -37,6 +40,7 @@ def scan(
         Print the summary as JSON on stdout.
     """
     from tjscan.cli.console import report, say, watching
+    from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
     from tjscan.cli.overrides import parse_overrides
     from tjscan.errors import ConfigurationError
     from tjscan.job import read_job
@@ -55,11 +59,13 @@ def scan(
         say(f"{file}: the job is sound, and the way to both taught poses is clear")
         return
     directory = job if resume else out or default_directory(file)
-    with watching(plan_of(parsed)) as watch:
+    with watching(plan_of(parsed)) as watch, stopped_by_ctrl_c() as stop:
         if resume:
-            summary = resume_job(directory, keys, watch)
+            summary = resume_job(directory, keys, watch, stop)
         else:
-            summary = run_job(parsed, file, directory, watch)
+            summary = run_job(parsed, file, directory, watch, stop)
     report(summary, directory, json=json)
+    if stop.wanted and not summary.complete:
+        raise SystemExit(INTERRUPTED)
     if not summary.complete:
         raise SystemExit(1)

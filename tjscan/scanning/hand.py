@@ -68,8 +68,12 @@ class Hand:
         substep: Substep,
         state: ArmState,
         read: Callable[[View], Scan],
+        *,
+        again: bool = True,
     ) -> Scan:
         """Take profiles where the arm stands until one is read, a bounded number of times.
+
+        Without `again` only the first one is read.
 
         Raises
         ------
@@ -85,7 +89,7 @@ class Hand:
             try:
                 return read(view)
             except GrooveNotFound as error:
-                if taken >= takes(error):
+                if not again or taken >= takes(error):
                     raise
                 self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
 
@@ -127,12 +131,15 @@ class Hand:
         for nudge in nudges(lost, self.views[-1].profile, before, stride.last):
             self.note(Event.NUDGE, f"section {index}, {substep}, {nudge}: {lost}")
             try:
-                return self._lay(index, substep, nudge.applied(to, self._plan.direction), stride)
+                nudged = nudge.applied(to, self._plan.direction)
+                return self._lay(index, substep, nudged, stride, again=False)
             except (GrooveNotFound, SetPointRefused, PoseUnreachable):
                 continue
         raise lost
 
-    def _lay(self, index: int, substep: Substep, to: SetPoint, stride: Stride) -> Scan:
+    def _lay(
+        self, index: int, substep: Substep, to: SetPoint, stride: Stride, *, again: bool = True
+    ) -> Scan:
         """Lay frame t on a set-point and look."""
         check_set_point(to, stride, self._plan)
         state = self.move(self._arm.move_linear, to.T_b_t @ inverse(self._T_f_s @ to.T_s_t))
@@ -144,7 +151,7 @@ class Hand:
                 check_measures(found, stride)
             return found
 
-        return self.look(index, substep, state, read)
+        return self.look(index, substep, state, read, again=again)
 
     def _take(self, index: int, substep: Substep, state: ArmState) -> View:
         """Take a profile that shows what is before the sensor now."""

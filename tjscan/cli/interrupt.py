@@ -1,0 +1,64 @@
+"""Ctrl-C: once a scan ends after the section under way, twice the arm is stopped at once."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from threading import Thread
+from types import FrameType
+from typing import Final
+
+from tjscan.cli.console import say
+from tjscan.scanning.stopping import StopRequest
+
+INTERRUPTED: Final = 130
+"""Exit code of a program that was interrupted: 128 and the number of the signal."""
+
+AGAIN: Final = 0.05
+"""Seconds between two orders to stop, until the scan has ended."""
+
+
+@contextmanager
+def stopped_by_ctrl_c() -> Iterator[StopRequest]:
+    """Give a request that Ctrl-C makes, while the block runs.
+
+    Outside a scan, and from the third time on, Ctrl-C interrupts as ever. A handler of signals
+    must wait for nothing, and writing or stopping an arm may wait: a thread of its own does that.
+    """
+    request, pressed = StopRequest(), SimpleQueue[bool]()
+    times = 0
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal times
+        if not request.heard or times == 2:
+            raise KeyboardInterrupt
+        times += 1
+        pressed.put(True)
+
+    listener = Thread(target=_listen, args=(request, pressed), daemon=True)
+    before = signal.signal(signal.SIGINT, handle)
+    listener.start()
+    try:
+        yield request
+    finally:
+        signal.signal(signal.SIGINT, before)
+        pressed.put(False)
+        listener.join()
+
+
+def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
+    if not pressed.get():
+        return
+    request.ask()
+    say("stopping after the section under way; Ctrl-C once more stops the arm at once")
+    if not pressed.get():
+        return
+    while True:
+        request.ask_at_once()
+        try:
+            if not pressed.get(timeout=AGAIN):
+                return
+        except Empty:
+            continue
