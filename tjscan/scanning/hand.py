@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import count
 
 from tjscan.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
 from tjscan.frames import Array, inverse
@@ -13,9 +15,10 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.fresh import check_fresh
 from tjscan.scanning.guard import check_set_point
 from tjscan.scanning.journal import Journal
+from tjscan.scanning.merged import merge
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.plausible import check_measures, check_side, check_step
-from tjscan.scanning.remedies import MISSING, nudges, takes
+from tjscan.scanning.plausible import check_agreement, check_measures, check_side, check_step
+from tjscan.scanning.remedies import FEW, MERGED, MISSING, nudges, takes
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stopping import StopRequest
@@ -82,16 +85,19 @@ class Hand:
         LaserFault
             If no profile comes.
         """
-        taken = 0
-        while True:
+        for taken in count(1):
             view = self._take(index, substep, state)
-            taken += 1
             try:
                 return read(view)
             except GrooveNotFound as error:
-                if not again or taken >= takes(error):
-                    raise
-                self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+                lost = error
+            if not again or taken >= takes(lost):
+                break
+            self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
+        if again and lost.reason != FEW and (merged := self._merged(view, state)) is not None:
+            self.note(Event.MERGED, f"section {index}, {substep}, {MERGED} profiles: {lost}")
+            return read(merged)
+        raise lost
 
     def read(self, view: View, T_s_t: Array | None = None) -> Scan:
         """Read the groove in a view; without T_s_t frame t is laid as the plan lays it."""
@@ -149,19 +155,39 @@ class Hand:
             check_step(found, stride)
             if substep is Substep.CORRECTION:
                 check_measures(found, stride)
+                check_agreement(found, stride)
             return found
 
         return self.look(index, substep, state, read, again=again)
 
+    def _merged(self, view: View, state: ArmState) -> View | None:
+        """Merge profiles of where the arm stands, where they hold different points."""
+        profiles = [self._capture(view.index, view.substep, state) for _ in range(MERGED)]
+        profile = merge(profiles)
+        return None if profile is None else self._keep(replace(view, profile=profile))
+
     def _take(self, index: int, substep: Substep, state: ArmState) -> View:
         """Take a profile that shows what is before the sensor now."""
+        profile = self._capture(index, substep, state)
+        T_b_s = state.T_b_f @ self._T_f_s
+        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._fresh = view
+        return self._keep(view)
+
+    def _keep(self, view: View) -> View:
+        self.views.append(view)
+        self._journal.view(view)
+        return view
+
+    def _capture(self, index: int, substep: Substep, state: ArmState) -> Profile:
+        """Take a profile, again while it is missing, late or frozen."""
         missed = 0
         while True:
             self._stop.check()
             try:
                 profile = self._laser.capture()
                 check_fresh(profile, state, self._fresh)
-                break
+                return profile
             except LaserFault as error:
                 missed += 1
                 if missed > MISSING:
@@ -169,9 +195,3 @@ class Hand:
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
                 self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
-        T_b_s = state.T_b_f @ self._T_f_s
-        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._fresh = view
-        self.views.append(view)
-        self._journal.view(view)
-        return view

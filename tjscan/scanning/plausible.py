@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.frames import Array, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.guard import turned
 from tjscan.scanning.scan import Scan, Substep
@@ -45,6 +45,17 @@ DEPTH: Final = (0.1, 3.0)
 
 SMALL: Final = 0.8e-3
 """Metres by which root width and depth may differ besides: weld beads are no planes."""
+
+
+SAME: Final = 0.5e-3
+"""Metres by which the corners differ that are read in two views of the same section."""
+
+SKEW: Final = 0.08
+"""Metres by which they differ more, per squared radian between the views.
+
+A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
+on joints of 168 to 610 mm that made up to half of it.
+"""
 
 
 def check_step(found: Scan, stride: Stride) -> None:
@@ -143,6 +154,31 @@ def check_measures(found: Scan, stride: Stride) -> None:
         f"the {name} jumps from {scale * before[k]:.1f} to {scale * after[k]:.1f}{unit} over "
         f"{1e3 * step:.1f} mm, {scale * allowed[k]:.1f}{unit} are believed",
     )
+
+
+def check_agreement(found: Scan, stride: Stride) -> None:
+    """Refuse a corrected section that is another one than was predicted.
+
+    The correction turns the sensor about the groove that the prediction view showed: seen along
+    the step, its corners stay where they are. They would not, were the profile not of this view.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible".
+    """
+    if stride.predicted is None:
+        return
+    step_b = unit(found.T_b_g[:3, 3] - stride.start_b)
+    apart = (found.points_b - stride.predicted.points_b)[1:4]  # the ends are not corners
+    aside = float(np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1).max())
+    allowed = SAME + SKEW * turned(stride.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    if aside > allowed:
+        raise GrooveNotFound(
+            "implausible",
+            f"its corners lie {1e3 * aside:.1f} mm from where the prediction view showed them, "
+            f"{1e3 * allowed:.1f} mm are believed",
+        )
 
 
 def _measures(groove: GrooveSection) -> Array:

@@ -1,4 +1,4 @@
-"""What is tried when a section is not read: again, from a little beside, nearer, from before."""
+"""What is tried where a section is not read: again, from beside, a shorter step, from before."""
 
 from __future__ import annotations
 
@@ -20,8 +20,11 @@ from tjscan.scanning.target import Direction
 MISSING: Final = 6
 """Profiles in a row that may be missing, late, frozen or empty before the sensor is given up."""
 
-AGAIN: Final = 2
+AGAIN: Final = 1
 """Profiles taken again where points are there and no groove is read: noise is drawn anew."""
+
+MERGED: Final = 7
+"""Profiles of one place that are merged where that does not help either."""
 
 FEW: Final = "too few points"
 """Reason of a profile that is as good as missing."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -199,7 +199,7 @@ class Scanner:
         ideal = SetPoint(correct(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
         if self._is_good_enough(predicted, ideal, ahead, stride):
             return predicted
-        return self._scan(Substep.CORRECTION, ideal, stride)
+        return self._scan(Substep.CORRECTION, ideal, replace(stride, predicted=predicted))
 
     def _is_good_enough(
         self, predicted: Scan, ideal: SetPoint, ahead: SetPoint, stride: Stride

@@ -37,11 +37,14 @@ class Stride:
         Where it leads: origin of frame t in the prediction substep, metres.
     length : float
         Metres.
+    predicted : Scan, optional
+        What the prediction view showed, once it is read.
     """
 
     last: Scan
     p_b_ahead: Array
     length: float
+    predicted: Scan | None = None
 
     @property
     def direction_b(self) -> Array:

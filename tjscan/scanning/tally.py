@@ -10,6 +10,7 @@ class Event(StrEnum):
     """Names under which journals and recordings hear of it."""
 
     TAKEN_AGAIN = "taken again"
+    MERGED = "merged"
     NUDGE = "nudge"
     HALF_STEP = "half step"
     RETREAT = "retreat"
@@ -28,6 +29,8 @@ class Tally:
     ----------
     taken_again : int
         Profiles taken again at the same place.
+    merged : int
+        Profiles made of what several of the same place agree on.
     nudges : int
         Looks from a little beside the set-point.
     half_steps : int
@@ -37,6 +40,7 @@ class Tally:
     """
 
     taken_again: int = 0
+    merged: int = 0
     nudges: int = 0
     half_steps: int = 0
     retreats: int = 0
@@ -49,6 +53,7 @@ class Tally:
 
 _COUNTED: dict[str, str] = {
     Event.TAKEN_AGAIN: "taken_again",
+    Event.MERGED: "merged",
     Event.NUDGE: "nudges",
     Event.HALF_STEP: "half_steps",
     Event.RETREAT: "retreats",
