@@ -34,10 +34,10 @@ def bursts(fault: Fault, seed: int) -> Callable[[int], Fault | None]:
     """One to five captures in a row that fail, about one time in six."""
     rng = np.random.default_rng(seed)
     failing = np.zeros(400, dtype=bool)
-    for start in np.flatnonzero(rng.random(400) < 0.15):
+    for start in np.flatnonzero(rng.random(400) < 0.15).tolist():
         if not failing[max(start - 1, 0)]:
-            failing[start : start + rng.integers(1, 6)] = True
-    return lambda k: fault if failing[k] else None
+            failing[start : start + int(rng.integers(1, 6))] = True
+    return lambda k: fault if bool(failing[k]) else None
 
 
 def scan_with(faults: Callable[[int], Fault | None], notes: Notes | None = None) -> ScanResult:

@@ -88,6 +88,12 @@ class Summary:
     stations : tuple of StationSummary
         The places it was scanned from; empty where that was one. Numbers of the whole are then
         sums over them, or hold for the stitched groove.
+    scans_per_section : float or None
+        Profiles for each section that no hand taught; None without one.
+    corrections_skipped : int
+        Sections whose prediction view was good enough.
+    taken_again, merged, nudges, retreats : int
+        How often each remedy was tried, see `tjscan.scanning.tally.Tally`.
     """
 
     sections: int
@@ -105,6 +111,12 @@ class Summary:
     corner_error_mm: DistanceStatistics | None
     calibration: str = ""
     stations: tuple[StationSummary, ...] = ()
+    scans_per_section: float | None = None
+    corrections_skipped: int = 0
+    taken_again: int = 0
+    merged: int = 0
+    nudges: int = 0
+    retreats: int = 0
 
 
 def step_lengths(sections: Sequence[Scan]) -> list[float]:
@@ -157,7 +169,20 @@ def summarise(
         motion_time_s=views[-1].time - views[0].time,
         corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
         calibration=calibration,
+        scans_per_section=_scans_per_section(result),
+        corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
+        taken_again=result.tally.taken_again,
+        merged=result.tally.merged,
+        nudges=result.tally.nudges,
+        retreats=result.tally.retreats,
     )
+
+
+def _scans_per_section(result: ScanResult) -> float | None:
+    """Profiles for each section that no hand taught."""
+    found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
+    taken = sum(view.substep is not Substep.TAUGHT for view in result.views)
+    return taken / found if found else None
 
 
 def summarise_stations(
@@ -204,7 +229,20 @@ def summarise_stations(
         corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
         calibration=", ".join(dict.fromkeys(part.calibration for part in told)),
         stations=tuple(_station(name, part) for name, part in parts.items()),
+        scans_per_section=_mean_scans(told),
+        corrections_skipped=sum(part.corrections_skipped for part in told),
+        taken_again=sum(part.taken_again for part in told),
+        merged=sum(part.merged for part in told),
+        nudges=sum(part.nudges for part in told),
+        retreats=sum(part.retreats for part in told),
     )
+
+
+def _mean_scans(parts: Sequence[Summary]) -> float | None:
+    """Profiles for each section that no hand taught, two of each station being taught."""
+    told = [(p.scans_per_section, p.sections - 2) for p in parts if p.scans_per_section is not None]
+    found = sum(sections for _, sections in told)
+    return sum(scans * sections for scans, sections in told) / found if found else None
 
 
 def _station(name: str, part: Summary) -> StationSummary:

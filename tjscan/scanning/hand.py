@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import count
 
 from tjscan.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
 from tjscan.frames import Array, inverse
@@ -85,16 +84,17 @@ class Hand:
         LaserFault
             If no profile comes.
         """
-        for taken in count(1):
-            view = self._take(index, substep, state)
+        views: list[View] = []
+        while True:
+            views.append(self._take(index, substep, state))
             try:
-                return read(view)
+                return read(views[-1])
             except GrooveNotFound as error:
                 lost = error
-            if not again or taken >= takes(lost):
+            if not again or len(views) >= takes(lost):
                 break
             self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
-        if again and lost.reason != FEW and (merged := self._merged(view, state)) is not None:
+        if again and lost.reason != FEW and (merged := self._merged(views, state)) is not None:
             self.note(Event.MERGED, f"section {index}, {substep}, {MERGED} profiles: {lost}")
             return read(merged)
         raise lost
@@ -160,11 +160,13 @@ class Hand:
 
         return self.look(index, substep, state, read, again=again)
 
-    def _merged(self, view: View, state: ArmState) -> View | None:
+    def _merged(self, views: list[View], state: ArmState) -> View | None:
         """Merge profiles of where the arm stands, where they hold different points."""
-        profiles = [self._capture(view.index, view.substep, state) for _ in range(MERGED)]
-        profile = merge(profiles)
-        return None if profile is None else self._keep(replace(view, profile=profile))
+        first = views[0]
+        while len(views) < MERGED:
+            views.append(self._take(first.index, first.substep, state))
+        profile = merge([view.profile for view in views])
+        return None if profile is None else self._keep(replace(first, profile=profile))
 
     def _take(self, index: int, substep: Substep, state: ArmState) -> View:
         """Take a profile that shows what is before the sensor now."""
