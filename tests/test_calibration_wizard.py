@@ -377,13 +377,14 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     rng = np.random.default_rng(0)
     T = np.eye(4)
     T[:3, 3] = rng.normal(size=3)
+    turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
     file = tmp_path / MEASURED
     with Logbook(file) as logbook:
         for entry in (
             Touch(0, T),
             Touch(1, None),
-            Touch(0, 2 * T),
+            Touch(0, T @ turned),
             Line(Shot("line 1", T, profile)),
             Passed(T, "no line"),
             Line(Shot("fresh", T, profile), fresh=True),
@@ -397,7 +398,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     assert file.read_bytes().startswith(whole + b'{"kind": "begun"')
     assert found.begun == written.begun
     assert found.touches[1].T_b_f is None
-    np.testing.assert_array_equal(found.touches[0].T_b_f, 2 * T)
+    np.testing.assert_array_equal(found.touches[0].T_b_f, T @ turned)
     assert [shot.name for shot in found.shots] == ["line 1"]
     np.testing.assert_array_equal(found.shots[0].profile.z_s, profile.z_s)
     assert [passed.reason for passed in found.passed] == ["no line"]

@@ -6,12 +6,13 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from tjscan.errors import ConfigurationError, nearest
+from tjscan.files import check_size
 
 
 class FileModel(BaseModel):
@@ -22,8 +23,14 @@ class FileModel(BaseModel):
 
 M = TypeVar("M", bound=FileModel)
 
-MAXIMUM_BYTES = 1_000_000
+MAXIMUM_BYTES: Final = 1_000_000
 """No configuration is larger; a larger file is something else given by mistake."""
+
+LONGEST_LINE: Final = 5000
+"""Characters. A key of thousands of parts would keep the parser busy for minutes."""
+
+MOST_TOLD: Final = 200
+"""Characters of a wrong value that a message repeats."""
 
 
 def read_toml(file: Path) -> dict[str, Any]:
@@ -32,19 +39,23 @@ def read_toml(file: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        If the file is missing, too large, not UTF-8 or not TOML.
+        If the file is missing, no file, too large, not UTF-8 or not TOML.
     """
     try:
-        if file.stat().st_size > MAXIMUM_BYTES:
-            raise ConfigurationError("is far too large for a configuration file", file=file)
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        check_size(file, MAXIMUM_BYTES, "a configuration")
+        text = file.read_text(encoding="utf-8")
+        if max(map(len, text.splitlines()), default=0) > LONGEST_LINE:
+            raise ConfigurationError(
+                f"has a line of more than {LONGEST_LINE} characters", file=file
+            )
+        return tomllib.loads(text)
     except FileNotFoundError:
         near = nearest(file.name, [f.name for f in file.parent.glob("*.toml")])
         hint = f" Did you mean: {near}?" if near else ""
         raise ConfigurationError(f"there is no such file.{hint}", file=file) from None
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"is not UTF-8 text ({error})", file=file) from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # not of its own kind alone: huge numbers, nests
         raise ConfigurationError(f"is not valid TOML: {error}", file=file) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
@@ -84,16 +95,24 @@ def _say(model: type[FileModel], detail: ErrorDetails) -> str:
         known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest(str(detail['loc'][-1]), known)}?"
     if detail["type"] in ("model_type", "model_attributes_type"):
-        return f"must be a table (found {detail['input']!r})"
+        return f"must be a table (found {_told(detail['input'])})"
     if detail["type"] == "missing":
         return "this key is required"
     if detail["type"] == "literal_error":
-        return f"{detail['input']!r} is none of {detail['ctx']['expected']}"
+        return f"{_told(detail['input'])} is none of {detail['ctx']['expected']}"
     message = detail["msg"].removeprefix("Value error, ")
     message = f"{message[:1].lower()}{message[1:]}"
-    return (
-        message if isinstance(detail["input"], dict) else f"{message} (found {detail['input']!r})"
-    )
+    found = detail["input"]
+    return message if isinstance(found, dict) else f"{message} (found {_told(found)})"
+
+
+def _told(value: Any) -> str:
+    """A value in a message, cut short; nests of any depth and numbers of any length."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        return f"a {type(value).__name__} of great size"
+    return text if len(text) <= MOST_TOLD else f"{text[:MOST_TOLD]}…"
 
 
 def _keys_at(model: type[FileModel], path: Sequence[str]) -> list[str]:

@@ -19,11 +19,15 @@ from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 FARTHEST_MM: Final = 1e5
 """A hundred metres: nothing in a cell is further."""
 
+MOST: Final = 300
+"""Solids of a cell: each is held against every link of the arm, at every step of a path."""
+
 Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
 Vector3 = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 JointAngle = Annotated[float, Field(ge=-720, le=720)]
 Length = Annotated[float, Field(gt=0, le=FARTHEST_MM)]
+Lengths = Annotated[tuple[Length, ...], Field(strict=False, max_length=20)]
 
 SMALLEST_BOARD_MM: Final = 100.0
 EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
@@ -271,12 +275,12 @@ class ClearanceTable(FileModel):
     self_margin_mm: float = Field(default=5.0, ge=0, le=500)
     self_collision: bool = True
     smallest_singular_value: float = Field(default=0.02, ge=0, le=1)
-    lifts_mm: Annotated[tuple[Length, ...], Field(strict=False)] = (50.0, 100.0, 200.0, 300.0)
+    lifts_mm: Lengths = (50.0, 100.0, 200.0, 300.0)
     ignore: Annotated[
         tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)
     ] = ()
-    solid: Annotated[tuple[StandingTable, ...], Field(strict=False)] = ()
-    tool: Annotated[tuple[SolidTable, ...], Field(strict=False)] = ()
+    solid: Annotated[tuple[StandingTable, ...], Field(strict=False, max_length=MOST)] = ()
+    tool: Annotated[tuple[SolidTable, ...], Field(strict=False, max_length=MOST)] = ()
 
 
 class BoardTable(FileModel):

@@ -10,14 +10,21 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from tjscan.calibration.shot import Shot
 from tjscan.errors import RecordingError
+from tjscan.files import check_size
 from tjscan.frames import Array, readonly
 from tjscan.laser.profile import Profile
+
+MOST_BYTES: Final = 100_000_000
+"""A larger file is no logbook: a line of 640 points takes 30 kB."""
+
+ORTHONORMAL: Final = 1e-6
+"""How far from a rotation the axes of a pose may be that was written to the last digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +132,13 @@ class Logbook:
     def __enter__(self) -> Self:
         begun = Begun(datetime.now(UTC).replace(microsecond=0))
         try:
-            whole = self._file.read_bytes() if self._file.exists() else b""
-            self._stream = self._file.open("ab")
+            if self._file.exists():
+                check_size(self._file, MOST_BYTES, "what was measured")
+            # Never through a link: what it leads to is no part of the calibration.
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+            self._stream = os.fdopen(os.open(self._file, flags, 0o666), "ab+")
+            self._stream.seek(0)
+            whole = self._stream.read()
             self._stream.truncate(whole.rfind(b"\n") + 1)
         except OSError as error:
             raise RecordingError(f"{self._file}: can't be opened: {error.strerror}") from error
@@ -163,7 +175,7 @@ class Logbook:
         for number, line in enumerate(lines, start=1):
             try:
                 yield _from_json(json.loads(line))
-            except (ValueError, KeyError, TypeError) as error:
+            except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
                 raise RecordingError(f"{self._file}: line {number} is damaged: {error}") from error
 
 
@@ -205,6 +217,8 @@ def _pose(data: dict[str, Any]) -> Array:
     T = readonly(data["T_b_f"])
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ValueError("a pose is a 4 x 4 matrix of finite numbers")
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMAL):
+        raise ValueError("a pose has axes of length one, square to each other")
     return T
 
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.shot import Shot
 from tjscan.errors import ConfigurationError
+from tjscan.files import check_size
 from tjscan.frames import Array, pose
 from tjscan.laser.files import GROUPS, UNITS
 from tjscan.laser.profile import Profile
@@ -139,8 +140,7 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     """Lower-case names of the header, and rows of as many cells."""
     try:
-        if file.stat().st_size > MOST_BYTES:
-            raise ConfigurationError("is far too large for a list of poses", file=file)
+        check_size(file, MOST_BYTES, "a list of poses")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
     except FileNotFoundError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Sequence
 
@@ -68,6 +69,9 @@ def exit_code(error: TjscanError) -> int:
 
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run the command line and turn errors into one message and an exit code."""
+    # A library's log of what it stumbled over would stand beside the message that says it.
+    logging.getLogger("trimesh").propagate = False
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         app(sys.argv[1:] if tokens is None else tokens, exit_on_error=False, print_error=True)
     except CycloptsError:

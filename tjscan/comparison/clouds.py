@@ -13,9 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from tjscan.comparison.pcd import read_pcd
 from tjscan.comparison.shapes import Mesh, Shape, Stated
 from tjscan.comparison.sidecar import Told, read_sidecar, sidecar_of, state
 from tjscan.errors import ConfigurationError, nearest
+from tjscan.files import check_size
 from tjscan.frames import Array, readonly
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
@@ -49,11 +51,10 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
     kind = path.suffix.lower()
     if kind == ".toml":
         return _joint_shape(read_joint(path), Stated("mm", "the joint's file", "j"))
-    if not path.is_file():
+    if not path.exists():
         near = nearest(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
-    if path.stat().st_size > MOST_BYTES:
-        raise ConfigurationError("is too large to be read at once", file=path)
+    check_size(path, MOST_BYTES, "points and triangles")
     if kind == ".json":
         return _read_joint_sidecar(path)
     if kind not in READERS:
@@ -67,6 +68,7 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         )
     try:
         points, triangles, own = READERS[kind](path)
+        points = points.reshape(-1, 3)
     except ConfigurationError:
         raise
     except Exception as error:  # parsers raise whatever they stumble on
@@ -74,7 +76,7 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {told_by}", file=path) from None
     sidecar = sidecar_of(path)
     stated = state(path, told, sidecar, own)
-    scaled = UNITS[stated.unit] * points.reshape(-1, 3)
+    scaled = UNITS[stated.unit] * points
     if triangles is not None and len(triangles):
         _check_triangles(path, scaled, triangles)
         # The edges of a joint are in frame j, whatever the sidecar says of the mesh.
@@ -162,12 +164,7 @@ def _read_e57(path: Path) -> Content:
 
 
 def _read_pcd(path: Path) -> Content:
-    o3d: Any = import_module("open3d")
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        cloud = o3d.t.io.read_point_cloud(str(path), remove_nan_points=False)
-    if "positions" not in cloud.point:
-        raise ValueError("it holds no points")
-    return cloud.point["positions"].numpy().astype(float), None, None
+    return read_pcd(path), None, None
 
 
 def _read_xyz(path: Path) -> Content:

@@ -10,6 +10,7 @@ from typing import Any, Final
 from tjscan.comparison.shapes import Stated
 from tjscan.config import validate
 from tjscan.errors import ConfigurationError
+from tjscan.files import check_size
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
 from tjscan.laser.files import UNITS
@@ -57,8 +58,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If it is no JSON object, its unit is unknown or its joint can't be built.
     """
     try:
-        if file.stat().st_size > MOST_BYTES:
-            raise ConfigurationError("is far too large for a sidecar", file=file)
+        check_size(file, MOST_BYTES, "a sidecar")
         data: Any = json.loads(file.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is no JSON: {error}", file=file) from None
@@ -67,7 +67,7 @@ def read_sidecar(file: Path) -> Sidecar:
     if not isinstance(data, dict):
         raise ConfigurationError("is no sidecar: it holds no table", file=file)
     units, frame, joint = data.get("units"), data.get("frame"), data.get("joint")
-    if units is not None and units not in UNITS:
+    if units is not None and (not isinstance(units, str) or units not in UNITS):
         raise ConfigurationError(
             f"unknown unit {units!r}; one of {', '.join(UNITS)}", file=file, key="units"
         )

@@ -40,7 +40,7 @@ class BraceTable(FileModel):
 class GrooveTable(FileModel):
     """``[groove]``: the prepared brace end and the root bead."""
 
-    angle_deg: Annotated[tuple[Pair, ...], Strict(False)]
+    angle_deg: Annotated[tuple[Pair, ...], Strict(False), Field(max_length=1000)]
     root_gap_mm: Small
     root_face_mm: Small
     root_bead_mm: Small

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.errors import ConfigurationError, nearest
+from tjscan.files import check_size
 from tjscan.frames import Array
 from tjscan.laser.profile import Profile
 
@@ -22,7 +23,7 @@ UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 GROUPS: Final = ("profile", "frame", "index")
 """Names of a column that tells profiles in one table apart."""
 
-MOST_BYTES: Final = 500_000_000
+MOST_BYTES: Final = 100_000_000
 """A larger file is no profile; it would fill the memory."""
 
 SMALLEST, LARGEST = 2e-4, 10.0
@@ -87,8 +88,7 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
         known = ", ".join(UNITS)
         raise ConfigurationError(f"unknown unit {form.unit!r}; one of {known}", key="units")
     try:
-        if file.stat().st_size > MOST_BYTES:
-            raise ConfigurationError("is far too large for profiles", file=file)
+        check_size(file, MOST_BYTES, "profiles")
         if file.suffix.lower() == ".ply":
             table = _read_ply(file, form)
         else:

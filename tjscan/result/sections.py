@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.errors import ConfigurationError
+from tjscan.files import check_size
 from tjscan.frames import Array, pose
 from tjscan.result.measured import MeasuredSection
 
@@ -20,6 +21,9 @@ IN_FILE: Final = np.array((180 / np.pi, 1e3, 1e3, 1e6))
 
 AXES: Final = ("xg", "yg", "zg")
 """Of frame g: square to the section's plane, up the brace's wall, and out of that wall."""
+
+MOST_BYTES: Final = 50_000_000
+"""A larger file holds no sections: each takes a kilobyte."""
 
 _PAIRS: Final = np.triu_indices(4, 1)
 _SIX: Final = np.triu_indices(3)
@@ -105,6 +109,7 @@ def read_sections(file: Path) -> tuple[MeasuredSection, ...]:
         If it is missing, lacks a column or holds what is no section; with line and column.
     """
     try:
+        check_size(file, MOST_BYTES, "sections")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream, strict=True)
             head = next(reader, [])

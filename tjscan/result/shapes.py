@@ -11,6 +11,7 @@ from tjscan.comparison.clouds import read_shape as read_file
 from tjscan.comparison.shapes import Shape, Stated
 from tjscan.comparison.sidecar import Told
 from tjscan.errors import ConfigurationError
+from tjscan.files import check_inside
 from tjscan.frames import readonly
 from tjscan.result.sections import read_sections
 from tjscan.result.summary import read_summary
@@ -50,6 +51,7 @@ def read_run_shape(directory: Path) -> Shape:
     ConfigurationError
         If the directory holds no finished run, or its files are damaged.
     """
+    check_inside(directory, SUMMARY, SECTIONS, CLOUD)
     if not (directory / SUMMARY).is_file():
         raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}", file=directory)
     summary = read_summary(directory / SUMMARY)

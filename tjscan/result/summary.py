@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.errors import ConfigurationError
+from tjscan.files import check_size
 from tjscan.frames import Array, rotation_angle
 from tjscan.result.frame import ResultFrame
 from tjscan.result.measured import MeasuredSection
@@ -21,6 +23,9 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import complete, groove_length
 from tjscan.scanning.scan import Scan, Substep
 from tjscan.scanning.scanner import ScanResult
+
+MOST_BYTES: Final = 1_000_000
+"""A larger file is no summary."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +264,7 @@ def read_summary(file: Path) -> Summary:
         If it is missing, or is no summary.
     """
     try:
+        check_size(file, MOST_BYTES, "a summary")
         return TypeAdapter(Summary).validate_json(file.read_bytes())
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None

@@ -1,0 +1,238 @@
+"""Every reader of files, and small whole files for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+from _fuzz import Reader
+
+from tjscan.calibration.file import (
+    CalibrationFile,
+    NoiseTable,
+    read_calibration,
+    write_calibration,
+)
+from tjscan.calibration.logbook import Line, Logbook, Passed, Touch
+from tjscan.calibration.recorded import read_points, read_poses
+from tjscan.calibration.shot import Shot
+from tjscan.cli.overrides import parse_overrides
+from tjscan.comparison.sidecar import Told
+from tjscan.config import validate
+from tjscan.groove.find import DEFAULT
+from tjscan.job import read_calibration_job, read_job
+from tjscan.joint.export import write_joint
+from tjscan.joint.file import read_joint
+from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.profile import Profile
+from tjscan.recording.origin import Origin
+from tjscan.recording.reader import read_origin, read_progress
+from tjscan.recording.writer import Recording
+from tjscan.result.readings import read_all
+from tjscan.result.sections import read_sections
+from tjscan.result.shapes import read_shape
+from tjscan.result.summary import read_summary
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.models.generate import urdf
+from tjscan.run import run_job
+from tjscan.scanning.scan import Scan, View
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
+EVERY: Final = 26
+"""Points left out of profiles that need but a few."""
+
+
+class _Sections:
+    """A journal that keeps the sections and their views."""
+
+    def __init__(self) -> None:
+        self.scans: list[Scan] = []
+
+    def view(self, view: View) -> None:
+        pass
+
+    def section(self, scan: Scan) -> None:
+        self.scans.append(scan)
+
+    def event(self, name: str, detail: str) -> None:
+        pass
+
+
+def readers(folder: Path) -> Iterator[Reader]:
+    """Every reader with whole files, which are made in a folder."""
+    run, sections = folder / "run", _Sections()
+    job = read_job(EXAMPLES / "paper.toml", {"scan.sections": 3})
+    run_job(job, EXAMPLES / "paper.toml", run, sections)
+    yield from _configurations(folder, run)
+    yield from _recordings(folder, run, sections.scans)
+    yield from _profiles(sections.scans[-1].view.profile)
+    yield from _tables(run)
+    yield from _shapes(folder)
+
+
+def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
+    jobs = [(EXAMPLES / name).read_bytes() for name in ("paper.toml", "ur10e.toml")]
+    resolved = (run / "job.toml").read_bytes()
+    yield Reader("job", "job.toml", (*jobs, resolved), read_job, 3)
+    calibrate = (EXAMPLES / "calibrate.toml").read_bytes()
+    yield Reader("calibration job", "job.toml", (calibrate,), read_calibration_job, 0.5)
+    joints = tuple(file.read_bytes() for file in sorted(CAD.glob("*.toml")))
+    yield Reader("joint", "joint.toml", joints, read_joint, 3)
+    yield Reader("calibration", "calibration.toml", (_calibration(folder),), read_calibration, 3)
+    yield Reader("options", "options", (b"--scan.step-mm\n20\n--groove.noise-mm=0.1",), _options, 2)
+    yield Reader("arm", "arm.urdf", (urdf("ur10e").encode(),), lambda f: Kinematics.load(str(f)))
+
+
+def _options(file: Path) -> None:
+    tokens = file.read_bytes().decode(errors="surrogateescape").split("\n")
+    read_job(EXAMPLES / "paper.toml", parse_overrides(tokens))
+
+
+def _recordings(folder: Path, run: Path, scans: list[Scan]) -> Iterator[Reader]:
+    whole = tuple(_recording(folder / f"{i}.mcap", scans, i) for i in range(2))
+
+    def read(file: Path) -> None:
+        read_origin(file.parent)
+        read_progress(file.parent, lambda profile: scans[0].groove)
+
+    yield Reader("recording", "scan.mcap", whole, read, 6)
+    file = folder / "measured.jsonl"
+    with Logbook(file) as book:
+        T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
+        for entry in (Touch(0, T), Line(Shot("line 1", T, profile)), Passed(T, "no line")):
+            book.add(entry)
+    yield Reader("logbook", "measured.jsonl", (file.read_bytes(),), _logbook, 2)
+
+
+def _logbook(file: Path) -> None:
+    with Logbook(file):
+        pass
+
+
+def _recording(file: Path, scans: list[Scan], seed: int) -> bytes:
+    """A recording of profiles with few points."""
+    with Recording(file, Origin('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')) as recording:
+        for scan in scans:
+            short = replace(scan, view=replace(scan.view, profile=_short(scan.view.profile)))
+            recording.view(short.view)
+            recording.event("half step", f"section {seed}")
+            recording.section(short)
+    return file.read_bytes()
+
+
+def _short(profile: Profile) -> Profile:
+    return Profile(profile.x_s[::EVERY], profile.z_s[::EVERY], time=profile.time)
+
+
+def _profiles(profile: Profile) -> Iterator[Reader]:
+    x, z = 1e3 * profile.x_s[::EVERY], 1e3 * profile.z_s[::EVERY]
+    rows = [f"{i % 2},{a:.4f},{b:.4f}" for i, (a, b) in enumerate(zip(x, z, strict=True))]
+    columns = "\n".join(["profile,x_mm,z_mm", *rows]).encode()
+    matrix = "\n".join(3 * [",".join(f"{v:.3f}" for v in z)]).encode()
+    form = ProfileFormat("mm", 0.5, (-99.0,))
+    read = partial(read_profiles, form=form)
+    yield Reader("profiles", "profiles.csv", (columns, matrix), read, 4)
+    points = trimesh.PointCloud(np.column_stack((x, np.zeros(len(x)), z))[np.isfinite(x)])
+    ply = points.export(file_type="ply")
+    yield Reader("profile PLY", "profile.ply", (ply,), read, 1)
+    full = 1e3 * np.column_stack((profile.x_s, profile.z_s))[::3]
+    lines = "\n".join(["x_mm,z_mm", *(f"{a:.4f},{b:.4f}" for a, b in full)]).encode()
+
+    def groove(file: Path) -> None:
+        table = read_profiles(file, form)
+        list(read_all(table.profiles, DEFAULT))
+
+    yield Reader("groove", "groove.csv", (lines,), groove, 0.15)
+
+
+def _tables(run: Path) -> Iterator[Reader]:
+    quaternions = "profile,x_mm,y_mm,z_mm,qx,qy,qz,qw\n1,1,2,3,0,0,0,1\n2,3,4,5,0,0.6,0,0.8\n"
+    angles = "x_m,y_m,z_m,a_deg,b_deg,c_deg\n1,2,3,4,5,6\n2,3,4,5,6,7\n"
+    yield Reader("poses", "poses.csv", (quaternions.encode(), angles.encode()), read_poses, 4)
+    points = b"x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n7,8,10\n"
+    yield Reader("touched points", "points.csv", (points,), read_points, 4)
+    sections = (run / "sections.csv").read_bytes()
+    yield Reader("sections", "sections.csv", (sections,), read_sections, 4)
+    summary = (run / "summary.json").read_bytes()
+    yield Reader("summary", "summary.json", (summary,), read_summary, 4)
+
+    def whole_run(file: Path) -> None:
+        for name in ("sections.csv", "summary.json", "groove.ply"):
+            if not (file.parent / name).exists():
+                (file.parent / name).write_bytes((run / name).read_bytes())
+        read_shape(file.parent)
+
+    for name in ("sections.csv", "summary.json", "groove.ply"):
+        seed = (run / name).read_bytes()
+        yield Reader(f"run: {name}", f"run/{name}", (seed,), whole_run, 0.5)
+
+
+def _shapes(folder: Path) -> Iterator[Reader]:
+    read = partial(read_shape, told=Told("mm", "j"))
+    box = trimesh.creation.box((10.0, 20.0, 30.0))
+    cloud = trimesh.PointCloud(box.vertices)
+    ascii_ply = box.export(file_type="ply", encoding="ascii")
+    text = "\n".join(" ".join(f"{v:g}" for v in p) for p in box.vertices)
+    pcd = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 8\n"
+        f"HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 8\nDATA ascii\n{text}\n"
+    )
+    binary = pcd.split("DATA")[0].encode() + b"DATA binary\n"
+    binary += box.vertices.astype("<f4").tobytes()
+    csv = "x_mm,y_mm,z_mm\n" + text.replace(" ", ",")
+    joint = read_joint(CAD / "tjoint-600x457.toml")
+    built = folder / "built"
+    write_joint(joint, built)
+    edges = b"\n".join((built / "edges.csv").read_bytes().splitlines()[:1])
+    rows = (built / "edges.csv").read_bytes().splitlines()[1:]
+    edges += b"\n" + b"\n".join(rows[:: max(1, len(rows) // 60)])
+    sidecar = next(built.glob("*.json")).read_bytes()
+    formats: list[tuple[str, tuple[Any, ...], float]] = [
+        ("ply", (box.export(file_type="ply"), ascii_ply, cloud.export(file_type="ply")), 2),
+        ("stl", (box.export(file_type="stl"), box.export(file_type="stl_ascii")), 2),
+        ("obj", (box.export(file_type="obj"),), 1),
+        ("3mf", (_3mf(box),), 1),
+        ("pcd", (pcd, binary), 2),
+        ("xyz", (text,), 3),
+        ("csv", (csv, edges), 3),
+        ("json", (sidecar,), 0.3),
+    ]
+    for ending, seeds, share in formats:
+        data = tuple(s.encode() if isinstance(s, str) else bytes(s) for s in seeds)
+        yield Reader(f"shape {ending.upper()}", f"shape.{ending}", data, read, share)
+
+
+def _3mf(mesh: trimesh.Trimesh) -> bytes:
+    stream = BytesIO()
+    mesh.export(stream, file_type="3mf")
+    return stream.getvalue()
+
+
+def _calibration(folder: Path) -> bytes:
+    variance = 0.01
+    data: dict[str, Any] = {
+        "arm": "ur10e",
+        "laser": "simulated",
+        "date": datetime(2026, 3, 4, tzinfo=UTC),
+        "method": "plane touched",
+        "lines": 12,
+        "T_f_s_mm": read_job(EXAMPLES / "paper.toml").calibration.T_f_s_mm,
+        "covariance": np.diag(np.full(6, variance)).tolist(),
+        "sigma_position_mm": float(np.sqrt(3 * variance)),
+        "sigma_rotation_deg": float(np.sqrt(3 * variance)),
+        "condition": 1.0,
+        "excess": 1.0,
+        "noise": NoiseTable(),
+        "residuals": [],
+    }
+    file = folder / "calibration.toml"
+    write_calibration(file, validate(CalibrationFile, data))
+    return file.read_bytes()

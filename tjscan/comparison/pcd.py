@@ -1,0 +1,106 @@
+"""Clouds in the PCD format of the Point Cloud Library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from math import prod
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+
+from tjscan.frames import Array
+
+KINDS: Final = {
+    **{f"F{size}": f"<f{size}" for size in (4, 8)},
+    **{f"{kind}{size}": f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)},
+}
+"""NumPy's name of each TYPE and SIZE."""
+
+LONGEST_HEAD: Final = 100
+"""Lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What a header says: the layout of a point, how many there are, and how they are written."""
+
+    layout: np.dtype[Any]
+    points: int
+    data: str
+
+
+def read_pcd(path: Path) -> Array:
+    """Points of a cloud, shape (n, 3), in the file's unit.
+
+    The header is held against the size of the file before anything is believed of it.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or of another kind.
+    """
+    with path.open("rb") as stream:
+        head = _read_head(stream)
+        rest = path.stat().st_size - stream.tell()
+        if head.data == "ascii":
+            lines = (line.decode("ascii") for line in stream)
+            columns = [_first_column(head.layout, axis) for axis in "xyz"]
+            return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=head.points)
+        if head.data == "binary":
+            if head.points * head.layout.itemsize > rest:
+                raise ValueError(f"it ends before its {head.points} points do")
+            data = stream.read(head.points * head.layout.itemsize)
+            table = np.frombuffer(data, head.layout)
+            return np.column_stack([table[axis].astype(float) for axis in "xyz"])
+        compressed, whole = np.frombuffer(stream.read(8), "<u4").tolist()
+        if compressed > rest - 8 or whole != head.points * head.layout.itemsize:
+            raise ValueError("its sizes contradict each other")
+    return _read_compressed(path)
+
+
+def _read_head(stream: BinaryIO) -> _Head:
+    words: dict[str, list[str]] = {}
+    for _ in range(LONGEST_HEAD):
+        line = stream.readline(10_000).decode("ascii").split()
+        if line and not line[0].startswith("#"):
+            words[line[0].upper()] = line[1:]
+            if line[0].upper() == "DATA":
+                break
+    try:
+        names, kinds, sizes = words["FIELDS"], words["TYPE"], words["SIZE"]
+        counts = [int(word) for word in words.get("COUNT", ["1"] * len(names))]
+        (points,), (data,) = (int(w) for w in words["POINTS"]), words["DATA"]
+        grid = prod(int(words[key][0]) for key in ("WIDTH", "HEIGHT"))
+        fields = [
+            (name if name in "xyz" else f"{name} {i}", KINDS[f"{kind}{size}"], (count,))
+            if count != 1
+            else (name if name in "xyz" else f"{name} {i}", KINDS[f"{kind}{size}"])
+            for i, (name, kind, size, count) in enumerate(
+                zip(names, kinds, sizes, counts, strict=True)
+            )
+        ]
+        layout = np.dtype(fields)
+    except (KeyError, IndexError) as error:
+        raise ValueError(f"its header lacks {error}, or has it wrong") from None
+    if points != grid or points < 1 or data not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError("its header contradicts itself")
+    if any(axis not in names or layout[axis].shape for axis in "xyz"):
+        raise ValueError("it holds no points x, y, z")
+    return _Head(layout, points, data)
+
+
+def _first_column(layout: np.dtype[Any], axis: str) -> int:
+    """Column of a field in a text, where a field of many numbers takes as many."""
+    names = list(layout.names or ())
+    return sum(prod(layout[name].shape) for name in names[: names.index(axis)])
+
+
+def _read_compressed(path: Path) -> Array:
+    o3d: Any = import_module("open3d")
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        cloud = o3d.t.io.read_point_cloud(str(path), remove_nan_points=False)
+    if "positions" not in cloud.point:
+        raise ValueError("it holds no points")
+    return np.asarray(cloud.point["positions"].numpy(), dtype=float)
