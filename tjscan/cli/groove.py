@@ -62,6 +62,7 @@ def groove(
     from tjscan.cli.console import say, show_readings
     from tjscan.config import validate
     from tjscan.errors import ConfigurationError
+    from tjscan.files import drafted
     from tjscan.job import ReadingTable, read_job
     from tjscan.laser.files import ProfileFormat, ProfileTable, read_profiles
     from tjscan.recording.reader import read_run
@@ -99,7 +100,8 @@ def groove(
     else:
         show_readings(readings)
     if plot is not None:
-        write_picture(plot, draw_readings(readings))
+        with drafted(plot.parent) as draft:
+            write_picture(draft / plot.name, draw_readings(readings))
         say(f"drawn in {plot}")
     if all(reading.refusal is not None for reading in readings):
         sys.exit(1)

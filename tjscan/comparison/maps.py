@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
 from tjscan.comparison.compare import Comparison, Deviation
-from tjscan.errors import ConfigurationError, RecordingError
+from tjscan.errors import ConfigurationError
+from tjscan.files import drafted
 from tjscan.frames import Array
 
 BINS: Final = (180, 110)
@@ -184,10 +185,8 @@ def write_map(file: Path, comparison: Comparison) -> None:
     """
     check_map(file)
     figure = draw_map(comparison)
-    try:
-        figure.savefig(file, dpi=110)
-    except OSError as error:
-        raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
+    with drafted(file.parent) as draft:
+        figure.savefig(draft / file.name, dpi=110, format="png")
 
 
 def _unbroken(azimuth: Array) -> Array:

@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from tjscan.errors import ConfigurationError, PoseUnreachable, nearest
+from tjscan.files import check_size
 from tjscan.frames import Array, from_rounded, inverse, readonly
 from tjscan.robot.closed_form import UrGeometry, configurations
 from tjscan.robot.models.generate import ARMS
@@ -63,6 +64,9 @@ LIMIT_ROUNDING: Final = 1e-9
 
 CALIBRATED: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
+
+MOST_BYTES: Final = 5_000_000
+"""A larger file describes no arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -343,10 +347,11 @@ class Kinematics:
 
 
 def _read(urdf: Path) -> Any:
-    if not urdf.is_file():
+    if not urdf.exists():
         known = nearest(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
     try:
+        check_size(urdf, MOST_BYTES, "a URDF")
         return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}", file=urdf) from None
