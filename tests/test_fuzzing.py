@@ -54,11 +54,11 @@ def test_whole_files_are_read(corpus: list[Reader], tmp_path: Path) -> None:
             reader.read(file)
 
 
-
-
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=400), ending=st.sampled_from(["toml", "csv", "ply", "mcap", "pcd"]))
-def test_random_bytes_end_in_an_error_of_the_tree_or_in_none(tmp_path: Path, data: bytes, ending: str) -> None:
+def test_random_bytes_end_in_an_error_of_the_tree_or_in_none(
+    tmp_path: Path, data: bytes, ending: str
+) -> None:
     file = tmp_path / f"file.{ending}"
     file.write_bytes(data)
     for read in (
