@@ -57,7 +57,7 @@ class SkipTable(FileModel):
     enabled: bool | None = None
     position_mm: float = Field(default=8.0, gt=0, le=50)
     work_angle_deg: float = Field(default=5.0, gt=0, le=30)
-    rotation_deg: float = Field(default=6.0, gt=0, le=30)
+    rotation_deg: float = Field(default=8.0, gt=0, le=30)
 
 
 class ScanTable(FileModel):
@@ -65,7 +65,7 @@ class ScanTable(FileModel):
 
     direction: Literal["counterclockwise", "clockwise"] = "counterclockwise"
     step_mm: float = Field(default=40.0, ge=5, le=300)
-    prediction_case: Literal[1, 2, 3, 4] = 3
+    prediction_case: Literal[1, 2, 3, 4, "smooth"] = 3
     pull_angle_deg: float = Field(default=10.0, ge=-45, le=45)
     standoff_mm: float = Field(default=230.0, ge=10, le=2000)
     view_offset_mm: float = Field(default=-15.0, ge=-500, le=500)

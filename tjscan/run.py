@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from tjscan.robot.arm import Arm, identity_words
 from tjscan.robot.cleared import ClearedArm
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES
+from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
 from tjscan.scanning.scanner import Progress, Scanner, ScanResult
 from tjscan.scanning.seen import SeenGroove
 from tjscan.scanning.skip import Skip
@@ -60,7 +60,7 @@ def plan_of(job: JobFile) -> ScanPlan:
     table = job.scan
     return ScanPlan(
         step=1e-3 * table.step_mm,
-        prediction=CASES[table.prediction_case],
+        prediction=_prediction_of(table),
         direction=Direction(table.direction),
         pull_angle=float(np.radians(table.pull_angle_deg)),
         standoff=1e-3 * table.standoff_mm,
@@ -70,6 +70,10 @@ def plan_of(job: JobFile) -> ScanPlan:
         skip=_skip_of(table),
         return_tolerance=1e-3 * table.resume_tolerance_mm,
     )
+
+
+def _prediction_of(scan: ScanTable) -> Prediction | Literal["smooth"]:
+    return "smooth" if scan.prediction_case == SMOOTH else CASES[scan.prediction_case]
 
 
 def _skip_of(scan: ScanTable) -> Skip | None:

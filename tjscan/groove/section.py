@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array, readonly
 
-_ARRAYS = ("points_s", "wall_s", "leg_s", "T_s_g", "covariance_s", "measure_covariance")
+_ARRAYS = (
+    "points_s",
+    "wall_s",
+    "leg_s",
+    "T_s_g",
+    "covariance_s",
+    "tangent_covariance",
+    "measure_covariance",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +52,8 @@ class GrooveSection:
         Of the distances between the points and the fitted sides, in metres.
     covariance_s : ndarray, shape (6, 6)
         Covariance of x and z of p2, p3 and p4, in m²; zero if nothing is known of it.
+    tangent_covariance : ndarray, shape (2, 2)
+        Covariance of the angles of `wall_s` and `leg_s` in the laser plane, in rad².
     measure_covariance : ndarray, shape (4, 4)
         Covariance of opening angle, root width, depth and area.
     """
@@ -60,6 +70,7 @@ class GrooveSection:
     area: float
     rms: float
     covariance_s: Array
+    tangent_covariance: Array
     measure_covariance: Array
 
     def __post_init__(self) -> None:
@@ -168,6 +179,7 @@ def section_from_points(
         float(values[3]),
         float(rms),
         covariance[:6, :6],
+        covariance[6:, 6:],
         jacobian @ covariance @ jacobian.T,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
 from tjscan.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
 from tjscan.frames import Array, inverse
@@ -148,7 +149,7 @@ class Hand:
     ) -> Scan:
         """Lay frame t on a set-point and look."""
         check_set_point(to, stride, self._plan)
-        state = self.move(self._arm.move_linear, to.T_b_t @ inverse(self._T_f_s @ to.T_s_t))
+        state = self._go(to)
 
         def read(view: View) -> Scan:
             found = self.read(view, to.T_s_t)
@@ -159,6 +160,17 @@ class Hand:
             return found
 
         return self.look(index, substep, state, read, again=again)
+
+    def _go(self, to: SetPoint) -> ArmState:
+        """Go to a set-point, on a line where that is wanted or the joints' way is not clear."""
+        T_b_f = to.T_b_t @ inverse(self._T_f_s @ to.T_s_t)
+        if not to.straight:
+            try:
+                # As it stands, or not at all: on its way round a joint no arm changes sides.
+                return self.move(partial(self._arm.move_joint, near=self._arm.state().q), T_b_f)
+            except PoseUnreachable as error:
+                self.note(Event.STRAIGHT, str(error))
+        return self.move(self._arm.move_linear, T_b_f)
 
     def _merged(self, views: list[View], state: ArmState) -> View | None:
         """Merge profiles of where the arm stands, where they hold different points."""

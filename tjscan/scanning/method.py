@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import paper_predictor
+from tjscan.scanning.prediction import SMOOTH, paper_predictor
 from tjscan.scanning.set_point import Predictor, StepRule
+from tjscan.scanning.smooth import smooth_predictor
 
 
 def predictor_of(plan: ScanPlan) -> Predictor:
     """The predictor that a plan names."""
+    if plan.prediction == SMOOTH:
+        return smooth_predictor(plan)
     return paper_predictor(plan.prediction, plan.direction)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from tjscan.frames import Array
 from tjscan.scanning.prediction import Prediction
@@ -18,8 +19,8 @@ class ScanPlan:
     ----------
     step : float
         Distance from section to section, d_st, metres.
-    prediction : Prediction
-        How the motion is carried on, one of the paper's cases.
+    prediction : Prediction or "smooth"
+        How the motion is carried on: one of the paper's cases, or along the seam of two tubes.
     direction : Direction
         Which way round the brace.
     pull_angle : float
@@ -40,7 +41,7 @@ class ScanPlan:
     """
 
     step: float
-    prediction: Prediction
+    prediction: Prediction | Literal["smooth"]
     direction: Direction
     pull_angle: float
     standoff: float

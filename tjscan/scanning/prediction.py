@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from tjscan.frames import Array, pose, unit
 from tjscan.scanning.scan import Scan
@@ -34,6 +35,9 @@ CASES = {
     4: Prediction(turns_frame=True, turns_step=False),
 }
 """The four cases of the paper, section 4.2."""
+
+SMOOTH: Final = "smooth"
+"""The fifth: see `tjscan.scanning.smooth`."""
 
 
 def predict(

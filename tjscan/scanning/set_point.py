@@ -23,11 +23,15 @@ class SetPoint:
     covariance : ndarray, shape (7, 7), optional
         Of where the ideal set-point will turn out to be: position and rotation vector in frame t
         (metres, radians), and work angle (radians). None where the predictor can't tell.
+    straight : bool
+        Whether the flange shall go there on a straight line, as the paper's does. The joints'
+        own way is shorter for them and takes less time.
     """
 
     T_b_t: Array
     T_s_t: Array
     covariance: Array | None = None
+    straight: bool = True
 
     def __post_init__(self) -> None:
         for name in ("T_b_t", "T_s_t", "covariance"):

@@ -14,6 +14,7 @@ class Event(StrEnum):
     NUDGE = "nudge"
     HALF_STEP = "half step"
     RETREAT = "retreat"
+    STRAIGHT = "straight"
     RESUMED = "resumed"
     STOP_REQUESTED = "stop requested"
     STOP = "stop"

@@ -1,0 +1,154 @@
+"""The section that a laser plane will cut out of a seam, a step beyond the last one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.frames import Array, inverse, unit
+from tjscan.scanning.correction import correct
+from tjscan.scanning.kriging import Kriging
+from tjscan.scanning.seam import Seam, Walls
+from tjscan.scanning.track import Track
+
+SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
+"""How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
+SHAPE_WAVE: Final = 0.2
+"""Metres along the groove over which they do."""
+
+_DIFFERENCE: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """What is expected of the next section.
+
+    A section is told by its origin in b (metres) and the angles of wall and leg in the laser
+    plane (radians), shape (5,).
+
+    Parameters
+    ----------
+    T_b_g : ndarray, shape (4, 4)
+        Frame g of the last section.
+    seam : Seam
+        The tubes.
+    step : float
+        Distance of the origins, d_st, metres.
+    shape : ndarray, shape (3,)
+        Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
+    left : ndarray, shape (4,)
+        What the tubes leave, see `Seam.left_at`.
+    shape_sigmas, left_sigmas : ndarray
+        Standard deviations of both.
+    left_by_theta : ndarray, shape (4, 10)
+        Derivatives of `left` by the seam's parameters.
+    """
+
+    T_b_g: Array
+    seam: Seam
+    step: float
+    shape: Array
+    shape_sigmas: Array
+    left: Array
+    left_sigmas: Array
+    left_by_theta: Array
+
+    @classmethod
+    def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> Ahead:
+        """Expect the section a step beyond the last one of a track."""
+        at = np.array([step])
+        shape = np.array(
+            [
+                np.concatenate(Kriging(track.along, values, sigmas, spread, SHAPE_WAVE).at(at))
+                for values, sigmas, spread in zip(
+                    track.shape.T, track.shape_sigmas.T, SHAPE_SPREAD, strict=True
+                )
+            ]
+        )
+        left = (values[[0, 1, 4, 5]] for values in seam.left_at(step))
+        return cls(T_b_g, seam, step, *shape.T, *left)
+
+    def guess(self, track: Track, R_b_s: Array) -> Array:
+        """A section straight on along the seam, to start from."""
+        forward = track.origins[-1] - track.origins[-2]
+        t = unit(np.cross(*self.seam.walls().normals))
+        t = t if t @ forward > 0 else -t
+        flat = track.tangents[:, -1] @ R_b_s
+        return np.concatenate(
+            (track.origins[-1] + self.step * t, np.arctan2(flat[:, 2], flat[:, 0]))
+        )
+
+    def refined(self, section: Array, R_b_s: Array) -> Array:
+        """A section one Newton step nearer to what a plane of this orientation cuts."""
+        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
+        values = self._misses(self.seam.walls(), around, R_b_s)
+        J = (values[1:] - values[0]).T / _DIFFERENCE
+        return np.asarray(section - np.linalg.solve(J, values[0]))
+
+    def ideal(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
+        """Ideal frame t in b, eq. (12), and work angle, eq. (16), of a section."""
+        wall, leg = _tangents(section, R_b_s)
+        T_b_g = np.eye(4)
+        T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
+        gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
+        return correct(self.T_b_g, T_b_g), 0.5 * self.shape[2] - gamma_2
+
+    def covariance(self, section: Array, R_b_s: Array) -> Array:
+        """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7)."""
+        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
+        thetas = self.seam.theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+        walls = self.seam.walls()
+        by_section = _difference(self._misses(walls, around, R_b_s))
+        by_theta = _difference(self._misses(self.seam.walls(thetas), section, R_b_s))
+        by_theta[:4] -= self.left_by_theta
+        by_shape = _difference(
+            np.array(
+                [
+                    self._misses(walls, section, R_b_s, self.shape[:2] + away)
+                    for away in np.concatenate((np.zeros((1, 2)), _DIFFERENCE * np.eye(2)))
+                ]
+            )
+        )
+        spread = by_theta @ self.seam.covariance @ by_theta.T
+        spread += (by_shape * self.shape_sigmas[:2] ** 2) @ by_shape.T
+        spread[range(4), range(4)] += self.left_sigmas**2
+        back = np.linalg.inv(by_section)
+        seven = _difference(np.array([self._seven(section, one, R_b_s) for one in around]))
+        total = seven @ back @ spread @ back.T @ seven.T
+        total[6, 6] += (0.5 * self.shape_sigmas[2]) ** 2
+        return np.asarray(total)
+
+    def _misses(
+        self, walls: Walls, section: Array, R_b_s: Array, lengths: Array | None = None
+    ) -> Array:
+        """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
+        lengths = self.shape[:2] if lengths is None else lengths
+        tangents = _tangents(section, R_b_s)
+        points = section[..., None, :3] + lengths[:, None] * tangents
+        distances, slopes = walls.outside(points[..., None, :], tangents[..., None, :])
+        gone = np.linalg.norm(section[..., :3] - self.T_b_g[:3, 3], axis=-1) - self.step
+        on_walls = np.concatenate((distances[..., 0], slopes[..., 0]), axis=-1) - self.left
+        gone = np.broadcast_to(gone[..., None], (*on_walls.shape[:-1], 1))
+        return np.concatenate((on_walls, gone), axis=-1)
+
+    def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
+        """Position, rotation vector and work angle of another section's ideal in this one's t."""
+        (T, _), (T_other, work_angle) = self.ideal(section, R_b_s), self.ideal(other, R_b_s)
+        away = inverse(T) @ T_other
+        turn = Rotation.from_matrix(away[:3, :3]).as_rotvec()
+        return np.concatenate((away[:3, 3], turn, [work_angle]))
+
+
+def _tangents(section: Array, R_b_s: Array) -> Array:
+    """Unit vectors along wall and leg, shape (..., 2, 3)."""
+    angles = section[..., 3:, None]
+    return np.asarray(np.cos(angles) * R_b_s[:, 0] + np.sin(angles) * R_b_s[:, 2])
+
+
+def _difference(values: Array) -> Array:
+    """Jacobian from values at a place and at steps of `_DIFFERENCE` beside it."""
+    return np.asarray((values[1:] - values[0]).T / _DIFFERENCE)

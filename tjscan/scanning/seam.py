@@ -1,0 +1,323 @@
+"""Two tubes that meet, as far as the sections of their seam tell.
+
+A few sections do not hold two cylinders: two taught ones give eight numbers for ten. What is
+missing is taken from what joints of tubes are like, as a prior, and its doubt is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log, radians
+from typing import Final
+
+import numpy as np
+
+from tjscan.frames import Array, readonly, unit
+from tjscan.scanning.kriging import matern
+from tjscan.scanning.track import Track
+
+BRACE_RADIUS: Final = (0.2, 0.7)
+"""Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""
+RADIUS_RATIO: Final = (1.6, 0.4)
+"""The leg's radius over the brace's, likewise."""
+LEAN: Final = radians(25)
+"""How far the axes are from square, standard deviation."""
+ASIDE: Final = 0.05
+"""How far the axes pass each other, as a share of the brace's radius, standard deviation."""
+SHIFT: Final = 3e-3
+"""Metres, standard deviation of where a wall lies beside p2 or p4 as read."""
+TILT: Final = radians(30)
+"""Of where it faces beside where the last two sections say, and of the brace's axis beside the
+laser plane."""
+
+OUT_OF_ROUND: Final = 0.3e-3
+"""Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
+over the `WAVE` that cylinders through a few neighbouring sections do not follow."""
+OUT_OF_LINE: Final = radians(0.15)
+"""The same of a wall's direction in the section."""
+WAVE: Final = 0.15
+"""Metres along the groove over which it does."""
+
+STARTS: Final = 4
+"""Directions of the leg's axis to start from: at the crown nothing tells it beforehand."""
+TOGETHER: Final = 4
+"""Rounds after which the best of them goes on alone."""
+MOST_ROUNDS: Final = 40
+STILL: Final = 1e-5
+"""Shares of a parameter's prior standard deviation: smaller steps end the search."""
+_DIFFERENCE: Final = 1e-5
+
+_LEAVES: Final = (OUT_OF_ROUND,) * 4 + (OUT_OF_LINE,) * 2
+
+_LEAST_ROOT: Final = 1e-12
+"""Of the tube's axis, where nothing points outwards, a search may pass by."""
+
+# Per tube: shift along the normal, tilts of the normal up and along, turn of the axis, ln(1/r).
+_SCALE: Final = np.array((SHIFT, TILT, TILT, TILT, BRACE_RADIUS[1]))
+_FREE: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
+"""Parameters with a prior of their own; curvatures have theirs below, the leg's axis has none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """Both tubes beside the last section, for one or many sets of parameters (...).
+
+    A wall is told by its point next to p2 or p4, its normal, its axis and its curvature: this
+    stays well defined where the tube is so large, or so little seen, that its middle is anywhere.
+
+    Parameters
+    ----------
+    feet, normals, across : ndarray, shape (..., 2, 3)
+        A point on the wall, the outward normal there, the direction round the tube there.
+    curvatures : ndarray, shape (..., 2)
+        One over the radius, 1/m.
+    """
+
+    feet: Array
+    normals: Array
+    across: Array
+    curvatures: Array
+
+    def outside(self, points: Array, tangents: Array) -> tuple[Array, Array]:
+        """How far points lie outside their walls, and how tangents lead out of them.
+
+        Parameters
+        ----------
+        points, tangents : ndarray, shape (..., 2, n, 3)
+            On brace and leg; metres, and unit vectors.
+
+        Returns
+        -------
+        distances, slopes : ndarray, shape (..., 2, n)
+            Metres, and sines of the angle between tangent and wall.
+        """
+        # Rows: out of the wall, and round it.
+        local = np.stack((self.normals, self.across), axis=-1)
+        q = points @ local - (self.feet[..., None, :] @ local)
+        t = tangents @ local
+        h, c, k = q[..., 0], q[..., 1], self.curvatures[..., None]
+        # sqrt((h + r)² + c²) - r, without the difference of large numbers.
+        w = 2 * h + k * (h * h + c * c)
+        root = np.sqrt(np.maximum(1 + k * w, _LEAST_ROOT))
+        slopes = ((1 + k * h) * t[..., 0] + k * c * t[..., 1]) / root
+        return np.asarray(w / (1 + root)), np.asarray(slopes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seam:
+    """What is believed of the tubes: most likely parameters, and how sure they are.
+
+    Parameters
+    ----------
+    bases : ndarray, shape (2, 4, 3)
+        What the parameters count from; rows are the foot, the direction along the tube (about),
+        the one round it, and the normal.
+    theta : ndarray, shape (10,)
+        The parameters, in units of their prior standard deviations.
+    covariance : ndarray, shape (10, 10)
+        Of `theta`.
+    along : ndarray, shape (n,)
+        Where the sections lie along the groove, metres.
+    whiten : ndarray, shape (6, n, n)
+        Makes `left` white, channel by channel.
+    left : ndarray, shape (6, n)
+        What the tubes leave of the sections: distances of p2 and p4, of p1 and p5 (metres),
+        slopes of both tangents (radians).
+    left_by_theta : ndarray, shape (6, n, 10)
+        Its derivatives.
+    """
+
+    bases: Array
+    theta: Array
+    covariance: Array
+    along: Array
+    whiten: Array
+    left: Array
+    left_by_theta: Array
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def walls(self, thetas: Array | None = None) -> Walls:
+        """The walls for parameters of shape (..., 10), the most likely ones where left out."""
+        return _walls(self.bases, self.theta if thetas is None else thetas)
+
+    def curvature(self) -> float:
+        """Curvature of the seam beside the last section, 1/m."""
+        walls = self.walls()
+        n_1, n_2 = walls.normals
+        along = np.cross(n_1, n_2)
+        t = unit(along)
+        # A normal turns as the tube's curvature and the way round it ask for.
+        turns = walls.curvatures * (walls.across @ t)
+        d_1, d_2 = turns[:, None] * walls.across
+        bent = np.cross(d_1, n_2) + np.cross(n_1, d_2)
+        return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
+
+    def left_at(self, at: float) -> tuple[Array, Array, Array]:
+        """What the tubes will leave at a place along the groove (metres).
+
+        Returns
+        -------
+        values, sigmas : ndarray, shape (6,)
+            As `left`, and how uncertain that is of itself, metres and radians.
+        by_theta : ndarray, shape (6, 10)
+            Derivatives of the values by `theta`: what is believed of the tubes and what they
+            leave are wrong together.
+        """
+        towards = np.array([matern(self.along - at, a, WAVE) for a in _LEAVES])
+        white = np.einsum("cmn,cn->cm", self.whiten, towards)
+        weights = np.einsum("cmn,cm->cn", self.whiten, white)
+        variances = np.array(_LEAVES) ** 2 - np.sum(white**2, axis=1)
+        return (
+            np.sum(weights * self.left, axis=1),
+            np.sqrt(np.maximum(variances, 0.0)),
+            np.einsum("cn,cnp->cp", weights, self.left_by_theta),
+        )
+
+
+def fit_seam(track: Track) -> Seam:
+    """Most likely tubes for two or more sections, by Levenberg–Marquardt from several starts.
+
+    Parameters
+    ----------
+    track : Track
+        The sections.
+
+    Notes
+    -----
+    The sections' distances and slopes from the walls are Gaussian with the sections' own
+    variances on the diagonal and, along the groove, the covariance of a smooth random function:
+    real tubes are not quite round.
+    """
+    bases = _bases(track)
+    between = track.along[:, None] - track.along
+    whiten = np.array(
+        [
+            np.linalg.inv(np.linalg.cholesky(matern(between, a, WAVE) + np.diag(s**2)))
+            for a, s in zip(_LEAVES, track.sigmas, strict=True)
+        ]
+    )
+
+    def residuals(thetas: Array) -> Array:
+        walls = _walls(bases, thetas)
+        seen = _left(walls, track)
+        white = np.einsum("cmn,...cn->...cm", whiten, seen)
+        return np.concatenate(
+            (white.reshape(*thetas.shape[:-1], -1), _prior(walls, thetas)), axis=-1
+        )
+
+    theta, jacobian = _search(residuals, _starts())
+    spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
+    # Ten of the prior's and the sections' residuals are spent on the parameters.
+    misfit = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
+    around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+    lefts = _left(_walls(bases, around), track)
+    by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE, 0, -1)
+    return Seam(bases, theta, spread * max(1.0, misfit), track.along, whiten, lefts[0], by_theta)
+
+
+def _left(walls: Walls, track: Track) -> Array:
+    # Both of a wall's places at once; the tangents count at the first.
+    n = len(track.along)
+    distances, slopes = walls.outside(
+        np.concatenate((track.points, track.ends), axis=1),
+        np.concatenate((track.tangents, track.tangents), axis=1),
+    )
+    return np.concatenate((distances[..., :n], distances[..., n:], slopes[..., :n]), axis=-2)
+
+
+def _starts() -> Array:
+    starts = np.zeros((STARTS, 10))
+    starts[:, 4] = -log(BRACE_RADIUS[0]) / _SCALE[4]
+    starts[:, 9] = -log(BRACE_RADIUS[0] * RADIUS_RATIO[0]) / _SCALE[4]
+    starts[:, 8] = np.pi * np.arange(STARTS) / STARTS / TILT
+    return starts
+
+
+def _bases(track: Track) -> Array:
+    chord = track.origins[-1] - track.origins[-2]
+    down, out = track.tangents[:, -1]
+    bases = np.empty((2, 4, 3))
+    for k, (along, outward) in enumerate(((down, out), (out, -down))):
+        normal = unit(np.cross(chord, along))
+        normal = normal if normal @ outward > 0 else -normal
+        bases[k] = track.points[k, -1], along, np.cross(normal, along), normal
+    return bases
+
+
+def _walls(bases: Array, thetas: Array) -> Walls:
+    """Walls of parameters, shape (..., 10)."""
+    t = thetas.reshape(*thetas.shape[:-1], 2, 5, 1) * _SCALE[:, None]
+    foot, along, around, normal = (bases[:, i] for i in range(4))
+    n = normal + t[..., 1, :] * along + t[..., 2, :] * around
+    n = n / np.sqrt((n * n).sum(axis=-1, keepdims=True))
+    c = np.cos(t[..., 3, :]) * around - np.sin(t[..., 3, :]) * along
+    c = c - (c * n).sum(axis=-1, keepdims=True) * n
+    c = c / np.sqrt((c * c).sum(axis=-1, keepdims=True))
+    return Walls(foot + t[..., 0, :] * n, n, c, np.exp(t[..., 4, 0]))
+
+
+def _prior(walls: Walls, thetas: Array) -> Array:
+    """What joints of tubes are like, as residuals, shape (..., 14)."""
+    axes = _cross(walls.across, walls.normals)
+    radii = 1 / walls.curvatures
+    middles = walls.feet - walls.normals * radii[..., None]
+    common = _cross(axes[..., 0, :], axes[..., 1, :])
+    sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_ROOT)
+    apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
+    return np.concatenate(
+        (
+            thetas * _FREE,
+            np.stack(
+                (
+                    np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
+                    np.log(radii[..., 1] / radii[..., 0] / RADIUS_RATIO[0]) / RADIUS_RATIO[1],
+                    np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(LEAN),
+                    apart / (ASIDE * radii[..., 0]),
+                ),
+                axis=-1,
+            ),
+        ),
+        axis=-1,
+    )
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of the last axis: `numpy.cross` spends most of its time on other cases."""
+    return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])
+
+
+def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
+    """Levenberg–Marquardt from several starts side by side, soon from the best one alone.
+
+    Returns
+    -------
+    theta : ndarray, shape (10,)
+        Where it ends.
+    jacobian : ndarray, shape (m, 10)
+        Of the residuals there.
+    """
+    beside = np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+    theta, damping = starts, np.full(len(starts), 1e-2)
+    values = residuals(theta[:, None] + beside)
+    cost = np.sum(values[:, 0] ** 2, axis=-1)
+    for i in range(MOST_ROUNDS):
+        if i == TOGETHER:
+            best = slice(int(cost.argmin()), int(cost.argmin()) + 1)
+            theta, damping, values, cost = theta[best], damping[best], values[best], cost[best]
+        J = np.swapaxes(values[:, 1:] - values[:, :1], 1, 2) / _DIFFERENCE
+        normal = np.swapaxes(J, 1, 2) @ J + damping[:, None, None] * np.eye(10)
+        step = -np.linalg.solve(normal, (values[:, :1] @ J).swapaxes(1, 2))[..., 0]
+        tried = residuals((theta + step)[:, None] + beside)
+        tried_cost = np.sum(tried[:, 0] ** 2, axis=-1)
+        better = tried_cost < cost
+        theta = np.where(better[:, None], theta + step, theta)
+        values = np.where(better[:, None, None], tried, values)
+        cost = np.where(better, tried_cost, cost)
+        damping = np.where(better, 0.1 * damping, 10 * damping)
+        if i > TOGETHER and np.abs(step).max() < STILL:
+            break
+    return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE

@@ -1,0 +1,127 @@
+"""The fifth predictor: carried along the seam of the tubes that the sections tell of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import hypot, sqrt
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.errors import TubesNotFound
+from tjscan.frames import Array, pose
+from tjscan.scanning.ahead import Ahead
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.prediction import CASES, paper_predictor
+from tjscan.scanning.scan import Scan
+from tjscan.scanning.seam import fit_seam
+from tjscan.scanning.set_point import Predictor, SetPoint
+from tjscan.scanning.target import Direction
+from tjscan.scanning.track import Track, track_of
+
+ROUNDS: Final = 30
+STILL: Final = 1e-7
+"""Metres and radians: where a smaller step ends the search for the section."""
+
+SURE: Final = 3.0
+"""Standard deviations that are kept from the tolerances of a view: whoever aims at their edge
+looks twice."""
+
+
+def smooth_predictor(plan: ScanPlan) -> Predictor:
+    """Predict what the laser plane will cut out of the seam, a step further on.
+
+    Parameters
+    ----------
+    plan : ScanPlan
+        Direction and view; and what a view may be off the ideal one: inside of that the hand
+        turns as little as it can.
+
+    Notes
+    -----
+    Where no such section is found, the prediction is that of the paper's case 3, which tells no
+    covariance.
+    """
+    otherwise = paper_predictor(CASES[3], plan.direction)
+
+    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+        track, last = track_of(sections), sections[-1]
+        R_b_now = last.view.T_b_s[:3, :3]
+        try:
+            ahead = Ahead.of(track, fit_seam(track), last.T_b_g, step)
+            guess = ahead.guess(track, R_b_now)
+            section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
+            covariance = ahead.covariance(section, _R_b_s(ideal))
+            slack = _slack(plan, covariance, track, step)
+            _, lagging = _settle(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
+        except (TubesNotFound, np.linalg.LinAlgError):
+            return otherwise(sections, step)
+        return replace(lagging, covariance=covariance, straight=False)
+
+    return predictor
+
+
+def _settle(
+    ahead: Ahead,
+    plan: ScanPlan,
+    section: Array,
+    R_b_s: Array,
+    R_b_now: Array,
+    slack: tuple[float, float],
+) -> tuple[Array, SetPoint]:
+    """Section and set-point that fit each other: the plane decides on the section, it on the plane.
+
+    Parameters
+    ----------
+    section : ndarray, shape (5,)
+        To start from, in a sensor that stands as `R_b_s`.
+    R_b_now : ndarray, shape (3, 3)
+        Where the sensor comes from.
+    slack : tuple of float
+        How far it may lag behind, about the groove and about the other axes of t, radians.
+
+    Raises
+    ------
+    TubesNotFound
+        If they don't come to rest.
+    """
+    for _ in range(ROUNDS):
+        found = ahead.refined(section, R_b_s)
+        T_b_t, work_angle = ahead.ideal(found, R_b_s)
+        T_s_t = plan.target(work_angle)
+        R_s_t = T_s_t[:3, :3]
+        turned = T_b_t[:3, :3] @ _lag(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
+        moved = max(np.abs(found - section).max(), np.abs(turned @ R_s_t.T - R_b_s).max())
+        section, R_b_s = found, turned @ R_s_t.T
+        if moved < STILL:
+            return section, SetPoint(pose(turned, T_b_t[:3, 3]), T_s_t)
+    raise TubesNotFound("no section of the seam lies a step further on")
+
+
+def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
+    """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
+    back = Rotation.from_matrix(R_b_t_ideal.T @ R_b_t_now).as_rotvec()
+    for part, most in ((back[:1], slack[0]), (back[1:], slack[1])):
+        angle = float(np.linalg.norm(part))
+        part *= min(1.0, most / angle) if angle > 0 else 1.0
+    return np.asarray(Rotation.from_rotvec(back).as_matrix())
+
+
+def _slack(plan: ScanPlan, covariance: Array, track: Track, step: float) -> tuple[float, float]:
+    """What the doubt of prediction and reading leaves of the tolerances, radians."""
+    if plan.skip is None:
+        return 0.0, 0.0
+    turns = -1.0 if plan.direction is Direction.COUNTERCLOCKWISE else 1.0
+    about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
+    aside = max(covariance[4, 4], covariance[5, 5])
+    origin, opening = track.shape_sigmas[-1, [0, 2]]
+    return (
+        max(0.0, plan.skip.work_angle - SURE * hypot(sqrt(max(about, 0.0)), 0.5 * opening)),
+        max(0.0, plan.skip.rotation - SURE * hypot(sqrt(aside), origin / step)),
+    )
+
+
+def _R_b_s(to: SetPoint) -> Array:
+    return np.asarray(to.T_b_t[:3, :3] @ to.T_s_t[:3, :3].T)
