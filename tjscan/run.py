@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -235,14 +235,7 @@ def resume_job(
     """
     job_file = directory / JOB
     check_inside(directory, *COPIES)
-    for key in overrides:
-        if not key.startswith(RESUMABLE):
-            raise ConfigurationError(
-                "can't change while a scan goes on: what was scanned before would not fit. "
-                f"What may: {', '.join(RESUMABLE)}",
-                file=job_file,
-                key=key,
-            )
+    check_resumable(overrides, job_file)
     with naming(job_file), sole_writer(directory):
         job = read_job(job_file, overrides).at()
         joint = joint_of(job, job_file)
@@ -258,6 +251,24 @@ def resume_job(
                 journal.event("changed", f"{key} {what}")
             result = scan_in(cell, job, journal, done, stop)
         return _write(directory, job, result, joint and joint[1])
+
+
+def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
+    """Check that keys may be replaced while a scan goes on.
+
+    Raises
+    ------
+    ConfigurationError
+        If one changes what was scanned before.
+    """
+    for key in overrides:
+        if not key.startswith(RESUMABLE):
+            raise ConfigurationError(
+                "can't change while a scan goes on: what was scanned before would not fit. "
+                f"What may: {', '.join(RESUMABLE)}",
+                file=job_file,
+                key=key,
+            )
 
 
 def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:

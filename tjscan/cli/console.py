@@ -59,7 +59,7 @@ class ProgressJournal:
 
 
 @contextmanager
-def watching(plan: ScanPlan) -> Iterator[ProgressJournal]:
+def watching(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJournal]:
     """Give a journal that shows a progress bar while the block runs."""
     total = plan.sections
     if total is None and plan.length is not None:
@@ -71,7 +71,7 @@ def watching(plan: ScanPlan) -> Iterator[ProgressJournal]:
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=stderr) as progress:
-        yield ProgressJournal(progress, progress.add_task("sections", total=total))
+        yield ProgressJournal(progress, progress.add_task(title, total=total))
 
 
 def report(summary: Summary, directory: Path, *, json: bool) -> None:

@@ -37,6 +37,11 @@ class Unattended(Nobody):
 class AtTerminal(Unattended):
     """Asks a person.
 
+    Parameters
+    ----------
+    otherwise : str
+        What to do where there is no terminal.
+
     Raises
     ------
     ConfigurationError
@@ -45,11 +50,9 @@ class AtTerminal(Unattended):
 
     present = True
 
-    def __init__(self) -> None:
+    def __init__(self, otherwise: str = "a simulated cell needs none with --unattended") -> None:
         if not sys.stdin.isatty():
-            raise ConfigurationError(
-                "there is no terminal to ask at; a simulated cell needs none with --unattended"
-            )
+            raise ConfigurationError(f"there is no terminal to ask at; {otherwise}")
         self._trusted = False
 
     def confirm(self, question: Question) -> bool:
