@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -70,14 +70,15 @@ def examine(
     overrides : dict, optional
         Dotted keys and their values, as `read_job` takes them.
     station : str, optional
-        Where the arm stands; may be left out where the job has one station, or none.
+        The one station to look at; all that the arm stands at where left out.
     """
     yield Finding("versions", ", ".join(_versions()))
     jobs: list[JobFile] = []
 
     def read() -> str:
         with naming(job_file):
-            jobs.append(read_job(job_file, overrides).at(station))
+            job = read_job(job_file, overrides)
+            jobs.extend(job.places if station is None else (job.at(station),))
         return f"{job_file} is sound"
 
     yield (finding := _look("job", read))
@@ -91,7 +92,10 @@ def examine(
     ]
     yield from named
     if all(finding.sound for finding in named):
-        yield from _devices(job, job_file)
+        for place in jobs:
+            where = f"{place.station[0].name}: " if len(jobs) > 1 else ""
+            for finding in _devices(place, job_file):
+                yield replace(finding, what=f"{where}{finding.what}")
 
 
 def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:

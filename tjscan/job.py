@@ -476,6 +476,21 @@ class CellFile(FileModel):
         i = 0 if name is None else self.stations.index(name)
         return self._at(i)
 
+    @property
+    def places(self) -> tuple[Self, ...]:
+        """The job at each station that its arm stands at.
+
+        A simulated arm stands at all of them, a real one at one.
+
+        Raises
+        ------
+        ConfigurationError
+            If the arm is a real one, and the job has several stations.
+        """
+        if self.station and self.arm.driver == "simulated":
+            return tuple(self.at(name) for name in self.stations)
+        return (self.at(),)
+
     def _at(self, i: int) -> Self:
         station, simulation = self.station[i], self.simulation
         if simulation is not None:

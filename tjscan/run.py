@@ -123,7 +123,7 @@ def cell_of(job: JobFile, job_file: Path) -> Cell:
 
 
 def check_job(job: JobFile, job_file: Path) -> None:
-    """Check a job, what it names, and the way to its taught poses; move nothing.
+    """Check a job, what it names, and the way to its taught poses where it stands; move nothing.
 
     Raises
     ------
@@ -132,8 +132,11 @@ def check_job(job: JobFile, job_file: Path) -> None:
     PoseUnreachable
         If a taught pose is, or the way there is blocked.
     """
-    with cell_of(job, job_file) as cell:
-        cell.arm.check(*(start.T for start in job.starts))
+    with naming(job_file):
+        places = job.places
+    for place in places:
+        with cell_of(place, job_file) as cell:
+            cell.arm.check(*(start.T for start in place.starts))
 
 
 def scan_in(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from tjscan.calibration.operator import Question
+from tjscan.cell import mount_of
 from tjscan.config import naming
 from tjscan.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.files import check_inside, sole_writer
@@ -21,7 +22,6 @@ from tjscan.run import (
     cell_of,
     check_resumable,
     joint_of,
-    mount_of,
     plan_of,
     reader_of,
     resume_job,
@@ -29,6 +29,7 @@ from tjscan.run import (
 )
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.stopping import StopRequest
 
 SUMMARY = "summary.json"
 
@@ -69,7 +70,12 @@ class StationScan:
 
 
 def run_stations(
-    job: JobFile, job_file: Path, directory: Path, attendant: Attendant, watch: Watch
+    job: JobFile,
+    job_file: Path,
+    directory: Path,
+    attendant: Attendant,
+    watch: Watch,
+    stop: StopRequest | None = None,
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -87,11 +93,13 @@ def run_stations(
         Is asked before the arm moves at another station than the first.
     watch : callable
         Gives a journal for each scan.
+    stop : StopRequest, optional
+        Asks for an end before the job is done.
 
     Returns
     -------
     tuple of StationScan
-        In the job's order, those also that the attendant did not confirm.
+        In the job's order, those also that are still to be scanned.
 
     Raises
     ------
@@ -103,7 +111,7 @@ def run_stations(
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
         make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
-    return resume_stations(directory, {}, attendant, watch)
+    return resume_stations(directory, {}, attendant, watch, stop=stop)
 
 
 def resume_stations(
@@ -112,6 +120,7 @@ def resume_stations(
     attendant: Attendant,
     watch: Watch,
     only: str | None = None,
+    stop: StopRequest | None = None,
 ) -> tuple[StationScan, ...]:
     """Scan what is missing: stations that were cut short, and those that were not begun.
 
@@ -121,7 +130,7 @@ def resume_stations(
         What `run_stations` made.
     overrides : dict
         Dotted keys and values that may change while a scan goes on.
-    attendant, watch
+    attendant, watch, stop
         As of `run_stations`.
     only : str, optional
         The one station to scan; all where left out.
@@ -144,15 +153,19 @@ def resume_stations(
     if only is not None:
         with naming(job_file):
             job.at(only)
+    stop = stop or StopRequest()
     with sole_writer(directory):
         for name in job.stations if only is None else (only,):
             found = _found(directory, name)
             if found.done:
                 continue
-            if not _stands(job, found, attendant):
+            if stop.wanted or not _stands(job, found, attendant):
                 break
-            with _telling_what_to_do(directory, name), watch(name, plan_of(job.at(name))) as journal:
-                _scan(job, job_file, found, overrides, journal)
+            with (
+                _telling_what_to_do(directory, name),
+                watch(name, plan_of(job.at(name))) as journal,
+            ):
+                _scan(job, found, overrides, journal, stop)
     return tuple(_found(directory, name) for name in job.stations)
 
 
@@ -196,19 +209,19 @@ def _stands(job: JobFile, station: StationScan, attendant: Attendant) -> bool:
 
 def _scan(
     job: JobFile,
-    job_file: Path,
     station: StationScan,
     overrides: dict[str, Any],
     journal: Journal,
+    stop: StopRequest,
 ) -> None:
     single = job.at(station.name)
     if (station.directory / JOB).is_file():
         if len(read_progress(station.directory, reader_of(single)).sections) >= 2:
-            resume_job(station.directory, overrides, journal)
+            resume_job(station.directory, overrides, journal, stop)
             return
         # Nothing to go on from: its start poses may have been taught anew since.
         _put_aside(station.directory)
-    run_job(single, job_file, station.directory, journal)
+    run_job(single, station.directory.parent / JOB, station.directory, journal, stop)
 
 
 def _put_aside(directory: Path) -> None:

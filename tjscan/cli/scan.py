@@ -11,6 +11,7 @@ from cyclopts import Parameter
 def scan(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    station: str | None = None,
     out: Path | None = None,
     resume: bool = False,
     dry_run: bool = False,
@@ -22,16 +23,20 @@ def scan(
     Ctrl-C ends the scan after the section under way; twice, it stops the arm at once. Either way
     --resume goes on from there.
 
-    Every key of the job file is an option too: ``--scan.step-mm 20``.
+    Every key of the job file is an option too: ``--scan.step-mm 20``,
+    ``--station.left.length-mm 600``.
 
     Parameters
     ----------
     job
         The job file (TOML); with --resume the run directory to go on in.
+    station
+        The one station to scan from, of a job with several; all of them where left out.
     out
         The run directory to make; ``runs/JOB-DATE`` where left out.
     resume
-        Go on with an interrupted scan, after its last finished section.
+        Go on with an interrupted scan, after its last finished section, and with stations that
+        are still to be scanned.
     dry_run
         Check the job and the whole way to the taught poses, and move nothing.
     realtime
@@ -42,6 +47,8 @@ def scan(
     from tjscan.cli.console import report, say, watching
     from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
     from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.scan_stations import scan_stations
+    from tjscan.config import naming
     from tjscan.errors import ConfigurationError
     from tjscan.job import read_job
     from tjscan.result.directory import JOB, default_directory
@@ -54,11 +61,18 @@ def scan(
     parsed = read_job(file, keys)
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
+    whole = resume and len(parsed.station) > 1  # keeps its stations in folders of its own
+    if station is not None and not whole:
+        with naming(file):
+            parsed = parsed.at(station)
     if dry_run:
         check_job(parsed, file)
-        say(f"{file}: the job is sound, and the way to both taught poses is clear")
+        say(f"{file}: the job is sound, and the way to its taught poses is clear")
         return
-    directory = job if resume else out or default_directory(file)
+    directory = job if resume else out or default_directory(file, station)
+    if len(parsed.station) > 1:
+        scan_stations(parsed, file, directory, keys if resume else None, station, json=json)
+        return
     with watching(plan_of(parsed)) as watch, stopped_by_ctrl_c() as stop:
         if resume:
             summary = resume_job(directory, keys, watch, stop)

@@ -22,9 +22,10 @@ COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
 
 
-def default_directory(job_file: Path) -> Path:
-    """``runs/JOB-DATE`` below the working directory."""
-    return Path("runs") / f"{job_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
+def default_directory(job_file: Path, station: str | None = None) -> Path:
+    """``runs/JOB-DATE``, or ``runs/JOB-STATION-DATE``, below the working directory."""
+    words = (job_file.stem, *(() if station is None else (station,)))
+    return Path("runs") / f"{'-'.join(words)}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def make_directory(
