@@ -141,3 +141,20 @@ def test_taught_poses_that_coincide_are_refused() -> None:
         job[f"scan.second.{key}"] = value
     with pytest.raises(ConfigurationError, match=r"too close|behind it"):
         scan_example(job)
+
+
+@EXAMPLES
+@pytest.mark.parametrize("step_mm", [10, 40, 100])
+def test_the_smooth_case_looks_once_and_keeps_its_step(file: Any, step_mm: int) -> None:
+    result = scan_example({"scan.prediction_case": "smooth", "scan.step_mm": step_mm}, file=file)
+    assert result.stop is StopReason.LENGTH
+    assert len(result.sections) == 2 + round(560 / step_mm)
+    assert len(result.views) <= 1.25 * len(result.sections)
+    assert abs(step_error(result, 1e-3 * step_mm)) <= 0.003
+    assert 1e3 * example_corner_errors(result, file).mean() <= 0.15
+
+
+def test_the_smooth_case_may_be_told_to_correct_every_section() -> None:
+    keys = {"scan.prediction_case": "smooth", "scan.skip.enabled": False, "scan.sections": 5}
+    result = scan_example(keys)
+    assert len(result.views) == 2 + 2 * 3

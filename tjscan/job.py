@@ -60,6 +60,26 @@ class SkipTable(FileModel):
     rotation_deg: float = Field(default=8.0, gt=0, le=30)
 
 
+class AdaptiveTable(FileModel):
+    """How much may change from section to section: steps are as long as that allows.
+
+    `turn_deg` is the bend of the groove's direction. While there is this table, `step_mm` counts
+    for the taught poses alone.
+    """
+
+    least_mm: float = Field(default=10.0, ge=5, le=300)
+    most_mm: float = Field(default=80.0, ge=5, le=300)
+    angle_change_deg: float = Field(default=3.0, gt=0, le=90)
+    area_change_mm2: float = Field(default=50.0, gt=0, le=1e5)
+    turn_deg: float = Field(default=20.0, gt=0, le=90)
+
+    @model_validator(mode="after")
+    def _range_is_one(self) -> AdaptiveTable:
+        if self.least_mm > self.most_mm:
+            raise ValueError("least_mm must not be larger than most_mm")
+        return self
+
+
 class ScanTable(FileModel):
     """What to scan, from where, and when to stop."""
 
@@ -73,6 +93,7 @@ class ScanTable(FileModel):
     sections: int | None = Field(default=None, ge=3)
     resume_tolerance_mm: float = Field(default=0.5, gt=0, le=50)
     skip: SkipTable = SkipTable()
+    adaptive: AdaptiveTable | None = None
     first: PoseTable | None = None
     second: PoseTable | None = None
 

@@ -15,7 +15,7 @@ from tjscan.errors import ConfigurationError, Interrupted, TjscanError, words_of
 from tjscan.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import JobFile, ScanTable, read_job
+from tjscan.job import AdaptiveTable, JobFile, ScanTable, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
@@ -29,6 +29,7 @@ from tjscan.result.summary import Summary
 from tjscan.result.write import write_scan
 from tjscan.robot.arm import Arm, identity_words
 from tjscan.robot.cleared import ClearedArm
+from tjscan.scanning.adaptive import Adaptive
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
@@ -46,6 +47,7 @@ RESUMABLE: Final = (
     "scan.prediction_case",
     "scan.resume_tolerance_mm",
     "scan.skip.",
+    "scan.adaptive.",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
     "arm.ur.",
@@ -68,12 +70,25 @@ def plan_of(job: JobFile) -> ScanPlan:
         length=None if table.length_mm is None else 1e-3 * table.length_mm,
         sections=table.sections,
         skip=_skip_of(table),
+        adaptive=_adaptive_of(table.adaptive),
         return_tolerance=1e-3 * table.resume_tolerance_mm,
     )
 
 
 def _prediction_of(scan: ScanTable) -> Prediction | Literal["smooth"]:
     return "smooth" if scan.prediction_case == SMOOTH else CASES[scan.prediction_case]
+
+
+def _adaptive_of(table: AdaptiveTable | None) -> Adaptive | None:
+    if table is None:
+        return None
+    return Adaptive(
+        1e-3 * table.least_mm,
+        1e-3 * table.most_mm,
+        float(np.radians(table.angle_change_deg)),
+        1e-6 * table.area_change_mm2,
+        float(np.radians(table.turn_deg)),
+    )
 
 
 def _skip_of(scan: ScanTable) -> Skip | None:

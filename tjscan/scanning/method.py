@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tjscan.scanning.adaptive import adaptive_rule
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import SMOOTH, paper_predictor
 from tjscan.scanning.set_point import Predictor, StepRule
@@ -16,5 +17,7 @@ def predictor_of(plan: ScanPlan) -> Predictor:
 
 
 def step_rule_of(plan: ScanPlan) -> StepRule:
-    """The rule that a plan's steps follow: all of the same length."""
+    """The rule that a plan's steps follow: all of the same length, or as the groove allows."""
+    if plan.adaptive is not None:
+        return adaptive_rule(plan.adaptive)
     return lambda sections: plan.step

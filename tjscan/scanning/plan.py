@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tjscan.frames import Array
+from tjscan.scanning.adaptive import Adaptive
 from tjscan.scanning.prediction import Prediction
 from tjscan.scanning.skip import Skip
 from tjscan.scanning.target import Direction, target_in_sensor
@@ -36,6 +37,8 @@ class ScanPlan:
     skip : Skip, optional
         When a prediction view may be the section's, and no correction is made; never where left
         out, as in the paper.
+    adaptive : Adaptive, optional
+        What may change from section to section: it says how long the steps are, not `step`.
     return_tolerance : float
         How far a section may seem to have moved when it is seen once more, metres.
     """
@@ -49,6 +52,7 @@ class ScanPlan:
     length: float | None = None
     sections: int | None = None
     skip: Skip | None = None
+    adaptive: Adaptive | None = None
     return_tolerance: float = 0.5e-3
 
     def target(self, work_angle: float) -> Array:

@@ -1,0 +1,85 @@
+"""Steps as long as the groove allows: short where it changes fast, long where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from tjscan.frames import Array
+from tjscan.scanning.ahead import SHAPE_SPREAD, SHAPE_WAVE
+from tjscan.scanning.kriging import Kriging
+from tjscan.scanning.scan import Scan
+from tjscan.scanning.seam import fit_seam
+from tjscan.scanning.set_point import StepRule
+from tjscan.scanning.track import MOST_SECTIONS, Track, track_of
+
+AREA_SPREAD: Final = 0.4
+"""How much the area varies round a joint, standard deviation as a share of it."""
+
+CHOICES: Final = 50
+"""Lengths between the shortest and the longest that are looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Adaptive:
+    """What may change from section to section.
+
+    Parameters
+    ----------
+    least, most : float
+        Shortest and longest step, metres.
+    angle_change : float
+        Of the groove angle, radians.
+    area_change : float
+        Of the cross-section's area, square metres.
+    turn : float
+        Of the groove's direction, as it bends at the last section, radians.
+    """
+
+    least: float
+    most: float
+    angle_change: float = radians(3.0)
+    area_change: float = 50e-6
+    turn: float = radians(20.0)
+
+
+def adaptive_rule(adaptive: Adaptive) -> StepRule:
+    """Take the longest step over which nothing changes by more than is allowed.
+
+    Angle and area are smooth random functions of the groove's length, measured with the sections'
+    own errors: noise is not taken for change, and what nobody can foresee shortens the step.
+    A change counts as what is expected and one standard deviation more.
+    """
+    steps = np.linspace(adaptive.least, adaptive.most, CHOICES)
+
+    def rule(sections: Sequence[Scan]) -> float:
+        track = track_of(sections)
+        angles = Kriging(
+            track.along, track.shape[:, 2], track.shape_sigmas[:, 2], SHAPE_SPREAD[2], SHAPE_WAVE
+        )
+        allowed = (
+            (_change(angles, steps) <= adaptive.angle_change)
+            & (_change(_areas(sections, track), steps) <= adaptive.area_change)
+            & (fit_seam(track).curvature() * steps <= adaptive.turn)
+        )
+        return float(steps[max(0, int(np.logical_and.accumulate(allowed).sum()) - 1)])
+
+    return rule
+
+
+def _areas(sections: Sequence[Scan], track: Track) -> Kriging:
+    grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
+    areas = np.array([groove.area for groove in grooves])
+    # A hundredth: planes that are turned a little otherwise cut a little more or less.
+    sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)
+    return Kriging(track.along, areas, sigmas, AREA_SPREAD * float(areas.mean()), SHAPE_WAVE)
+
+
+def _change(function: Kriging, steps: Array) -> Array:
+    """How much it may change over steps from the last section: expected, and once its doubt."""
+    change, sigma = function.change(steps, 0.0)
+    return np.asarray(np.abs(change) + sigma)
