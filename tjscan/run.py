@@ -223,7 +223,7 @@ def run_job(
         with sole_writer(directory):
             with Recording(next_part(directory), origin_of(directory, job)) as recording:
                 result = scan_in(cell, job, Journals(recording, watch), stop=stop)
-            return _write(directory, job, result, joint and joint[1])
+            return write_run(directory, job, result, joint and joint[1])
 
 
 def resume_job(
@@ -268,7 +268,7 @@ def resume_job(
             for key, what in changed:
                 journal.event("changed", f"{key} {what}")
             result = scan_in(cell, job, journal, done, stop)
-        return _write(directory, job, result, joint and joint[1])
+        return write_run(directory, job, result, joint and joint[1])
 
 
 def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
@@ -325,9 +325,16 @@ def frame_of(job: JobFile) -> ResultFrame:
     return ResultFrame(job.joint.T_w_j)
 
 
-def _write(
+def write_run(
     directory: Path, job: JobFile, result: ScanResult, joint: JointDefinition | None
 ) -> Summary:
+    """Write what a job's scan found into its run directory.
+
+    Raises
+    ------
+    RecordingError
+        If a file can't be written.
+    """
     frame = frame_of(job)
     return write_scan(
         directory,

@@ -36,6 +36,11 @@ app.command(
 app.command(
     "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and say what to do."
 )
+app.command(
+    "tjscan.cli.reprocess:reprocess",
+    name="reprocess",
+    help="Read a run's recorded profiles again, with other settings.",
+)
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command(
     "tjscan.cli.compare:compare",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
@@ -21,10 +22,51 @@ from tjscan.recording.records import MOST_BYTES, read_records
 from tjscan.recording.writer import parts
 from tjscan.scanning.scan import Scan, View
 from tjscan.scanning.scanner import Progress
-from tjscan.scanning.tally import Tally
+from tjscan.scanning.tally import Event, Tally
 
 UNREADABLE: Final = (KeyError, ValueError, TypeError, OverflowError)
 """What comes of a message whose fields are others than those a scan writes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finished:
+    """A section that a scan finished.
+
+    Parameters
+    ----------
+    view : View
+        What it was read in.
+    T_s_t : ndarray, shape (4, 4)
+        Frame t in the sensor.
+    T_b_g : ndarray, shape (4, 4)
+        Frame g in the base frame, as it was read then.
+    """
+
+    view: View
+    T_s_t: Array
+    T_b_g: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What a recording holds.
+
+    Parameters
+    ----------
+    finished : tuple of Finished
+        The finished sections in order.
+    views : tuple of View
+        Every profile, in order.
+    tally : Tally
+        How often each remedy was tried.
+    stop : str
+        Why the scan ended; empty where it did not.
+    """
+
+    finished: tuple[Finished, ...]
+    views: tuple[View, ...]
+    tally: Tally
+    stop: str
 
 
 def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -105,28 +147,37 @@ def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> 
     RecordingError
         As `read_messages` does.
     """
+    recorded = read_recorded(directory)
+    sections = (Scan(one.view, read(one.view.profile), one.T_s_t) for one in recorded.finished)
+    return Progress(tuple(sections), recorded.views, recorded.tally)
+
+
+def read_recorded(directory: Path) -> Recorded:
+    """All that a run directory's recording holds, nothing read anew; raises as `read_messages`."""
     views: list[View] = []
-    sections: dict[int, Scan] = {}
-    tally = Tally()
+    finished: dict[int, Finished] = {}
+    tally, stop = Tally(), ""
     for file in parts(directory):
         for topic, view, message in _with_views(file):
             if view is not None:
                 views.append(view)
             elif topic == SECTION:
-                last, T_b_t = _section(file, views, message)
-                T_s_t = inverse(last.T_b_s) @ T_b_t
-                sections[last.index] = Scan(last, read(last.profile), T_s_t)
+                section = _section(file, views, message)
+                finished[section.view.index] = section
             elif topic == EVENT:
-                tally = tally.counting(str(message.get("name")))
-    return Progress(tuple(sections.values()), tuple(views), tally)
+                name = str(message.get("name"))
+                tally = tally.counting(name)
+                stop = str(message.get("detail")) if name == Event.STOP else ""
+    return Recorded(tuple(finished.values()), tuple(views), tally, stop)
 
 
-def _section(file: Path, views: list[View], message: dict[str, Any]) -> tuple[View, Array]:
-    """The view that a section was read in, and its frame t in the base frame."""
+def _section(file: Path, views: list[View], message: dict[str, Any]) -> Finished:
+    """A finished section, and the view that it was read in."""
     try:
         if not views or views[-1].index != message["index"]:
             raise ValueError("a section without its profile")
-        return views[-1], to_pose(message["T_b_t"])
+        T_b_g, T_b_t = (to_pose(message[name]) for name in ("T_b_g", "T_b_t"))
+        return Finished(views[-1], inverse(views[-1].T_b_s) @ T_b_t, T_b_g)
     except UNREADABLE as error:
         raise _damaged(file, f"a section of another make: {error!r}") from error
 

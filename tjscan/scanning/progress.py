@@ -21,6 +21,7 @@ class StopReason(StrEnum):
     LOST = "groove not found"
     REFUSED = "next set-point refused"
     REQUESTED = "stop requested"
+    CUT = "recording ends"
 
 
 def groove_length(sections: Sequence[Scan]) -> float:
@@ -33,7 +34,7 @@ def complete(stop: StopReason, plan: ScanPlan) -> bool:
     """Tell whether a scan that ended so did what it was asked to."""
     if stop is StopReason.UNREACHABLE:
         return plan.length is None and plan.sections is None
-    return stop not in (StopReason.LOST, StopReason.REFUSED, StopReason.REQUESTED)
+    return stop in (StopReason.LENGTH, StopReason.SECTIONS, StopReason.CLOSED)
 
 
 def finished(plan: ScanPlan, sections: Sequence[Scan], step: float) -> StopReason | None:
