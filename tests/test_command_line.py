@@ -24,6 +24,7 @@ RUN_FILES = {
     "groove.ply",
     "scan.png",
     "summary.json",
+    "report.html",
 }
 
 

@@ -22,6 +22,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.origin import Origin, changes
 from tjscan.recording.reader import read_origin, read_progress
 from tjscan.recording.writer import Recording, next_part
+from tjscan.report.write import write_report
 from tjscan.result.calibration import calibration_name
 from tjscan.result.directory import COPIES, JOB, make_directory, origin_of
 from tjscan.result.frame import ResultFrame
@@ -336,7 +337,7 @@ def write_run(
         If a file can't be written.
     """
     frame = frame_of(job)
-    return write_scan(
+    summary = write_scan(
         directory,
         result,
         plan_of(job),
@@ -345,3 +346,5 @@ def write_run(
         station=job.station[0].name if job.station else "1",
         calibration=calibration_name(directory),
     )
+    write_report(directory)
+    return summary

@@ -50,6 +50,7 @@ app.command(
 app.command(
     "tjscan.cli.export:export", name="export", help="Hand a run's sections on to another tool."
 )
+app.command("tjscan.cli.report:report", name="report", help="Write a run's report again.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(
     "tjscan.cli.ur_loopback:ur_loopback",

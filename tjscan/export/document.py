@@ -12,6 +12,7 @@ from tjscan.config import FileModel
 from tjscan.errors import ConfigurationError
 from tjscan.export.surfaces import surfaces_of
 from tjscan.frames import Array
+from tjscan.result.frame import FRAME_WORDS
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths, read_sections
 from tjscan.result.summary import read_summary
@@ -24,12 +25,6 @@ Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Rows = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 Covariances = Annotated[tuple[Rows, Rows, Rows], Field(strict=False)]
 Points = Annotated[tuple[Vector, Vector, Vector, Vector, Vector], Field(strict=False)]
-
-FRAMES: Final = {
-    "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
-    "b": "the arm's base",
-}
-"""What the letters of frames mean."""
 
 
 class Units(FileModel):
@@ -146,7 +141,7 @@ def to_document(
     return GrooveDocument(
         run=run,
         frame=frame,
-        frame_meaning=FRAMES.get(frame, ""),
+        frame_meaning=FRAME_WORDS.get(frame, ""),
         units=Units(length=units),
         calibration=calibration,
         sections=tuple(

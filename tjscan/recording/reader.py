@@ -113,7 +113,7 @@ def read_origin(directory: Path) -> Origin | None:
 
 def read_views(file: Path) -> Iterator[View]:
     """Yield every view of a recording; raises as `read_messages` does."""
-    for _, view, _ in _with_views(file):
+    for _, view, _ in read_with_views(file):
         if view is not None:
             yield view
 
@@ -158,7 +158,7 @@ def read_recorded(directory: Path) -> Recorded:
     finished: dict[int, Finished] = {}
     tally, stop = Tally(), ""
     for file in parts(directory):
-        for topic, view, message in _with_views(file):
+        for topic, view, message in read_with_views(file):
             if view is not None:
                 views.append(view)
             elif topic == SECTION:
@@ -182,8 +182,8 @@ def _section(file: Path, views: list[View], message: dict[str, Any]) -> Finished
         raise _damaged(file, f"a section of another make: {error!r}") from error
 
 
-def _with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]:
-    """Topic, view where it is a profile, and message."""
+def read_with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]:
+    """Yield topic, view where it is a profile, and message; raises as `read_messages` does."""
     flange: dict[str, Any] = {}
     for topic, message in read_messages(file):
         view = None

@@ -1,0 +1,24 @@
+"""``tjscan report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def report(run: Path, *, reference: Path | None = None, tolerance_mm: float | None = None) -> None:
+    """Write a run's report.html again, compared with another reference if one is given.
+
+    Parameters
+    ----------
+    run
+        The run directory, of one scan or stitched.
+    reference
+        A joint's TOML, a mesh or a cloud, in place of the joint that the run names.
+    tolerance_mm
+        Say which corners lie farther from it.
+    """
+    from tjscan.cli.console import say
+    from tjscan.report.write import write_report
+
+    tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
+    say(f"written to {write_report(run, reference, tolerance)}")

@@ -1,0 +1,168 @@
+"""Charts over the groove: what was measured, how far off the corners are, how the steps went."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.frames import Array
+from tjscan.report.design import designed_measures
+from tjscan.report.material import Material
+from tjscan.report.picture import Picture, inlined, sheet
+from tjscan.result.outline import joint_outline
+from tjscan.result.picture import CORNER, LASER, PATH, ROOT, SIGNS, draw_space
+from tjscan.result.sections import IN_FILE, MEASURES, lengths
+
+NAMES: Final = tuple(name.replace("_", " ") for name in MEASURES)
+DESIGN: Final = "#d62728"
+ABOUT: Final = 50e-3
+"""Metres about the corners that the view in space shows."""
+
+SIGMAS: Final = 2.0
+"""Half width of the bands, in standard deviations."""
+
+
+def draw_view(material: Material) -> Picture:
+    """The groove in space."""
+    figure = sheet(10, 6.5)
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    corners = np.array([section.points for section in material.sections]).reshape(-1, 3)
+    low, high = corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
+    outline = () if material.joint is None else joint_outline(material.joint)
+    points = np.empty((0, 3)) if material.shape.points is None else material.shape.points
+    # A ghost far off would make the groove small.
+    points = points[np.flatnonzero(np.all((points > low) & (points < high), axis=1))]
+    lines = [_within(line, low, high) for line in outline]
+    draw_space(axes, material.sections, points, material.summary.frame, lines, ())
+    return inlined(
+        figure,
+        "The scanned groove in space",
+        "Blue points are what the laser saw, black and red ones the corners that were read in it"
+        + ("." if material.joint is None else "; grey lines are the joint as designed."),
+    )
+
+
+def _within(line: Array, low: Array, high: Array) -> Array:
+    """A line with gaps where it leaves a box."""
+    if len(line) == 2:
+        line = line[0] + np.linspace(0, 1, 80)[:, None] * (line[1] - line[0])
+    inside = np.all((line >= low) & (line <= high), axis=1, keepdims=True)
+    return np.where(inside, line, np.nan)
+
+
+def draw_measures(material: Material) -> Picture:
+    """Groove angle, root width, depth and area along the groove, with their uncertainty."""
+    x, label = _along(material)
+    order = np.argsort(x)
+    values = IN_FILE * np.array([section.measures for section in material.sections])
+    spread = IN_FILE * np.array([section.sigmas for section in material.sections])
+    design = None
+    if material.joint is not None:
+        design = IN_FILE * designed_measures(material.sections, material.joint)
+    figure = sheet(12, 7)
+    panels = figure.subplots(2, 2, sharex=True)
+    for k, axes in enumerate(panels.flat):
+        y, sigma = values[order, k], SIGMAS * spread[order, k]
+        axes.fill_between(x[order], y - sigma, y + sigma, color=LASER, alpha=0.3, linewidth=0)
+        axes.plot(x[order], y, marker="o", markersize=3, linewidth=1, color=LASER, label="measured")
+        if design is not None:
+            axes.plot(
+                x[order], design[order, k], "--", color=DESIGN, linewidth=1, label="as designed"
+            )
+        axes.set_ylabel(f"{NAMES[k]} / {SIGNS[k]}")
+        axes.grid(alpha=0.3)
+    for axes in panels[-1]:
+        axes.set_xlabel(label)
+    panels[0, 0].legend(fontsize=8)
+    designed = ""
+    if design is not None:
+        designed = " Dashed: the joint as designed, cut by the same planes."
+    return inlined(
+        figure,
+        "Groove angle, root width, depth and area",
+        f"Measured in the laser's plane at each section; bands are ± {SIGMAS:g} standard "
+        f"deviations, as each profile tells them.{designed}",
+    )
+
+
+def draw_steps(material: Material) -> Picture | None:
+    """Length of every step, and when it was done; None where no recording is there."""
+    if not material.places:
+        return None
+    figure = sheet(12, 3)
+    steps, times = figure.subplots(1, 2)
+    for place, colour in zip(material.places, _colours(), strict=False):
+        index = sorted(place.log.sections)
+        found = [place.log.sections[i] for i in index]
+        origins = np.array([section.T_b_g[:3, 3] for section in found])
+        length = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
+        clock = np.array([section.view.time for section in found])
+        steps.plot(index[1:], length, marker="o", markersize=3, color=colour, label=place.name)
+        steps.axhline(place.job.scan.step_mm, color=DESIGN, linestyle="--", linewidth=1)
+        times.plot(index, clock - clock[0], marker="o", markersize=3, color=colour)
+    steps.set_ylabel("step / mm")
+    steps.set_ylim(0, 1.1 * steps.get_ylim()[1])
+    times.set_ylabel("arm's clock / s")
+    for axes in (steps, times):
+        axes.set_xlabel("section")
+        axes.grid(alpha=0.3)
+    if len(material.places) > 1:
+        for text in steps.legend(fontsize=8).get_texts():
+            text.set_parse_math(False)
+    return inlined(
+        figure,
+        "How the scan went",
+        "Left, how far each section lies from the one before (dashed: as asked; the first step is "
+        "the taught one); right, when each was finished.",
+    )
+
+
+def draw_corner_errors(material: Material) -> Picture | None:
+    """Distances of the corners from their designed edges; None where these are not known."""
+    found = [
+        d
+        for d in (() if material.comparison is None else material.comparison.deviations)
+        if d.kind == "corners to feature edges"
+    ]
+    if not found or material.comparison is None:
+        return None
+    x, label = _along(material)
+    order = np.argsort(x)
+    distances = 1e3 * found[0].distances.reshape(-1, 3)[order]
+    figure = sheet(12, 3)
+    axes = figure.add_subplot()
+    for k, colour in enumerate((CORNER, ROOT, PATH)):
+        axes.plot(
+            x[order],
+            distances[:, k],
+            marker="o",
+            markersize=3,
+            linewidth=1,
+            color=colour,
+            label=f"$p_{k + 2}$",
+        )
+    if (tolerance := material.comparison.tolerance) is not None:
+        axes.axhline(1e3 * tolerance, color=DESIGN, linestyle="--", linewidth=1, label="tolerance")
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel(label)
+    axes.set_ylabel("distance / mm")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, ncols=4)
+    return inlined(
+        figure,
+        "Corners and the designed edges",
+        "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
+        "the design has them; it has no sign.",
+    )
+
+
+def _along(material: Material) -> tuple[Array, str]:
+    """Where the sections stand on a chart, and what that is called."""
+    if (azimuths := material.azimuths) is not None:
+        return azimuths, "azimuth about the brace / °"
+    return 1e3 * lengths(material.sections), "along the groove / mm"
+
+
+def _colours() -> list[Any]:
+    return [f"C{k}" for k in range(10)]

@@ -1,0 +1,43 @@
+"""How far the groove lies from its reference: the map over the azimuth, and a table."""
+
+from __future__ import annotations
+
+from tjscan.comparison.maps import draw_map
+from tjscan.report.material import Material
+from tjscan.report.picture import Picture, inlined
+
+
+def draw_deviation(material: Material) -> Picture | None:
+    """Deviation unwrapped over the azimuth; None where nothing was compared in frame j."""
+    comparison = material.comparison
+    if comparison is None or comparison.reference.stated.frame != "j":
+        return None
+    kind = comparison.deviations[0]
+    sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
+    return inlined(
+        draw_map(comparison),
+        "Deviation from the reference, unwrapped over the azimuth",
+        f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
+        f"{sign}; cells show medians, grey ones were not seen, and small saturated patches are "
+        "ghosts of the laser.",
+    )
+
+
+def deviation_rows(material: Material) -> list[tuple[str, ...]]:
+    """Kind, number and statistics of every kind of distance, in mm."""
+    if material.comparison is None:
+        return []
+    rows = []
+    for deviation in material.comparison.deviations:
+        s = deviation.statistics
+        numbers = (s.mean, s.median, s.rms, s.p95, s.max)
+        within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"
+        rows.append(
+            (
+                deviation.kind,
+                str(len(deviation.distances)),
+                *(f"{number:.3f}" for number in numbers),
+                within,
+            )
+        )
+    return rows

@@ -1,0 +1,178 @@
+"""What a report is made of: all that a run directory holds, of one scan or stitched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.calibration.file import CalibrationFile, read_calibration
+from tjscan.comparison.compare import Comparison, compare
+from tjscan.comparison.shapes import Shape
+from tjscan.errors import ComparisonRefused, ConfigurationError
+from tjscan.frames import Array
+from tjscan.job import JobFile, read_job
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import read_joint
+from tjscan.recording.log import RunLog, read_log
+from tjscan.result.directory import CALIBRATION, JOB, JOINT
+from tjscan.result.measured import MeasuredSection
+from tjscan.result.sections import read_sections
+from tjscan.result.shapes import SECTIONS, SUMMARY, read_run_shape, read_shape
+from tjscan.result.summary import Summary, read_summary
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A place that was scanned from.
+
+    Parameters
+    ----------
+    name : str
+        What sections call it.
+    directory : Path
+        Its run directory.
+    job : JobFile
+        What it was asked.
+    calibration : CalibrationFile or None
+        What it was made with; None where the job itself holds the sensor's pose.
+    log : RunLog
+        What happened.
+    summary : Summary
+        What came out.
+    """
+
+    name: str
+    directory: Path
+    job: JobFile
+    calibration: CalibrationFile | None
+    log: RunLog
+    summary: Summary
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """What a report is made of.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    summary : Summary
+        What came out, in a few numbers.
+    sections : tuple of MeasuredSection
+        In the frame that the summary names, in the order along the groove.
+    shape : Shape
+        Cloud and corners.
+    places : tuple of Place
+        Where it was scanned from, as far as their recordings are there.
+    joint : JointDefinition or None
+        The joint as designed, where the run names one and stands in its frame.
+    comparison : Comparison or None
+        With the joint as designed, or with another reference.
+    caveats : tuple of str
+        What could not be done.
+    """
+
+    directory: Path
+    summary: Summary
+    sections: tuple[MeasuredSection, ...]
+    shape: Shape
+    places: tuple[Place, ...]
+    joint: JointDefinition | None
+    comparison: Comparison | None
+    caveats: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What the run is called."""
+        return self.directory.resolve().name
+
+    @property
+    def azimuths(self) -> Array | None:
+        """Azimuths of the sections in degrees, without a jump; None where they are not known."""
+        azimuths = np.array([section.azimuth for section in self.sections])
+        if np.isnan(azimuths).any():
+            return None
+        unbroken = np.degrees(np.unwrap(azimuths))
+        return np.asarray(unbroken - 360 * np.floor((unbroken.mean() + 180) / 360))
+
+    def place_of(self, section: MeasuredSection) -> Place | None:
+        """Where a section was scanned from, the first where it was several; None if not there."""
+        names = section.station.split("+")
+        return next((place for place in self.places if place.name in names), None)
+
+
+def gather(
+    directory: Path, reference: Path | None = None, tolerance: float | None = None
+) -> Material:
+    """Read a finished run.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    reference : Path, optional
+        What to compare it with, in place of the joint that it names.
+    tolerance : float, optional
+        Of the comparison, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no finished run, or the reference can't be read.
+    """
+    if not (directory / SUMMARY).is_file():
+        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}", file=directory)
+    summary = read_summary(directory / SUMMARY)
+    sections = read_sections(directory / SECTIONS)
+    shape = read_run_shape(directory)  # which holds a section or more
+    joint = _joint_of(directory) if summary.frame == "j" else None
+    comparison, caveats = _compared(shape, directory, joint, reference, tolerance)
+    places = tuple(_places(directory, summary, sections[0].station))
+    return Material(directory, summary, sections, shape, places, joint, comparison, caveats)
+
+
+def _joint_of(directory: Path) -> JointDefinition | None:
+    file = directory / JOINT
+    return read_joint(file) if file.is_file() else None
+
+
+def _compared(
+    shape: Shape,
+    directory: Path,
+    joint: JointDefinition | None,
+    reference: Path | None,
+    tolerance: float | None,
+) -> tuple[Comparison | None, tuple[str, ...]]:
+    """The comparison, or why there is none."""
+    if reference is not None:
+        other = read_shape(reference)
+        same = shape.stated.frame == other.stated.frame
+        return compare(shape, other, "none" if same else "joint", tolerance), ()
+    if joint is None:
+        return None, ()
+    try:
+        return compare(shape, read_shape(directory / JOINT), "none", tolerance), ()
+    except (ComparisonRefused, ConfigurationError) as error:
+        return None, (f"It was not compared with the joint that the job names: {error}",)
+
+
+def _places(directory: Path, summary: Summary, only: str) -> list[Place]:
+    if (directory / "scan.mcap").is_file():
+        return [_place(only, directory, summary)]
+    names = [station.name for station in summary.stations]
+    found = [(name, directory / name) for name in names]
+    return [
+        _place(name, folder, read_summary(folder / SUMMARY))
+        for name, folder in found
+        if (folder / "scan.mcap").is_file() and (folder / SUMMARY).is_file()
+    ]
+
+
+def _place(name: str, directory: Path, summary: Summary) -> Place:
+    file = directory / CALIBRATION
+    calibration = read_calibration(file) if file.is_file() else None
+    job = read_job(directory / JOB)
+    return Place(name, directory, job, calibration, read_log(directory), summary)

@@ -1,0 +1,58 @@
+"""``report.html``: one file that opens offline."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from importlib.resources import files
+from typing import Final
+
+from jinja2 import Environment, StrictUndefined
+
+from tjscan import __version__
+from tjscan.report.charts import draw_corner_errors, draw_measures, draw_steps, draw_view
+from tjscan.report.deviation import deviation_rows, draw_deviation
+from tjscan.report.findings import coverage, findings
+from tjscan.report.material import Material
+from tjscan.report.profiles import draw_profiles
+from tjscan.report.tables import event_rows, going_rows, scan_rows
+
+TEMPLATE: Final = "report.html.jinja"
+
+
+def render(material: Material) -> str:
+    """The whole page, pictures inlined.
+
+    Everything that comes from files (names, reasons, events) is escaped.
+    """
+    # Escaping is on for all of it: names of jobs and joints are text, whatever they hold.
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    template = environment.from_string(
+        files("tjscan.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    )
+    pictures = {
+        "view": draw_view(material),
+        "deviation": draw_deviation(material),
+        "corners": draw_corner_errors(material),
+        "measures": draw_measures(material),
+        "profiles": draw_profiles(material),
+        "steps": draw_steps(material),
+    }
+    comparison = material.comparison
+    return template.render(
+        name=material.name,
+        summary=material.summary,
+        coverage=coverage(material),
+        scan_rows=list(scan_rows(material)),
+        findings=list(findings(material)),
+        pictures=pictures,
+        comparison=comparison,
+        tolerance_mm=None
+        if comparison is None or comparison.tolerance is None
+        else 1e3 * comparison.tolerance,
+        deviations=deviation_rows(material),
+        going=going_rows(material),
+        events=event_rows(material),
+        several=len(material.places) > 1,
+        version=__version__,
+        written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+    )

@@ -1,0 +1,45 @@
+"""Pictures as they stand in a report: drawn, and inlined as data."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any, Final
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+DPI: Final = 110
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture with its caption.
+
+    Parameters
+    ----------
+    title, caption : str
+        What it shows, and in one sentence what to see in it.
+    data : str
+        A ``data:`` URI that holds all of it.
+    """
+
+    title: str
+    caption: str
+    data: str
+
+
+def sheet(width: float, height: float) -> Figure:
+    """An empty figure, in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def inlined(figure: Any, title: str, caption: str) -> Picture:
+    """Draw a figure and inline it."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    data = "data:image/png;base64," + b64encode(stream.getvalue()).decode("ascii")
+    return Picture(title, caption, data)

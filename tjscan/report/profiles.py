@@ -1,0 +1,100 @@
+"""Profiles at chosen places, with the sides fitted to them."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.errors import GrooveNotFound
+from tjscan.frames import Array
+from tjscan.groove.find import find_outline
+from tjscan.laser.profile import Profile
+from tjscan.report.material import Material, Place
+from tjscan.report.picture import Picture, inlined, sheet
+from tjscan.result.measured import MeasuredSection
+from tjscan.result.picture import CORNER, LASER, ROOT
+
+SHOWN: Final = 6
+"""Profiles in the picture, evenly chosen along the groove."""
+
+LEFT_OUT: Final = "#e0a080"
+ABOUT: Final = 8e-3
+"""Metres about the fitted points within which those left out are shown."""
+
+ALONG: Final = 40
+"""Points by which a fitted side is drawn."""
+
+
+def draw_profiles(material: Material) -> Picture | None:
+    """Profiles with their fits; None where no recording is there."""
+    chosen = _chosen(material)
+    if not chosen:
+        return None
+    columns = 3
+    rows = -(-len(chosen) // columns)
+    figure = sheet(12, 3.7 * rows)
+    for i, (section, place) in enumerate(chosen, start=1):
+        axes = figure.add_subplot(rows, columns, i)
+        where = "" if np.isnan(section.azimuth) else f", {np.degrees(section.azimuth):.0f}°"
+        at = "" if len(material.places) == 1 else f"{place.name}, "
+        title = f"{at}section {section.index}{where}, rms {1e3 * section.rms:.3f} mm"
+        axes.set_title(title, fontsize=10, parse_math=False)
+        _draw(axes, place.log.sections[section.index].view.profile, place)
+        if i == 1:
+            axes.legend(loc="best", fontsize=8, markerscale=3)
+    return inlined(
+        figure,
+        "Profiles and what was read in them",
+        "Each picture looks along the groove, brace above and leg below: points that the fit rests "
+        "on are blue, those left out as ghosts, flyers or noise orange; lines are the fitted "
+        "sides, rings the corners p2, p3 and p4.",
+    )
+
+
+def _chosen(material: Material) -> list[tuple[MeasuredSection, Place]]:
+    """Sections whose profiles are at hand, evenly chosen."""
+    pairs = [(section, material.place_of(section)) for section in material.sections]
+    there = [
+        (s, place) for s, place in pairs if place is not None and s.index in place.log.sections
+    ]
+    count = min(SHOWN, len(there))
+    # The ends are taught or cut short: those between tell more of the whole.
+    places = (np.arange(count) + 0.5) * len(there) / max(count, 1)
+    return [there[int(k)] for k in places]
+
+
+def _draw(axes: Any, profile: Profile, place: Place) -> None:
+    axes.set_xlabel("← away from the sensor   $z_s$ / mm", fontsize=8)
+    axes.set_ylabel("$x_s$ / mm   up the brace →", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.invert_xaxis()
+    try:
+        row, outline = find_outline(profile, place.job.groove.settings)
+    except GrooveNotFound as error:
+        axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
+        axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
+        return
+    keep = outline.keep
+    low, high = row.points[keep].min(axis=0) - ABOUT, row.points[keep].max(axis=0) + ABOUT
+    near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
+    for part, colour, name in ((keep, LASER, "fitted"), (near, LEFT_OUT, "left out")):
+        axes.plot(*_zx(row.points[part]), ".", color=colour, markersize=3, label=name)
+    starts = [np.nan, *(after for _, after in outline.places)]
+    ends = [*(before for before, _ in outline.places), np.nan]
+    for k, curve in enumerate(outline.curves):
+        own = outline.along[keep & (outline.owner == k)]
+        # Outer sides begin and end with their points, the others at corners.
+        first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
+        line = np.array([curve.at(float(s)) for s in np.linspace(first, last, ALONG)])
+        axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
+    axes.plot(*_zx(outline.corners), "o", color=ROOT, markersize=7, fillstyle="none")
+    for number, (x, z) in enumerate(1e3 * outline.corners, start=2):
+        axes.annotate(
+            f"$p_{number}$", (z, x), xytext=(7, 0), textcoords="offset points", fontsize=9
+        )
+
+
+def _zx(points: Array) -> tuple[Array, Array]:
+    return 1e3 * points[:, 1], 1e3 * points[:, 0]

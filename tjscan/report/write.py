@@ -1,0 +1,41 @@
+"""Write a run's report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from tjscan.files import drafted
+from tjscan.report.material import gather
+from tjscan.report.page import render
+
+REPORT: Final = "report.html"
+
+
+def write_report(
+    directory: Path, reference: Path | None = None, tolerance: float | None = None
+) -> Path:
+    """Write ``report.html`` into a run directory, and return it.
+
+    Parameters
+    ----------
+    directory : Path
+        A finished run, of one scan or stitched.
+    reference : Path, optional
+        What to compare it with, in place of the joint that the run names.
+    tolerance : float, optional
+        Of that comparison, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no finished run, or the reference can't be read or compared with.
+    ComparisonRefused
+        If the reference does not fit.
+    RecordingError
+        If a recording is damaged, or the report can't be written.
+    """
+    page = render(gather(directory, reference, tolerance))
+    with drafted(directory) as draft:
+        (draft / REPORT).write_text(page, encoding="utf-8")
+    return directory / REPORT
