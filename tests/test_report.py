@@ -103,9 +103,7 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
 
 
 def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
-    odd = tmp_path / "<script>alert(1)</script> & $\\frac$ \"x' <b>".replace(
-        "/", "\N{DIVISION SLASH}"
-    )
+    odd = tmp_path / "<script>alert(1) & $\\frac$ \"x' <b>"
     shutil.copytree(run, odd)
     told = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
     told |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
