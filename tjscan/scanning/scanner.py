@@ -172,6 +172,7 @@ class Scanner:
             step = self._step_of(self._sections)
             if (stop := finished(self._plan, self._sections, step)) is not None:
                 return self._end(stop)
+            self._stop.check()
             if self._stop.wanted:
                 self._hand.note(Event.STOP_REQUESTED, f"after section {len(self._sections) - 1}")
                 return self._end(StopReason.REQUESTED)

@@ -1,0 +1,168 @@
+"""Ctrl-C: once the scan ends after its section, twice the arm stops; it can go on either way."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pytest
+from cells import FAULTLESS, PAPER, Notes, scan_example
+from command import tjscan
+
+from tjscan.errors import Interrupted
+from tjscan.recording.messages import EVENT, SECTION
+from tjscan.recording.reader import read_messages
+from tjscan.recording.writer import parts
+from tjscan.scanning.progress import StopReason
+from tjscan.scanning.scan import View
+from tjscan.scanning.stopping import StopRequest
+
+SAME = 1e-9
+"""Millimetres: what rounding leaves when noise is off."""
+
+SHORT = ["--scan.length-mm", "240"]
+OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))] + SHORT
+
+
+def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
+    """The five points of every section as recorded, in mm, and the names of events."""
+    messages = [message for file in parts(run) for message in read_messages(file)]
+    sections = {
+        content["index"]: [[p[axis] for axis in "xyz"] for p in content["points"]]
+        for topic, content in messages
+        if topic == SECTION
+    }
+    events = [content["name"] for topic, content in messages if topic == EVENT]
+    return 1e3 * np.array([sections[i] for i in sorted(sections)]), events
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    """Sections of a run that nothing interrupted."""
+    run = tmp_path_factory.mktemp("runs") / "whole"
+    assert tjscan("scan", PAPER, "--out", run, *OPTIONS) == 0
+    return recorded(run)[0]
+
+
+Scanning = tuple["subprocess.Popen[str]", IO[str], Path]
+
+
+@pytest.fixture
+def scanning(tmp_path: Path) -> Iterator[Scanning]:
+    """A scan in a process of its own, in real time, that has found some sections."""
+    run = tmp_path / "run"
+    command = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
+    options = [
+        "--realtime",
+        "--arm.speed-mm-s",
+        "1200",
+        "--arm.acceleration-mm-s2",
+        "5000",
+        "--out",
+        str(run),
+        *OPTIONS,
+    ]
+    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        recording = run / "scan.mcap"
+        while process.poll() is None and not (
+            recording.exists() and recording.stat().st_size > 120_000
+        ):
+            os.sched_yield()
+        try:
+            yield process, process.stderr, run
+        finally:
+            process.kill()
+
+
+def press(process: "subprocess.Popen[str]", told: IO[str]) -> None:
+    """Press Ctrl-C, and wait until it was heard."""
+    process.send_signal(signal.SIGINT)
+    for line in told:
+        if "stopping after the section" in line:
+            return
+    raise AssertionError
+
+
+def test_ctrl_c_once_ends_the_scan_after_its_section(whole: np.ndarray, scanning: Scanning) -> None:
+    process, told, run = scanning
+    press(process, told)
+    process.communicate()
+    assert process.returncode == 130
+    sections, events = recorded(run)
+    assert events[-2:] == ["stop requested", "stop"]
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    assert summary["stopped_because"] == "stop requested"
+    assert not summary["complete"]
+    assert 2 < summary["sections"] == len(sections) < len(whole)
+    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    np.testing.assert_allclose(recorded(run)[0], whole, atol=SAME)
+
+
+def test_ctrl_c_twice_stops_the_arm_and_all_is_recorded(
+    whole: np.ndarray, scanning: Scanning
+) -> None:
+    process, told, run = scanning
+    press(process, told)
+    process.send_signal(signal.SIGINT)
+    rest = process.communicate()[1]
+    assert process.returncode == 130
+    assert "interrupted" in rest
+    assert "Traceback" not in rest
+    sections, events = recorded(run)
+    assert events[-1] == "interrupted"
+    assert 2 <= len(sections) < len(whole)
+    assert not (run / "summary.json").exists()
+    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    np.testing.assert_allclose(recorded(run)[0], whole, atol=SAME)
+
+
+class StopsAfter(Notes):
+    """Asks for an end when so many profiles were taken."""
+
+    def __init__(self, profiles: int, *, at_once: bool) -> None:
+        super().__init__()
+        self.stop, self._profiles, self._at_once = StopRequest(), profiles, at_once
+
+    def view(self, view: View) -> None:
+        super().view(view)
+        if len(self.views) == self._profiles:
+            (self.stop.ask_at_once if self._at_once else self.stop.ask)()
+
+
+@pytest.mark.parametrize(("profiles", "sections"), [(1, 2), (2, 2), (3, 3), (4, 3), (5, 4)])
+def test_the_section_under_way_is_finished_and_no_other_is_begun(
+    profiles: int, sections: int
+) -> None:
+    notes = StopsAfter(profiles, at_once=False)
+    result = scan_example({}, notes=notes, stop=notes.stop)
+    assert result.stop is StopReason.REQUESTED
+    assert len(result.sections) == sections
+    assert [name for name, _ in notes.events] == ["stop requested", "stop"]
+
+
+@pytest.mark.parametrize("profiles", [1, 2, 3, 4])
+def test_nothing_moves_after_an_end_at_once(profiles: int) -> None:
+    notes = StopsAfter(profiles, at_once=True)
+    with pytest.raises(Interrupted):
+        scan_example({}, notes=notes, stop=notes.stop)
+    assert len(notes.views) == profiles
+
+
+def test_a_request_stops_the_arm_of_the_scan_that_hears_it_and_no_other() -> None:
+    stops: list[str] = []
+    request = StopRequest()
+    assert not request.heard
+    with request.halting(lambda: stops.append("arm")):
+        assert request.heard
+        request.ask()
+        assert stops == []
+        request.ask_at_once()
+    assert not request.heard
+    request.ask_at_once()
+    assert stops == ["arm"]
