@@ -1,0 +1,198 @@
+"""A whole job file: one scan, or one calibration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from tjscan.config import FileModel
+from tjscan.errors import ConfigurationError, nearest
+from tjscan.frames import Array
+from tjscan.job.devices import ArmTable, CalibrationTable, LaserTable
+from tjscan.job.fields import PoseTable
+from tjscan.job.scan import GrooveTable, ScanTable
+from tjscan.job.simulation import SimulationTable
+from tjscan.job.station import StationTable, folded
+from tjscan.job.surroundings import BoardTable, ClearanceTable, JointTable
+
+
+class CellFile(FileModel):
+    """What a scan and a calibration have in common: the cell."""
+
+    arm: ArmTable = ArmTable()
+    laser: LaserTable = LaserTable()
+    calibration: CalibrationTable
+    board: BoardTable | None = None
+    joint: JointTable | None = None
+    station: Annotated[tuple[StationTable, ...], Field(strict=False, max_length=50)] = ()
+    clearance: ClearanceTable = ClearanceTable()
+    simulation: SimulationTable | None = None
+
+    @model_validator(mode="after")
+    def _simulation_is_whole(self) -> CellFile:
+        drivers = () if self.laser.is_replay else (self.arm.driver, self.laser.driver)
+        if "simulated" in drivers and self.simulation is None:
+            raise ValueError("a simulated arm or laser needs a [simulation] table")
+        return self
+
+    @model_validator(mode="after")
+    def _stations_are_told_apart(self) -> CellFile:
+        simulated = () if self.simulation is None else self.simulation.station
+        for key, tables in (("station", self.station), ("simulation.station", simulated)):
+            names = [folded(table.name) for table in tables]
+            for i, name in enumerate(names):
+                if name in names[:i]:
+                    raise ConfigurationError(
+                        f"two stations are called {tables[i].name!r}; each needs a name of its "
+                        "own, and upper and lower case, - and _ are alike",
+                        key=f"{key}.{i}.name",
+                    )
+        for i, table in enumerate(simulated):
+            if table.name not in self.stations:
+                raise ConfigurationError(
+                    f"there is no station {table.name!r}; did you mean: "
+                    f"{nearest(table.name, self.stations) or 'to name it under [[station]]'}?",
+                    key=f"simulation.station.{i}.name",
+                )
+        return self
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations, in their order."""
+        return tuple(table.name for table in self.station)
+
+    @property
+    def T_w_b(self) -> Array:
+        """Where the base is believed to stand in frame w, shape (4, 4), metres.
+
+        Frame w is b for a job without stations.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job has several stations.
+        """
+        return np.eye(4) if not self.station else self.at().station[0].T
+
+    @property
+    def T_w_b_true(self) -> Array:
+        """Where the base of a simulated world truly stands; otherwise as `T_w_b`."""
+        simulation = self.at().simulation
+        stands = () if simulation is None else simulation.station
+        return stands[0].T if stands else self.T_w_b
+
+    def at(self, name: str | None = None) -> Self:
+        """The same job at one of its stations, which then is its only one.
+
+        What the station says for itself stands where it would for a job without stations. A
+        simulated world draws other random numbers at each.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which; may be left out where there is but one, or none.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such station, or the job has several and none is named.
+        """
+        if name is None and len(self.station) > 1:
+            raise ConfigurationError(
+                f"has several stations; choose one with --station: {', '.join(self.stations)}",
+                key="station",
+            )
+        if not self.station and name is None:
+            return self
+        if name is not None and name not in self.stations:
+            known = (
+                f"did you mean: {nearest(name, self.stations)}?" if self.station else "it has none"
+            )
+            raise ConfigurationError(f"there is no station {name!r}; {known}", key="station")
+        i = 0 if name is None else self.stations.index(name)
+        return self._at(i)
+
+    @property
+    def places(self) -> tuple[Self, ...]:
+        """The job at each station that its arm stands at.
+
+        A simulated arm stands at all of them, a real one at one.
+
+        Raises
+        ------
+        ConfigurationError
+            If the arm is a real one, and the job has several stations.
+        """
+        if self.station and self.arm.driver == "simulated":
+            return tuple(self.at(name) for name in self.stations)
+        return (self.at(),)
+
+    def _at(self, i: int) -> Self:
+        station, simulation = self.station[i], self.simulation
+        if simulation is not None:
+            truly = tuple(table for table in simulation.station if table.name == station.name)
+            home = truly[0].home_deg if truly else None
+            arm = simulation.arm
+            arm = arm if home is None else arm.model_copy(update={"home_deg": home})
+            simulation = simulation.model_copy(
+                update={"seed": simulation.seed + i, "station": truly, "arm": arm}
+            )
+        return self.model_copy(update={"station": (station,), "simulation": simulation})
+
+
+class JobFile(CellFile):
+    """One scan."""
+
+    scan: ScanTable
+    groove: GrooveTable = GrooveTable()
+
+    @model_validator(mode="after")
+    def _laser_has_a_joint(self) -> JobFile:
+        if self.laser.driver == "simulated" and self.joint is None:
+            raise ValueError("a simulated laser needs a [joint] table to look at")
+        return self
+
+    @model_validator(mode="after")
+    def _has_its_start_poses(self) -> JobFile:
+        for which in ("first", "second"):
+            taught = getattr(self.scan, which) is not None
+            if taught == bool(self.station):
+                raise ConfigurationError(
+                    f"each station has its own start poses: move it to [station.{which}]"
+                    if taught
+                    else "this key is required, or [[station]] tables with their own start poses",
+                    key=f"scan.{which}",
+                )
+        return self
+
+    @property
+    def starts(self) -> tuple[PoseTable, PoseTable]:
+        """The first and the second taught pose of the flange in frame b.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job has several stations.
+        """
+        table = self.at().station[0] if self.station else self.scan
+        if table.first is None or table.second is None:
+            raise ConfigurationError("a taught pose is required here", key="scan")
+        return table.first, table.second
+
+    def _at(self, i: int) -> Self:
+        job, station = super()._at(i), self.station[i]
+        own = {key: getattr(station, key) for key in ("direction", "length_mm", "sections")}
+        said = {key: value for key, value in own.items() if value is not None}
+        bare = station.model_copy(update=dict.fromkeys(own))
+        scan = self.scan.model_copy(update=said)
+        return job.model_copy(update={"scan": scan, "station": (bare,)})
+
+
+class CalibrationJob(CellFile):
+    """One calibration. A [scan] table may stand beside it, so that one file serves both."""
+
+    board: BoardTable
+    scan: ScanTable | None = None
+    groove: GrooveTable | None = None

@@ -1,0 +1,91 @@
+"""From a job file, and single keys in the place of its own, to a job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from tjscan.config import naming, read_toml, validate
+from tjscan.errors import ConfigurationError
+from tjscan.job.files import CalibrationJob, CellFile, JobFile
+from tjscan.job.station import folded
+
+EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
+"""What a replaced key leaves no room for in its table."""
+
+J = TypeVar("J", bound=CellFile)
+
+
+def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
+    """Read the job of a scan, with single keys replaced.
+
+    Parameters
+    ----------
+    file : Path
+        The TOML file.
+    overrides : dict, optional
+        Dotted keys such as ``scan.step_mm`` and their values. One of two keys that exclude each
+        other displaces the other.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or a key is unknown, missing or of a wrong type or value.
+    """
+    return _read(JobFile, file, overrides)
+
+
+def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
+    """Read the job of a calibration, with single keys replaced; see `read_job`."""
+    return _read(CalibrationJob, file, overrides)
+
+
+def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
+    data = read_toml(file)
+    with naming(file):
+        for key, value in (overrides or {}).items():
+            *tables, last = key.split(".")
+            table: Any = data
+            for name in tables:
+                table = _inner(table, name, key)
+            if isinstance(table, list):
+                raise ConfigurationError(
+                    f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
+                )
+            table[last] = value
+            if key in EXCLUDED:
+                table.pop(EXCLUDED[key], None)
+        return _located(validate(model, data, file), file.parent)
+
+
+def _inner(tables: Any, name: str, key: str) -> Any:
+    """A table in a table; in an array of tables the one of that name, or number from 0."""
+    if isinstance(tables, dict):
+        return _table(tables.setdefault(name, {}), name, key)
+    named = {folded(str(entry.get("name"))): entry for entry in tables if isinstance(entry, dict)}
+    if (found := named.get(folded(name))) is None and name.isdigit() and int(name) < len(tables):
+        found = tables[int(name)]
+    if found is None:
+        known = f"; there are: {', '.join(named)}" if named else ""
+        raise ConfigurationError(f"no table of it is called {name}{known}", key=key)
+    return _table(found, name, key)
+
+
+def _table(found: Any, name: str, key: str) -> Any:
+    if not isinstance(found, dict | list):
+        raise ConfigurationError(f"{name} is no table", key=key)
+    return found
+
+
+def _located(job: J, folder: Path) -> J:
+    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
+    if Path(job.arm.model).suffix == ".urdf":
+        arm = job.arm.model_copy(update={"model": str(folder / job.arm.model)})
+        job = job.model_copy(update={"arm": arm})
+    if job.laser.recording is not None:
+        # Absolute: the job is copied into its run directory, a recording is not.
+        recording = str((folder / job.laser.recording).absolute())
+        job = job.model_copy(
+            update={"laser": job.laser.model_copy(update={"recording": recording})}
+        )
+    return job
