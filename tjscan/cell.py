@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import radians
 from pathlib import Path
 from types import TracebackType
@@ -162,8 +163,7 @@ def open_cell(
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
     arm, flange = _arm(job.arm, job.simulation, left)
-    mesh = build_mesh(joint)
-    surface = Surface(mesh.vertices, mesh.triangles)
+    surface = _surface(joint)
     T_b_j = inverse(job.T_w_b_true) @ job.joint.T_w_j
     laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, T_b_j)
     return _cleared(job, arm, laser, T_f_s)
@@ -181,6 +181,13 @@ def _replaying(job: CellFile, T_f_s: Array) -> Cell:
     )
     laser = ReplayedLaser([view.profile for view in views], arm.take)
     return Cell(arm, laser, T_f_s, clearance_of(job))
+
+
+@lru_cache(maxsize=2)
+def _surface(joint: JointDefinition) -> Surface:
+    """What light hits of a joint; kept, since many cells in a row may look at the same one."""
+    mesh = build_mesh(joint)
+    return Surface(mesh.vertices, mesh.triangles)
 
 
 def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:

@@ -57,6 +57,11 @@ app.command(
     name="ur-loopback",
     help="Stand in for a Universal Robots controller on this machine.",
 )
+app.command(
+    "tjscan.cli.study:study",
+    name="study",
+    help="Run many simulated scans and tell them in one table.",
+)
 app.register_install_completion_command()
 
 EXIT_CODES: dict[type[TjscanError], int] = {

@@ -1,0 +1,65 @@
+"""``tjscan study``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def study(
+    study: Path,
+    *,
+    out: Path | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    dry_run: bool = False,
+    json: bool = False,
+) -> None:
+    """Run many simulated scans and tell them in one table.
+
+    Parameters
+    ----------
+    study
+        The study file (TOML); with --resume the study's directory to go on in.
+    out
+        The directory to make; ``runs/STUDY-DATE`` where left out.
+    resume
+        Go on with a study that was interrupted; scans that are done are not made again.
+    workers
+        Processes on this machine; as many as it has cores where left out.
+    scheduler
+        Address of a dask scheduler to run on instead, for instance tcp://10.0.0.5:8786.
+    dry_run
+        Resolve and check every scan, say how many there are, and run none.
+    json
+        Print how the scans ended as JSON on stdout.
+    """
+    import os
+
+    from tjscan.cli.console import say
+    from tjscan.cli.study_words import report, watching
+    from tjscan.errors import ConfigurationError
+    from tjscan.result.directory import default_directory
+    from tjscan.study.cluster import ClusterScheduler
+    from tjscan.study.file import read_study
+    from tjscan.study.grid import tasks_of
+    from tjscan.study.local import LocalScheduler
+    from tjscan.study.run import run_study
+    from tjscan.study.store import make_study, read_plan
+
+    if resume and (out is not None or dry_run):
+        raise ConfigurationError("--resume goes on in a study's directory: no --out, no --dry-run")
+    if workers is not None and (workers < 1 or scheduler is not None):
+        raise ConfigurationError("--workers is 1 or more, and not beside --scheduler")
+    directory = study if resume else out or default_directory(study)
+    tasks = read_plan(study) if resume else tasks_of(read_study(study), study)
+    if dry_run:
+        say(f"{study}: the study is sound; it makes {len(tasks)} scans")
+        return
+    if not resume:
+        make_study(directory, tasks)
+    here = LocalScheduler(workers or os.cpu_count() or 1)
+    where = ClusterScheduler(scheduler) if scheduler else here
+    with watching(len(tasks)) as watch:
+        rows = run_study(directory, where, watch)
+    report(rows, directory, json=json)

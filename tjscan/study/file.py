@@ -1,0 +1,108 @@
+"""The study file: base jobs, and what is varied of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from tjscan.config import FileModel, read_toml, validate
+from tjscan.errors import ConfigurationError
+
+Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
+
+SEED = "simulation.seed"
+"""The key that `StudyFile.seeds` sweeps."""
+
+
+class StudyFile(FileModel):
+    """A study as its TOML file tells it.
+
+    `fixed`, `grid` and `together` speak of the same keys, dotted: those of the job file, those of
+    the joint's file below ``joint.`` (``joint.brace.wall_mm``), and those of `RuleTable` below
+    ``rule.``.
+    """
+
+    job: str | Names
+    seeds: int | None = Field(default=None, ge=1, le=100_000)
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    grid: dict[str, Any] = Field(default_factory=dict)
+    together: Tables = ()
+
+    @property
+    def jobs(self) -> tuple[str, ...]:
+        """The base jobs, sought from the study's folder."""
+        return (self.job,) if isinstance(self.job, str) else self.job
+
+    @property
+    def fixed_keys(self) -> dict[str, Any]:
+        """Dotted keys and values that hold for every scan."""
+        return flattened(self.fixed)
+
+    def axes(self) -> list[list[dict[str, Any]]]:
+        """What is varied: the product of these lists, the last one running fastest.
+
+        Each list holds the settings of one axis, a setting being dotted keys and their values.
+
+        Raises
+        ------
+        ConfigurationError
+            If an axis has no values, values are no list, a key stands twice, or lists that go
+            together differ in length.
+        """
+        axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
+        axes += [_together(flattened(table)) for table in self.together]
+        if self.seeds is not None:
+            axes.append([{SEED: seed} for seed in range(1, self.seeds + 1)])
+        keys = [key for axis in axes for key in axis[0]]
+        for key in keys:
+            if keys.count(key) > 1 or key in self.fixed_keys:
+                raise ConfigurationError("stands twice in the study", key=key)
+        return axes
+
+    def _grid(self) -> list[tuple[str, Any]]:
+        return list(flattened(self.grid).items())
+
+
+def read_study(file: Path) -> StudyFile:
+    """Read a study file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or a key is unknown, missing or of a wrong type or value.
+    """
+    study = validate(StudyFile, read_toml(file), file)
+    try:
+        study.axes()
+    except ConfigurationError as error:
+        raise ConfigurationError(error.message, file=file, key=error.key) from None
+    return study
+
+
+def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys; ``{"scan": {"step_mm": 1}}`` is ``{"scan.step_mm": 1}``."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            flat |= flattened(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _values(key: str, values: Any) -> list[Any]:
+    if not isinstance(values, list) or not values:
+        raise ConfigurationError(f"is swept by a list of values (found {values!r})", key=key)
+    return values
+
+
+def _together(table: dict[str, Any]) -> list[dict[str, Any]]:
+    columns = {key: _values(key, values) for key, values in table.items()}
+    lengths = {key: len(values) for key, values in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise ConfigurationError(f"lists that go together are equally long (found {lengths})")
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

@@ -1,0 +1,79 @@
+"""The tables of a job whose start is taught from its joint's geometry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tjscan.calibration.file import rows_to_pose
+from tjscan.errors import ConfigurationError
+from tjscan.frames import Array, inverse, to_euler_zyx
+from tjscan.job import JobFile
+from tjscan.joint.file import JointFile
+from tjscan.robot.kinematics import Kinematics
+from tjscan.run import plan_of
+from tjscan.study.hand import Hand, carried, random_of, taught_views
+from tjscan.study.rules import RuleTable
+
+
+def taught_start(
+    job: JobFile, joint: JointFile, rules: RuleTable, T_f_s: Array
+) -> tuple[float, dict[str, Any]]:
+    """Teach a job's start as rules say, by the hand that the job's seed draws.
+
+    Parameters
+    ----------
+    job : JobFile
+        The job; its own start poses count for nothing.
+    joint : JointFile
+        Its joint.
+    rules : RuleTable
+        Where to start, how far off, and whether the base is carried there.
+    T_f_s : ndarray, shape (4, 4)
+        The laser on the hand, as the job believes it to sit.
+
+    Returns
+    -------
+    float
+        The azimuth of the first pose in degrees.
+    dict
+        What changes in the job's tables ``scan`` and ``joint``.
+
+    Raises
+    ------
+    ConfigurationError
+        If the base is to be carried and nothing says how far the scan goes.
+    """
+    if job.joint is None or job.simulation is None:
+        raise ConfigurationError("a taught start needs [joint] and [simulation]")
+    definition, plan = joint.definition("joint"), plan_of(job)
+    random = random_of(job.simulation.seed)
+    azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
+    if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
+        azimuth_deg = rules.start_azimuth_deg
+    azimuth = float(np.radians(azimuth_deg))
+    if job.simulation.T_f_s_mm is not None:  # a hand teaches with the laser that is there
+        T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
+    hand = Hand(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    T_j_s = taught_views(definition, azimuth, plan, hand, random)
+    T_b_j = job.joint.T_b_j
+    changed: dict[str, Any] = {}
+    if rules.carry_base:
+        if plan.sections is None:
+            raise ConfigurationError("needs scan.sections", key="rule.carry_base")
+        q_home = np.radians(job.simulation.arm.home_deg)
+        T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
+        T_b_j = carried(definition, azimuth, plan.sections, plan, T_b_s_home)
+        changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
+    first, second = (_pose(T_b_j @ T @ inverse(T_f_s)) for T in T_j_s)
+    return azimuth_deg, changed | {"scan": {"first": first, "second": second}}
+
+
+def _pose(T: Array) -> dict[str, Any]:
+    """A pose as files write it, to a micrometre and a microdegree."""
+    position, angles = to_euler_zyx(T)
+    return {
+        "position_mm": np.round(1e3 * position, 3).tolist(),
+        "euler_zyx_deg": np.round(np.degrees(angles), 6).tolist(),
+    }

@@ -1,0 +1,102 @@
+"""The study's directory: the plan, written before anything runs, and rows as they come."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Protocol
+
+from tjscan.errors import ConfigurationError, RecordingError
+from tjscan.files import drafted
+from tjscan.study.row import Row
+from tjscan.study.task import Task
+
+PLAN: Final = "plan.jsonl"
+ROWS: Final = "rows.jsonl"
+
+
+def make_study(directory: Path, tasks: Sequence[Task]) -> None:
+    """Make a study's directory, with every resolved task in it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds something already.
+    RecordingError
+        If it can't be written.
+    """
+    if directory.exists() and any(directory.iterdir()):
+        raise ConfigurationError(
+            "is not empty; a study never overwrites another. Choose another --out, or go on with "
+            "--resume",
+            file=directory,
+        )
+    with drafted(directory) as draft:
+        text = "".join(f"{task.to_json()}\n" for task in tasks)
+        (draft / PLAN).write_text(text, encoding="utf-8")
+
+
+def read_plan(directory: Path) -> tuple[Task, ...]:
+    """The tasks of a study's directory.
+
+    Raises
+    ------
+    ConfigurationError
+        If it holds no study.
+    """
+    file = directory / PLAN
+    try:
+        return tuple(Task.from_json(line) for line in file.read_text("utf-8").splitlines())
+    except OSError:
+        raise ConfigurationError("there is no study", file=directory) from None
+    except (ValueError, KeyError) as error:
+        raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
+
+
+def read_rows(directory: Path, tasks: Sequence[Task]) -> dict[str, Row]:
+    """Rows on disk that answer one of the tasks, by key; a line that was cut off is none."""
+    file, keys = directory / ROWS, {task.key for task in tasks}
+    rows: dict[str, Row] = {}
+    if file.exists():
+        for line in file.read_text("utf-8").splitlines():
+            try:
+                row = Row.from_json(line)
+            except ValueError:
+                continue
+            if row.key in keys:
+                rows[row.key] = row
+    return rows
+
+
+class Sink(Protocol):
+    """Takes rows."""
+
+    def __call__(self, row: Row) -> None:
+        """Keep a row."""
+        ...
+
+
+@contextmanager
+def keeping(directory: Path) -> Iterator[Sink]:
+    """Give what puts a row on disk before it returns.
+
+    Raises
+    ------
+    RecordingError
+        If the file can't be written.
+    """
+    try:
+        with (directory / ROWS).open("ab") as file:
+            if file.tell():
+                file.write(b"\n")  # ends a line that was cut off; an empty one is no row
+
+            def keep(row: Row) -> None:
+                file.write(row.to_json().encode() + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+
+            yield keep
+    except OSError as error:
+        raise RecordingError(f"{directory / ROWS}: can't be written: {error.strerror}") from error
