@@ -118,8 +118,8 @@ def _followed(
         tables["scan"] |= changed.pop("scan")
         tables |= changed
         cells[START] = azimuth
-    elif rules.carry_base:
-        raise ConfigurationError("needs rule.start_azimuth_deg", key="rule.carry_base")
+    elif rules.carry_base or rules.centre_view:
+        raise ConfigurationError("is needed for the other rules", key=START)
     return tables, cells
 
 

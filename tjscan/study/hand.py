@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse, pose, unit
+from tjscan.frames import Array, inverse, pose, transform, unit
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import tangential
+from tjscan.joint.geometry import in_j, tangential
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import Direction
 
@@ -24,7 +26,10 @@ AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """How far off a hand leaves the sensor, at most, along and about each of its axes.
+    """How far off a hand leaves the laser on the groove, at most, along and about each axis.
+
+    Whoever teaches a pose watches the line on the steel: shift and turn are those of frame t,
+    which lies in the groove, and not of the sensor an arm's length above it.
 
     Parameters
     ----------
@@ -36,17 +41,20 @@ class Hand:
     turn: float
 
     def errors(self, rng: np.random.Generator) -> Array:
-        """What the sensor is off by, in its own frame, shape (4, 4)."""
+        """What frame t is off by, in itself, shape (4, 4)."""
         turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
         return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
 
 
-def random_of(seed: int) -> np.random.Generator:
-    """The hand's own random numbers."""
-    return np.random.default_rng([seed, HAND_STREAM])
+def random_of(seed: int, joint: str) -> np.random.Generator:
+    """The hand's own random numbers: others before every joint, the same each time."""
+    digest = hashlib.sha256(joint.encode()).digest()
+    return np.random.default_rng([seed, HAND_STREAM, int.from_bytes(digest[:8])])
 
 
-def ideal_view(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+def ideal_view(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, error: Array | None = None
+) -> Array:
     """Where the sensor would best stand before the groove at an azimuth.
 
     Parameters
@@ -57,6 +65,8 @@ def ideal_view(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
         In frame j, radians.
     plan : ScanPlan
         Direction, angles and stand-off.
+    error : ndarray, shape (4, 4), optional
+        What frame t is off by, in itself.
 
     Returns
     -------
@@ -70,7 +80,8 @@ def ideal_view(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     x = tangent if plan.direction is Direction.COUNTERCLOCKWISE else -tangent
     y = unit(np.array([0.0, 0.0, 1.0]) - x[2] * x)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
-    return T_j_t @ inverse(plan.target(_work_angle(joint, sections.bevel[0], azimuth, tangent)))
+    T_s_t = plan.target(_work_angle(joint, sections.bevel[0], azimuth, tangent))
+    return T_j_t @ (np.eye(4) if error is None else error) @ inverse(T_s_t)
 
 
 def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: Array) -> float:
@@ -112,22 +123,26 @@ def taught_views(
     """Both start poses of the sensor, T_j_s, as a hand finds them, a step apart."""
     second = further(joint, azimuth, plan.step, plan.direction)
     first_view, second_view = (
-        ideal_view(joint, phi, plan) @ hand.errors(rng) for phi in (azimuth, second)
+        ideal_view(joint, phi, plan, hand.errors(rng)) for phi in (azimuth, second)
     )
     return first_view, second_view
 
 
-def carried(
-    joint: JointDefinition, azimuth: float, sections: int, plan: ScanPlan, T_b_s_home: Array
-) -> Array:
+def arc(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
+) -> list[float]:
+    """Azimuths at shares of the way from the first section to the last one that a plan asks for."""
+    whole = ((plan.sections or 1) - 1) * plan.step
+    return [further(joint, azimuth, share * whole, plan.direction) for share in shares]
+
+
+def carried(joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array) -> Array:
     """Where the joint stands for a base that was carried to it.
 
     Parameters
     ----------
     joint, azimuth, plan
         The joint, where its scan starts (radians), and what is scanned.
-    sections : int
-        How many sections are to be scanned, the two taught ones included.
     T_b_s_home : ndarray, shape (4, 4)
         The sensor's pose in the arm's home configuration.
 
@@ -136,5 +151,42 @@ def carried(
     ndarray, shape (4, 4)
         T_b_j: at home the arm looks at the middle of the arc.
     """
-    middle = further(joint, azimuth, (sections - 1) / 2 * plan.step, plan.direction)
+    (middle,) = arc(joint, azimuth, plan, [0.5])
     return T_b_s_home @ inverse(ideal_view(joint, middle, plan))
+
+
+def centred(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, window: tuple[float, float]
+) -> ScanPlan:
+    """The plan with the groove in the middle of what the laser sees.
+
+    Parameters
+    ----------
+    joint, azimuth, plan
+        The joint, where its scan starts (radians), and what is scanned.
+    window : tuple of float
+        Nearest and farthest z_s that the laser measures, metres.
+
+    Returns
+    -------
+    ScanPlan
+        With stand-off and offset changed so that p2, p3 and p4, over the whole arc, lie evenly
+        about the middle of the window and of the line.
+    """
+    corners = np.concatenate(
+        [_corners_s(joint, phi, plan) for phi in arc(joint, azimuth, plan, np.linspace(0, 1, 9))]
+    )
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    return replace(
+        plan,
+        offset=plan.offset - float(middle[0]),
+        standoff=plan.standoff + sum(window) / 2 - float(middle[2]),
+    )
+
+
+def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+    """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
+    sections = bevel_sections(joint, [azimuth])
+    rz = np.concatenate((sections.p2, sections.p3, sections.p4))
+    T_s_j = inverse(ideal_view(joint, azimuth, plan))
+    return transform(T_s_j, in_j(azimuth, rz[:, 0], rz[:, 1]))

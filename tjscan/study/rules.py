@@ -30,13 +30,16 @@ class RuleTable(FileModel):
         The step as a share of the brace's outer diameter, in whole tenths of a millimetre.
     start_azimuth_deg : float or "any", optional
         Teach both start poses from the joint's geometry: the first at this azimuth of frame j,
-        the second a step further on. "any" draws it, evenly, by the seed.
+        the second a step further on. "any" draws it, evenly, by the seed, anew for every joint.
     hand_mm, hand_deg : float
-        How far off the taught poses are at most, along and about each axis of the sensor; drawn
-        evenly by the seed.
+        How far off the taught poses are at most, along and about each axis of frame t in the
+        groove; drawn evenly by the seed.
     carry_base : bool
         Carry the arm's base, as on a gantry, to where the arm in its home configuration looks
         at the middle of the arc to be scanned. Needs a taught start and `scan.sections`.
+    centre_view : bool
+        Choose stand-off and offset of the view so that the groove, from p2 to p4 and over the
+        whole arc, lies in the middle of the laser's window. Needs the same.
     """
 
     leg_to_brace: float | None = Field(default=None, ge=1, le=50)
@@ -44,9 +47,10 @@ class RuleTable(FileModel):
     room_mm: float | None = Field(default=None, ge=20, le=5000)
     step_to_brace: float | None = Field(default=None, gt=0, le=1)
     start_azimuth_deg: float | Literal["any"] | None = None
-    hand_mm: float = Field(default=5.0, ge=0, le=100)
+    hand_mm: float = Field(default=3.0, ge=0, le=100)
     hand_deg: float = Field(default=5.0, ge=0, le=45)
     carry_base: bool = False
+    centre_view: bool = False
 
 
 LONGEST_MM = 20_000.0

@@ -13,8 +13,9 @@ from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.run import plan_of
-from tjscan.study.hand import Hand, carried, random_of, taught_views
+from tjscan.study.hand import Hand, carried, centred, random_of, taught_views
 from tjscan.study.rules import RuleTable
+from tjscan.study.task import canonical
 
 
 def taught_start(
@@ -43,16 +44,27 @@ def taught_start(
     Raises
     ------
     ConfigurationError
-        If the base is to be carried and nothing says how far the scan goes.
+        If base or view depend on how far the scan goes, and nothing says so.
     """
     if job.joint is None or job.simulation is None:
         raise ConfigurationError("a taught start needs [joint] and [simulation]")
     definition, plan = joint.definition("joint"), plan_of(job)
-    random = random_of(job.simulation.seed)
+    which = canonical([joint.model_dump(mode="json"), plan.direction])
+    random = random_of(job.simulation.seed, which)
     azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
     if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
         azimuth_deg = rules.start_azimuth_deg
     azimuth = float(np.radians(azimuth_deg))
+    scan: dict[str, Any] = {}
+    if (rules.carry_base or rules.centre_view) and plan.sections is None:
+        raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
+    if rules.centre_view:
+        window = (1e-3 * job.laser.near_mm, 1e-3 * job.laser.far_mm)
+        plan = centred(definition, azimuth, plan, window)
+        scan = {
+            "view_offset_mm": round(1e3 * plan.offset, 1),
+            "standoff_mm": round(1e3 * plan.standoff, 1),
+        }
     if job.simulation.T_f_s_mm is not None:  # a hand teaches with the laser that is there
         T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
     hand = Hand(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
@@ -60,14 +72,12 @@ def taught_start(
     T_b_j = job.joint.T_b_j
     changed: dict[str, Any] = {}
     if rules.carry_base:
-        if plan.sections is None:
-            raise ConfigurationError("needs scan.sections", key="rule.carry_base")
         q_home = np.radians(job.simulation.arm.home_deg)
         T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
-        T_b_j = carried(definition, azimuth, plan.sections, plan, T_b_s_home)
+        T_b_j = carried(definition, azimuth, plan, T_b_s_home)
         changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
     first, second = (_pose(T_b_j @ T @ inverse(T_f_s)) for T in T_j_s)
-    return azimuth_deg, changed | {"scan": {"first": first, "second": second}}
+    return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
 
 
 def _pose(T: Array) -> dict[str, Any]:
