@@ -72,7 +72,7 @@ OPENING_LEAST: Final = radians(20)
 OPENING_MOST: Final = radians(120)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
-_RIDGE: Final = Turn(-radians(85), -radians(6))
+_RIDGE: Final = Turn(-radians(100), -radians(6))
 _HALF_VALLEY: Final = Turn(radians(8), radians(150))
 _VALLEY: Final = Turn(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
 _ROOT: Final = Side("root", 0.8e-3, 14e-3)
@@ -81,9 +81,9 @@ TEE: Final = GrooveModel(
     "tee",
     (
         Side("wall", 4e-3, bend=0.15),
-        Side("bevel", 4e-3, 80e-3, bend=0.25),
+        Side("bevel", 4e-3, 120e-3, bend=0.25),
         _ROOT,
-        Side("leg", 4e-3, bend=3.0, twist=2.0),
+        Side("leg", 4e-3, bend=5.0, twist=10.0),
     ),
     (_RIDGE, _HALF_VALLEY, _HALF_VALLEY),
     Turn(radians(8), radians(150)),
