@@ -47,7 +47,7 @@ class ClusterScheduler:
                 "a cluster needs dask.distributed: pip install 'tjscan[cluster]'"
             ) from None
         try:
-            client = Client(self.address, timeout=PATIENCE, set_as_default=False)
+            client = Client(self.address, timeout=PATIENCE)
         except (OSError, ValueError) as error:
             raise ConfigurationError(
                 f"no scheduler answers at {self.address} ({error}); start one with `dask "

@@ -59,6 +59,8 @@ def _task(index: int, varied: dict[str, Any], file: Path, keys: dict[str, Any]) 
     job = read_job(file, job_keys)
     if job.joint is None or job.simulation is None or job.arm.driver != "simulated":
         raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
+    if job.station:
+        raise ConfigurationError("a study's jobs scan from one place", key="station")
     T_f_s = mount_of(job, file).T_f_s
     joint = _joint(file.parent / job.joint.file, joint_keys, rules)
     changed, followed = _followed(job, joint, rules, T_f_s)

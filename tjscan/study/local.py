@@ -22,8 +22,8 @@ AHEAD: Final = 2
 class LocalScheduler:
     """Runs tasks in a number of processes of this machine.
 
-    A process that dies takes no task with it: those under way are tried once more, each alone
-    in a process of its own, and only one that kills that too is lost.
+    A process that dies takes no task with it: those under way are tried once more, one by
+    one, and only one that kills a process again is lost.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class LocalScheduler:
         while left:
             suspects: list[T] = []
             yield from self._until_broken(work, left, suspects)
-            for task in suspects:
-                yield _alone(work, task)
+            while suspects:
+                yield from _one_by_one(work, suspects)
 
     def _until_broken(
         self, work: Callable[[T], R], left: list[T], suspects: list[T]
@@ -72,12 +72,17 @@ class LocalScheduler:
                     return
 
 
-def _alone(work: Callable[[T], R], task: T) -> Done[T, R] | Lost[T]:
+def _one_by_one(work: Callable[[T], R], suspects: list[T]) -> Iterator[Done[T, R] | Lost[T]]:
+    """Take tasks off `suspects`, one at a time in one process, until one of them kills it."""
     with _pool(1) as pool:
-        try:
-            return Done(task, pool.submit(work, task).result())
-        except BrokenProcessPool:
-            return Lost(task, "its process died twice, the second time with nothing else in it")
+        while suspects:
+            task = suspects.pop(0)
+            try:
+                yield Done(task, pool.submit(work, task).result())
+            except BrokenProcessPool:
+                cause = "its process died twice, the second time with nothing else in it"
+                yield Lost(task, cause)
+                return
 
 
 @contextmanager

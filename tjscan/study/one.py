@@ -49,7 +49,7 @@ def _scan(task: Task) -> tuple[ScanResult, ScanPlan, ResultFrame, JointDefinitio
     if job.joint is None or job.calibration.T_f_s_mm is None:
         raise ConfigurationError("a task holds its joint and its calibration")
     cell = open_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
-    return scan_in(cell, job, Journals()), plan_of(job), ResultFrame(job.joint.T_b_j), joint
+    return scan_in(cell, job, Journals()), plan_of(job), ResultFrame(job.joint.T_w_j), joint
 
 
 def _measured(

@@ -69,7 +69,7 @@ def taught_start(
         T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
     hand = Hand(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
     T_j_s = taught_views(definition, azimuth, plan, hand, random)
-    T_b_j = job.joint.T_b_j
+    T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}
     if rules.carry_base:
         q_home = np.radians(job.simulation.arm.home_deg)

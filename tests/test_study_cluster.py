@@ -1,0 +1,55 @@
+"""A study on a cluster of two processes gives what it gives anywhere."""
+
+import warnings
+from collections.abc import Iterator
+
+import pytest
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of other people's imports
+    distributed = pytest.importorskip("distributed")
+
+from cells import PAPER
+
+from tjscan.errors import ConfigurationError
+from tjscan.study.cluster import ClusterScheduler
+from tjscan.study.file import StudyFile
+from tjscan.study.grid import tasks_of
+from tjscan.study.local import LocalScheduler
+from tjscan.study.one import run_task
+from tjscan.study.row import Row
+from tjscan.study.schedule import Done
+from tjscan.study.task import Task
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+    )
+    with cluster:
+        yield cluster.scheduler_address
+
+
+def made(scheduler: ClusterScheduler | LocalScheduler, tasks: tuple[Task, ...]) -> list[Row]:
+    rows = [e.result.timeless for e in scheduler(run_task, tasks) if isinstance(e, Done)]
+    return sorted(rows, key=lambda row: row.index)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
+    study = StudyFile(
+        job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [30.0, 40.0, 50.0]}
+    )
+    tasks = tasks_of(study, PAPER)
+    rows = made(ClusterScheduler(address), tasks)
+    assert len(rows) == 3
+    assert rows == made(LocalScheduler(1), tasks)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_is_not_there_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tjscan.study.cluster.PATIENCE", 0.5)
+    scheduler = ClusterScheduler("tcp://127.0.0.1:1")
+    with pytest.raises(ConfigurationError, match="no scheduler answers"):
+        list(scheduler(run_task, ()))

@@ -1,0 +1,168 @@
+"""Pictures of a study whose scans differ in step length and prediction, as in the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from tjscan.study.groups import Group, group
+from tjscan.study.paper import (
+    CASE,
+    LARGEST_STEP_ERROR_PERCENT,
+    ROTATION_DEG,
+    STEP,
+    TRAVEL_MM,
+    Bar,
+)
+from tjscan.study.row import Measured, Row
+from tjscan.study.task import Value
+
+COLOURS: Final = ("#1f77b4", "#ff7f0e", "#2ca02c", "#9467bd", "#111111", "#8c564b")
+"""The paper's blue, orange, green and purple; then more."""
+
+PATH_STEP_MM: Final = 50.0
+"""The step whose paths the paper shows (Fig. 12)."""
+
+WIDTH: Final = 0.8
+"""Of all bars at one step together."""
+
+
+class Chart:
+    """Bars of every prediction beside each other, at every step length.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Those to tell of.
+    """
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self.groups = group(rows, CASE, STEP)
+        self.cases = list(dict.fromkeys(case for case, _ in self.groups))
+        self.steps = sorted({float(step) for _, step in self.groups if step is not None})
+
+    def at(self, case: Value | None, step_mm: float) -> Group | None:
+        """The rows of one bar."""
+        return self.groups.get((case, step_mm))
+
+    def place(self, case: Value | None, step_mm: float) -> float:
+        """Where its bar stands."""
+        width = WIDTH / len(self.cases)
+        return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
+
+    def bars(
+        self,
+        axes: Any,
+        value: Callable[[Measured], float | None],
+        *,
+        below: Callable[[Measured], float | None] | None = None,
+        spread: Callable[[Measured], float | None] | None = None,
+    ) -> None:
+        """Draw a bar for each, light up to what is `below`, with the mean spread as a line."""
+        for i, case in enumerate(self.cases):
+            for step in self.steps:
+                found = self.at(case, step)
+                if found is None or not found.complete:
+                    continue
+                x, top, colour = self.place(case, step), found.mean(value), COLOURS[i]
+                foot = 0.0 if below is None else found.mean(below)
+                common: dict[str, Any] = {"width": 0.95 * WIDTH / len(self.cases)}
+                if below is not None:
+                    axes.bar(x, foot, color=_light(colour), **common)
+                axes.bar(x, top - foot, bottom=foot, color=colour, **common)
+                if spread is not None:
+                    axes.errorbar(x, top, found.mean(spread), color="black", linewidth=0.8)
+        axes.set_xticks(range(len(self.steps)), [f"{step:g}" for step in self.steps])
+        axes.set_xlabel("step length / mm")
+
+    def legend(self, axes: Any, *more: Any) -> None:
+        """Say which colour is which prediction."""
+        from matplotlib.patches import Patch
+
+        known = [
+            Patch(color=COLOURS[i], label=f"case {case}" if isinstance(case, int) else str(case))
+            for i, case in enumerate(self.cases)
+        ]
+        axes.legend(handles=[*known, *more], fontsize="small")
+
+    def papers(self, axes: Any, bars: Sequence[Bar]) -> None:
+        """Mark what the paper gives a number for."""
+        shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
+        for bar in shown:
+            x = self.place(bar.case, bar.step_mm)
+            axes.plot(x, bar.value, "D", color="#d62728", markersize=5, zorder=3)
+
+
+def draw_steps(rows: Sequence[Row]) -> Figure:
+    """Mean step with its standard deviation, and its error (the paper's Fig. 13 and 14)."""
+    chart, figure = Chart(rows), _figure(12, 4.5)
+    length, error = figure.subplots(1, 2)
+    chart.bars(length, lambda m: m.step_mean_mm, spread=lambda m: m.step_std_mm)
+    length.set_ylabel("mean step / mm (line: standard deviation)")
+    chart.bars(error, lambda m: m.step_error_percent)
+    for i, case in enumerate(chart.cases):
+        if isinstance(case, int) and (largest := LARGEST_STEP_ERROR_PERCENT.get(case)):
+            for sign in (-1, 1):
+                line = {"color": COLOURS[i], "linestyle": ":", "linewidth": 1}
+                error.axhline(sign * largest, **line)
+    error.set_ylabel("mean step error / % (dotted: the paper's largest)")
+    error.set_yscale("symlog", linthresh=1.0)
+    ticks = (-10, -5, -2, -1, -0.5, 0, 0.5, 1, 2, 5, 10)
+    error.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    chart.legend(length)
+    return figure
+
+
+def draw_effort(rows: Sequence[Row]) -> Figure:
+    """Travel and rotation of the flange, prediction light and correction dark (Fig. 15, 16)."""
+    from matplotlib.lines import Line2D
+
+    chart, figure = Chart(rows), _figure(12, 4.5)
+    travel, rotation = figure.subplots(1, 2)
+    chart.bars(travel, lambda m: m.travel_mm, below=lambda m: m.travel_prediction_mm)
+    chart.papers(travel, TRAVEL_MM)
+    travel.set_ylabel("flange travel / mm (light: prediction, dark: correction)")
+    chart.bars(rotation, lambda m: m.rotation_deg, below=lambda m: m.rotation_prediction_deg)
+    chart.papers(rotation, ROTATION_DEG)
+    rotation.set_ylabel("flange rotation / °")
+    mark = Line2D([], [], color="#d62728", marker="D", linestyle="", label="the paper, on steel")
+    chart.legend(travel, mark)
+    return figure
+
+
+def draw_paths(rows: Sequence[Row]) -> Figure:
+    """The flange's paths in cylinder coordinates of frame j (Fig. 12), the first of each case."""
+    chart, figure = Chart(rows), _figure(12, 4.5)
+    step = min(chart.steps, key=lambda s: abs(s - PATH_STEP_MM))
+    distance, height = figure.subplots(1, 2)
+    for i, case in enumerate(chart.cases):
+        found = chart.at(case, step)
+        if found is None or not found.complete:
+            continue
+        azimuth, rho, z = np.array(found.complete[0].path).T
+        look: dict[str, Any] = {"color": COLOURS[i], "linewidth": 1, "marker": ".", "markersize": 4}
+        distance.plot(azimuth, rho, **look)
+        height.plot(azimuth, z, **look)
+    for axes, name in ((distance, "distance from the brace's axis"), (height, "height")):
+        axes.set_xlabel("azimuth in frame j / °")
+        axes.set_ylabel(f"{name} / mm")
+        axes.set_title(f"flange path, {step:g} mm steps", fontsize="medium")
+        axes.grid(linewidth=0.3)
+    chart.legend(distance)
+    return figure
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _light(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (0.5 + 0.5 * part for part in to_rgb(colour))
+    return red, green, blue
