@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Final
 
 import numpy as np
@@ -96,16 +96,16 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
 
 
 def predictor_ms() -> float:
-    """Median time of one prediction from thirty sections."""
+    """Median processor time of one prediction from thirty sections."""
     job = read_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
     joint = joint_of(job, JOBS["ccw"])
     cell = open_cell(job, mount_of(job, JOBS["ccw"]).T_f_s, joint and joint[1])
     sections = scan_in(cell, job, Journals()).sections
     predictor, times = predictor_of(plan_of(job)), []
     for _ in range(50):
-        start = perf_counter()
+        start = process_time()
         predictor(sections, 0.015)
-        times.append(perf_counter() - start)
+        times.append(process_time() - start)
     return 1e3 * float(np.median(times))
 
 

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from tjscan.frames import (
     Array,
+    cross,
     from_euler_zyx,
     from_rounded,
     inverse,
@@ -91,3 +92,9 @@ def test_readonly_arrays_refuse_writing_and_leave_the_original_alone() -> None:
         copy[0] = 1
     original[0] = 1
     assert copy[0] == 0
+
+
+def test_cross_products_are_those_of_numpy() -> None:
+    a, b = np.random.default_rng(3).standard_normal((2, 4, 5, 3))
+    np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
+    np.testing.assert_allclose(cross(a[0, 0], b[0, 0]), np.cross(a[0, 0], b[0, 0]), atol=1e-15)

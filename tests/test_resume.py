@@ -75,6 +75,17 @@ def test_a_scan_cut_anywhere_ends_as_the_whole_one(
     assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["sections"] == 16
 
 
+def test_the_smooth_case_and_adaptive_steps_go_on_as_if_nothing_had_happened(
+    tmp_path: Path,
+) -> None:
+    options = ["--scan.prediction-case", "smooth", "--scan.adaptive.most-mm", "60"]
+    whole = tmp_path / "whole"
+    assert tjscan("scan", PAPER, "--out", whole, *OPTIONS, *options) == 0
+    run = cut(whole, tmp_path / "cut", 0.55)
+    assert tjscan("scan", "--resume", run) == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
 def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) -> None:
     run = cut(whole, tmp_path / "cut", 0.3)
     assert tjscan("scan", "--resume", run, "--scan.sections", "8") == 0

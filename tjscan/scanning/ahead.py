@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse, unit
+from tjscan.frames import Array, cross, inverse, unit
 from tjscan.scanning.correction import correct
 from tjscan.scanning.kriging import Kriging
 from tjscan.scanning.seam import Seam, Walls
@@ -75,7 +75,7 @@ class Ahead:
     def guess(self, track: Track, R_b_s: Array) -> Array:
         """A section straight on along the seam, to start from."""
         forward = track.origins[-1] - track.origins[-2]
-        t = unit(np.cross(*self.seam.walls().normals))
+        t = unit(cross(*self.seam.walls().normals))
         t = t if t @ forward > 0 else -t
         flat = track.tangents[:, -1] @ R_b_s
         return np.concatenate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.frames import Array, pose, unit
+from tjscan.frames import Array, cross, pose, unit
 
 
 def correct(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
@@ -28,6 +28,6 @@ def correct(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
     so z points out of the joint counterclockwise and into it clockwise.
     """
     x_b = unit(T_b_g_predicted[:3, 3] - T_b_g_last[:3, 3])
-    y_b = unit(np.cross(np.cross(x_b, T_b_g_predicted[:3, 1]), x_b))
-    z_b = np.cross(x_b, y_b)
+    y_b = unit(cross(cross(x_b, T_b_g_predicted[:3, 1]), x_b))
+    z_b = cross(x_b, y_b)
     return pose(np.column_stack((x_b, y_b, z_b)), T_b_g_predicted[:3, 3])

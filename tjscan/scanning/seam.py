@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, readonly, unit
+from tjscan.frames import Array, cross, readonly, unit
 from tjscan.scanning.kriging import matern
 from tjscan.scanning.track import Track
 
@@ -148,12 +148,12 @@ class Seam:
         """Curvature of the seam beside the last section, 1/m."""
         walls = self.walls()
         n_1, n_2 = walls.normals
-        along = np.cross(n_1, n_2)
+        along = cross(n_1, n_2)
         t = unit(along)
         # A normal turns as the tube's curvature and the way round it ask for.
         turns = walls.curvatures * (walls.across @ t)
         d_1, d_2 = turns[:, None] * walls.across
-        bent = np.cross(d_1, n_2) + np.cross(n_1, d_2)
+        bent = cross(d_1, n_2) + cross(n_1, d_2)
         return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
 
     def left_at(self, at: float) -> tuple[Array, Array, Array]:
@@ -242,9 +242,9 @@ def _bases(track: Track) -> Array:
     down, out = track.tangents[:, -1]
     bases = np.empty((2, 4, 3))
     for k, (along, outward) in enumerate(((down, out), (out, -down))):
-        normal = unit(np.cross(chord, along))
+        normal = unit(cross(chord, along))
         normal = normal if normal @ outward > 0 else -normal
-        bases[k] = track.points[k, -1], along, np.cross(normal, along), normal
+        bases[k] = track.points[k, -1], along, cross(normal, along), normal
     return bases
 
 
@@ -262,10 +262,10 @@ def _walls(bases: Array, thetas: Array) -> Walls:
 
 def _prior(walls: Walls, thetas: Array) -> Array:
     """What joints of tubes are like, as residuals, shape (..., 14)."""
-    axes = _cross(walls.across, walls.normals)
+    axes = cross(walls.across, walls.normals)
     radii = 1 / walls.curvatures
     middles = walls.feet - walls.normals * radii[..., None]
-    common = _cross(axes[..., 0, :], axes[..., 1, :])
+    common = cross(axes[..., 0, :], axes[..., 1, :])
     sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_ROOT)
     apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
     return np.concatenate(
@@ -283,11 +283,6 @@ def _prior(walls: Walls, thetas: Array) -> Array:
         ),
         axis=-1,
     )
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of the last axis: `numpy.cross` spends most of its time on other cases."""
-    return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])
 
 
 def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:

@@ -102,6 +102,8 @@ def _settle(
 
 def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
     """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
+    if max(slack) == 0:
+        return np.eye(3)
     back = Rotation.from_matrix(R_b_t_ideal.T @ R_b_t_now).as_rotvec()
     for part, most in ((back[:1], slack[0]), (back[1:], slack[1])):
         angle = float(np.linalg.norm(part))
