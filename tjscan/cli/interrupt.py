@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from threading import Thread
 from types import FrameType
 from typing import Final
@@ -15,9 +15,6 @@ from tjscan.scanning.stopping import StopRequest
 
 INTERRUPTED: Final = 130
 """Exit code of a program that was interrupted: 128 and the number of the signal."""
-
-AGAIN: Final = 0.05
-"""Seconds between two orders to stop, until the scan has ended."""
 
 
 @contextmanager
@@ -53,12 +50,5 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
         return
     request.ask()
     say("stopping after the section under way; Ctrl-C once more stops the arm at once")
-    if not pressed.get():
-        return
-    while True:
+    if pressed.get():
         request.ask_at_once()
-        try:
-            if not pressed.get(timeout=AGAIN):
-                return
-        except Empty:
-            continue

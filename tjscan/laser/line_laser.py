@@ -25,7 +25,7 @@ class LineLaser(Protocol):
         ...
 
     def capture(self) -> Profile:
-        """Take one profile with the arm at rest.
+        """Take one profile with the arm at rest, now: one that waits in a buffer is late.
 
         Raises
         ------

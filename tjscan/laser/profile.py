@@ -22,7 +22,7 @@ class Profile:
     intensity : ndarray, shape (n,), optional
         Brightness of each point, 0 to 1, where the sensor tells it.
     time : float
-        Seconds on the clock of the cell.
+        Seconds on the clock of the cell; 0 where the sensor tells none.
     """
 
     x_s: Array

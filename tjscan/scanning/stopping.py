@@ -35,10 +35,7 @@ class StopRequest:
         self._wanted = True
 
     def ask_at_once(self) -> None:
-        """Ask for an end now, and stop the arm; to be repeated until the scan has ended.
-
-        An arm that is between two moves forgets that it was stopped.
-        """
+        """Ask for an end now, and stop the arm."""
         self._wanted = self._at_once = True
         if (halt := self._halt) is not None:
             halt()
