@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,51 +13,39 @@ from typing import Final, Self
 import numpy as np
 import trimesh
 
-from tjscan.calibration.file import read_calibration, rows_to_pose
+from tjscan.calibration.file import read_calibration
 from tjscan.calibration.plucker import plane_through
 from tjscan.calibration.probe import Probe
 from tjscan.calibration.session import Task
 from tjscan.calibration.simulated import SimulatedProbe
 from tjscan.calibration.window import Window
 from tjscan.config import naming
+from tjscan.drivers import PROBE_STREAM, arm_of, laser_model, simulated_laser
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, inverse
 from tjscan.job import (
-    ArmTable,
     CalibrationJob,
     CellFile,
     JobFile,
-    LaserTable,
     SimulatedBoardTable,
     SimulatedLaserTable,
-    SimulationTable,
     StandingTable,
-    UrTable,
 )
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface
 from tjscan.laser.replay import ReplayedLaser
-from tjscan.laser.simulated import SimulatedLaser
 from tjscan.recording.reader import read_recording
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import Clearance, Margins
 from tjscan.robot.cleared import ClearedArm
 from tjscan.robot.collision import CollisionModel, check_links
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
 from tjscan.robot.replay import ReplayedArm
-from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Solid
-from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.scan import View
 
-_LASER_STREAM: Final = 1
-_PROBE_STREAM: Final = 2
-"""Keep random numbers of laser and probe apart from the arm's, which has the bare seed."""
 BOARD_THICKNESS: Final = 5e-3
 """Metres, of the simulated board."""
 
@@ -162,10 +149,10 @@ def open_cell(
         return _replaying(job, T_f_s)
     if job.simulation is None or job.joint is None or joint is None:
         raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
-    arm, flange = _arm(job.arm, job.simulation, left)
+    arm, flange = arm_of(job.arm, job.simulation, left)
     surface = _surface(joint)
     T_b_j = inverse(job.T_w_b_true) @ job.joint.T_w_j
-    laser = _simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, T_b_j)
+    laser = simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, T_b_j)
     return _cleared(job, arm, laser, T_f_s)
 
 
@@ -213,13 +200,13 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         )
     if simulation is None:
         raise ConfigurationError("a simulated cell needs the table [simulation]")
-    arm, flange = _arm(job.arm, simulation)
+    arm, flange = arm_of(job.arm, simulation)
     truth = simulation.board or SimulatedBoardTable(
         position_mm=board.position_mm, euler_zyx_deg=board.euler_zyx_deg
     )
     thick = trimesh.creation.box((*1e-3 * np.array(board.size_mm), BOARD_THICKNESS))
     surface = Surface(thick.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), thick.faces)
-    laser = _simulated_laser(job.laser, simulation, flange, T_f_s, surface, truth.T)
+    laser = simulated_laser(job.laser, simulation, flange, T_f_s, surface, truth.T)
     cell = _cleared(job, arm, laser, T_f_s)
     probe = SimulatedProbe(
         cell.arm,
@@ -228,14 +215,14 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         plane_through(truth.T[:3, 3], truth.T[:3, 2]),
         sigma=1e-3 * truth.touch_mm,
         approach=1e-3 * board.approach_mm,
-        rng=np.random.default_rng([simulation.seed, _PROBE_STREAM]),
+        rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
     )
     return cell, probe
 
 
 def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
     """What a calibration is to do, in metres and radians; T_f_s is where it begins from."""
-    model, board = _laser_model(job.laser, SimulatedLaserTable()), job.board
+    model, board = laser_model(job.laser, SimulatedLaserTable()), job.board
     return Task(
         board.T,
         0.5e-3 * np.array(board.size_mm),
@@ -289,106 +276,3 @@ def _cleared(job: CellFile, arm: Arm, laser: LineLaser, T_f_s: Array) -> Cell:
     clearance = clearance_of(job)
     lifts = 1e-3 * np.array(job.clearance.lifts_mm)
     return Cell(ClearedArm(arm, clearance, T_f_s, lifts=lifts), laser, T_f_s, clearance)
-
-
-@dataclass(frozen=True, slots=True)
-class Flange:
-    """What a simulated laser on an arm's hand needs to know of it.
-
-    Parameters
-    ----------
-    T_b_f : callable
-        Gives where the flange truly is, shape (4, 4).
-    time : callable
-        Gives the seconds on the arm's clock.
-    """
-
-    T_b_f: Callable[[], Array]
-    time: Callable[[], float]
-
-
-def _simulated_laser(
-    laser: LaserTable,
-    simulation: SimulationTable,
-    flange: Flange,
-    T_f_s: Array,
-    surface: Surface,
-    T_b_j: Array,
-) -> SimulatedLaser:
-    """A laser on an arm's hand, before a surface whose frame j stands in b."""
-    T_j_b = inverse(T_b_j)
-    T_f_s = T_f_s if simulation.T_f_s_mm is None else rows_to_pose(simulation.T_f_s_mm)
-    return SimulatedLaser(
-        surface,
-        # Where the laser truly is, not where the arm believes it to be.
-        pose=lambda: T_j_b @ flange.T_b_f() @ T_f_s,
-        model=_laser_model(laser, simulation.laser),
-        rng=np.random.default_rng([simulation.seed, _LASER_STREAM]),
-        clock=flange.time,
-    )
-
-
-def _arm(
-    table: ArmTable, simulation: SimulationTable, left: View | None = None
-) -> tuple[Arm, Flange]:
-    """The arm by its driver, and where a simulated laser finds its flange."""
-    with naming(key="arm.model"):
-        kinematics = Kinematics.load(table.model)
-    limits = MotionLimits(
-        tcp_speed=1e-3 * table.speed_mm_s, tcp_acceleration=1e-3 * table.acceleration_mm_s2
-    )
-    if table.ur is not None and table.driver == "ur":
-        real = UrArm(kinematics, _ur_settings(table.ur), limits)
-        # Nobody knows the truth about a real arm: what it says has to do.
-        return real, Flange(lambda: real.state().T_b_f, lambda: real.state().time)
-    arm = _simulated_arm(kinematics, limits, simulation, left)
-    return arm, Flange(lambda: arm.true_T_b_f, lambda: arm.state().time)
-
-
-def _ur_settings(table: UrTable) -> UrSettings:
-    x, y, z = table.payload_centre_mm
-    return UrSettings(
-        table.host,
-        payload=table.payload_kg,
-        centre_of_gravity=(1e-3 * x, 1e-3 * y, 1e-3 * z),
-        position_tolerance=1e-3 * table.position_tolerance_mm,
-        rotation_tolerance=radians(table.rotation_tolerance_deg),
-        connect_limit=table.connect_s,
-        silence_limit=table.silence_s,
-    )
-
-
-def _simulated_arm(
-    kinematics: Kinematics, limits: MotionLimits, simulation: SimulationTable, left: View | None
-) -> SimulatedArm:
-    with naming(key="simulation.arm.home_deg"):
-        return SimulatedArm(
-            kinematics,
-            np.radians(simulation.arm.home_deg) if left is None else left.q,
-            limits=limits,
-            repeatability=1e-3 * simulation.arm.repeatability_mm,
-            angular_repeatability=float(np.radians(simulation.arm.repeatability_deg)),
-            seed=simulation.seed,
-            realtime=simulation.arm.realtime,
-            time=0.0 if left is None else left.time,
-        )
-
-
-def _laser_model(laser: LaserTable, faults: SimulatedLaserTable) -> LaserModel:
-    """The sensor and its faults in metres; without occlusion the detector sits on the emitter."""
-    model = LaserModel(
-        columns=laser.points,
-        near=1e-3 * laser.near_mm,
-        far=1e-3 * laser.far_mm,
-        noise=1e-3 * faults.noise_mm,
-        noise_correlation=faults.noise_correlation_points,
-        bias=1e-3 * faults.bias_mm,
-        dropout=faults.dropout,
-        missing=faults.missing,
-        ghosts=faults.ghosts,
-        flyers=faults.flyers,
-        step=1e-3 * faults.resolution_mm,
-    )
-    if faults.occlusion:
-        return model
-    return replace(model, detector_y=0.0, detector_z=model.emitter_z)
