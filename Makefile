@@ -1,5 +1,5 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check bench setup clean
+.PHONY: scan test check bench soak setup clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -19,7 +19,11 @@ check: $(READY)
 	$(BIN)/lint-imports
 
 bench: $(READY)
-	@status=0; for file in bench/[a-z]*.py; do $(BIN)/python $$file || status=1; done; exit $$status
+	@status=0; for file in $(filter-out bench/reliability.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
+
+# Some ten minutes: kills, cuts, full disks, bad sensors, bad files. See docs/reliability.md.
+soak: $(READY)
+	$(BIN)/python bench/reliability.py
 
 setup: $(READY)
 

@@ -245,6 +245,21 @@ def _records(data: bytes) -> list[tuple[int, int, bytes]]:
     return found
 
 
+def section_ends(data: bytes) -> list[int]:
+    """Where in an MCAP file each finished section ends."""
+    channels = {}
+    ends = []
+    for at, opcode, content in _records(data):
+        if opcode == 4:
+            (number,), (length,) = (
+                struct.unpack_from(f, content, p) for f, p in (("<H", 0), ("<I", 4))
+            )
+            channels[number] = content[8 : 8 + length]
+        elif opcode == 5 and channels[struct.unpack_from("<H", content)[0]] == b"/section":
+            ends.append(at + 9 + len(content))
+    return ends
+
+
 def _length(dice: random.Random, data: bytes) -> bytes:
     """A record that lies about its length, or about its kind."""
     records = _records(data)

@@ -29,8 +29,12 @@ from tjscan.robot.models.generate import ARMS
 MODELS: Final = tuple(ARMS)
 """Names of the arms whose URDF comes with tjscan."""
 
-AIM: Final = 1e-9
-"""Metres and radians at which a descent ends; it comes this close unless singular."""
+AIM: Final = 1e-13
+"""Metres and radians at which a descent ends; it comes this close unless singular.
+
+So close that an arm stands in the same place whichever way it came: a scan that is gone on with
+finds what it would have found.
+"""
 
 POSITION_TOLERANCE: Final = 1e-7
 """Metres: a solution puts the flange this close, even where the arm is singular."""

@@ -1,0 +1,142 @@
+"""Scans with a sensor that fails: profiles that don't come, are full of strays, or are frozen."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Final, Literal, Self
+
+import numpy as np
+from _corpus import EXAMPLES
+
+from tjscan.cell import mount_of, open_cell
+from tjscan.comparison.distance import corner_errors
+from tjscan.errors import LaserFault, TjscanError
+from tjscan.frames import transform
+from tjscan.job import read_job
+from tjscan.joint.edges import feature_edges
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+from tjscan.result.frame import ResultFrame
+from tjscan.run import joint_of, plan_of, scan_in
+from tjscan.scanning.journal import Journals
+from tjscan.scanning.progress import complete
+
+JOB: Final = EXAMPLES / "paper.toml"
+SPURIOUS: Final = 0.3
+"""Share of the points that lie anywhere in the sensor's range."""
+
+MOST_CAPTURES: Final = 30
+"""Of a scan of 16 sections: a fault begins before."""
+
+Kind = Literal["missing", "spurious", "frozen"]
+KINDS: Final[tuple[Kind, ...]] = ("missing", "spurious", "frozen")
+
+
+class FaultyLaser:
+    """A laser of which some profiles in a row are bad.
+
+    Parameters
+    ----------
+    laser : LineLaser
+        A good one.
+    kind : str
+        What is wrong with them.
+    first, count : int
+        The first of them, and how many.
+    seed : int
+        Of the strays.
+    """
+
+    def __init__(self, laser: LineLaser, kind: Kind, first: int, count: int, seed: int) -> None:
+        self._laser, self._kind, self._bad = laser, kind, range(first, first + count)
+        self._rng = np.random.default_rng(seed)
+        self._captures, self._last = 0, None
+
+    _last: Profile | None
+
+    def __enter__(self) -> Self:
+        self._laser.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._laser.__exit__(kind, error, trace)
+
+    def capture(self) -> Profile:
+        """A profile, a bad one or none."""
+        bad = self._captures in self._bad
+        self._captures += 1
+        if bad and self._kind == "missing":
+            raise LaserFault("no profile came in time")
+        profile = self._laser.capture()
+        if bad and self._kind == "frozen" and self._last is not None:
+            return replace(self._last, time=profile.time)
+        self._last = profile
+        return self._strewn(profile) if bad and self._kind == "spurious" else profile
+
+    def _strewn(self, profile: Profile) -> Profile:
+        """A share of the points lies anywhere in the window that the rest spans."""
+        x, z = np.array(profile.x_s), np.array(profile.z_s)
+        strays = np.flatnonzero(self._rng.random(len(x)) < SPURIOUS)
+        z[strays] = self._rng.uniform(0.19, 0.29, len(strays))
+        # Along its own ray a point that is nearer lies nearer to the middle, too.
+        half = np.linspace(-0.188, 0.188, len(x))
+        x[strays] = np.tan(half[strays]) * (z[strays] + 0.028)
+        return replace(profile, x_s=x, z_s=z)
+
+
+@dataclass(frozen=True, slots=True)
+class FaultyScan:
+    """What a scan with a faulty sensor came to.
+
+    Parameters
+    ----------
+    kind : str
+        What was wrong.
+    complete : bool
+        Whether it did what was asked.
+    clean : bool
+        Whether it ended as a scan ends, or by an error of the tree.
+    worst_mm : float
+        Largest distance of a corner that it claims from the true edge; zero where it claims none.
+    told : str
+        How it ended.
+    """
+
+    kind: Kind
+    complete: bool
+    clean: bool
+    worst_mm: float
+    told: str
+
+
+def faulty_scan(seed: int) -> FaultyScan:
+    """Scan the paper's joint with a fault drawn by a seed."""
+    dice = random.Random(seed)
+    kind = KINDS[seed % len(KINDS)]
+    first, count = dice.randrange(MOST_CAPTURES), dice.randint(1, 5)
+    if kind == "spurious" and dice.random() < 0.5:
+        count = 10_000  # for good
+    job = read_job(JOB, {"simulation.seed": 1000 + seed})
+    joint = joint_of(job, JOB)
+    cell = open_cell(job, mount_of(job, JOB).T_f_s, joint and joint[1])
+    cell = replace(cell, laser=FaultyLaser(cell.laser, kind, first, count, seed))
+    try:
+        result = scan_in(cell, job, Journals())
+    except TjscanError as error:
+        return FaultyScan(kind, False, True, 0.0, str(error))
+    except Exception as error:
+        return FaultyScan(kind, False, False, 0.0, repr(error))
+    if job.joint is None or joint is None:
+        raise SystemExit(f"{JOB} names no joint to compare with")
+    T = ResultFrame(job.joint.T_w_j).T_from_b
+    points = np.array([transform(T, section.points_b) for section in result.sections])
+    worst = 1e3 * float(corner_errors(points, feature_edges(joint[1])).max())
+    done = complete(result.stop, plan_of(job))
+    return FaultyScan(kind, done, True, worst, result.detail)
