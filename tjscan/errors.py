@@ -281,6 +281,24 @@ class TubesNotFound(TjscanError):
     """Points do not hold the two tubes of a joint."""
 
 
+class StitchingRefused(TjscanError):
+    """Stations can't be stitched with confidence, so there is no result.
+
+    Parameters
+    ----------
+    reason : str
+        In a few words, for instance ``overlap too small`` or ``not connected``.
+    evidence : str
+        Which stations and where, by how much, and what to do next.
+    draft : object, optional
+        What was known until then, to be drawn: a `tjscan.stitching.draft.Draft`.
+    """
+
+    def __init__(self, reason: str, evidence: str, draft: object = None) -> None:
+        self.reason, self.evidence, self.draft = reason, evidence, draft
+        super().__init__(f"stitching refused ({reason}): {evidence}")
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 

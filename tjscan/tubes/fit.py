@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from tjscan.errors import TubesNotFound
 from tjscan.frames import Array, readonly
@@ -131,7 +130,7 @@ def _whitened(
     white = np.empty_like(rows)
     for chosen in views:
         S = shared[chosen] @ common @ shared[chosen].T + np.diag(own[chosen])
-        white[chosen] = solve_triangular(np.linalg.cholesky(S), rows[chosen], lower=True)
+        white[chosen] = np.linalg.solve(np.linalg.cholesky(S), rows[chosen])
     return white
 
 

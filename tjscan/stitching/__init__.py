@@ -1,0 +1,1 @@
+"""Several scans of one joint made one groove, in the joint's own frame."""

@@ -1,0 +1,208 @@
+"""Sections in the joint's frame with all of their uncertainty, and those of one place made one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.frames import Array, inverse, pose, rot_z, transform
+from tjscan.joint.geometry import LegSurface, in_j
+from tjscan.result.frame import ResultFrame
+from tjscan.result.measured import MeasuredSection, measure
+from tjscan.stitching.outline import WIDEST
+from tjscan.stitching.overlaps import TURN
+from tjscan.stitching.registration import place_covariance
+from tjscan.stitching.smooth import SmoothValue
+from tjscan.stitching.stations import Station
+from tjscan.tubes.frame import JointShape
+from tjscan.tubes.walls import Repeatability
+
+ONE_PLACE: Final = 0.55
+"""Sections of different stations closer than this share of a step are of one place."""
+
+CORNERS: Final = slice(1, 4)
+
+LEAST_SIGMA: Final = 1e-6
+"""Metres, or share of a measure's span, that no curve is taken for more certain than."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unrolled:
+    """A section unrolled about the brace, to be carried along the groove.
+
+    Parameters
+    ----------
+    section : MeasuredSection
+        What it was.
+    azimuth : ndarray, shape (6,)
+        Of p1 to p5 and of the origin of g.
+    out, up : ndarray, shape (6,)
+        Their distances from the brace's axis and heights over the leg.
+    """
+
+    section: MeasuredSection
+    azimuth: Array
+    out: Array
+    up: Array
+
+
+def placed_sections(
+    station: Station, T_j_b: Array, covariance: Array, repeatability: Repeatability
+) -> tuple[MeasuredSection, ...]:
+    """Sections of a station in frame j.
+
+    The covariances of their corners hold the laser's noise, the error of the view's pose and that
+    of the station's.
+    """
+    frame, sections = ResultFrame(inverse(T_j_b)), []
+    for scan in station.sections:
+        section = measure(scan, frame, station.name)
+        corners = section.points[CORNERS]
+        flange = transform(T_j_b, scan.view.T_b_f[:3, 3])
+        whole = section.covariances + place_covariance(covariance, corners)
+        whole = whole + place_covariance(repeatability.covariance, corners - flange)
+        sections.append(replace(section, covariances=whole))
+    return tuple(sections)
+
+
+def fuse(
+    stations: Sequence[Sequence[MeasuredSection]], shape: JointShape
+) -> tuple[MeasuredSection, ...]:
+    """All sections by azimuth, those that several stations have of one place made one.
+
+    Parameters
+    ----------
+    stations : sequence of sequence of MeasuredSection
+        Of each station, in frame j and in the order of the scan.
+    shape : JointShape
+        What sections are unrolled about when they are carried to their common place.
+    """
+    unrolled = [[_unroll(section, shape) for section in sections] for sections in stations]
+    curves = _curves([one for sections in unrolled for one in sections])
+    steps = np.concatenate([np.abs(np.diff(_turns(sections))) for sections in stations])
+    near = ONE_PLACE * float(np.median(steps))
+    places = sorted(
+        (section.azimuth, k, i)
+        for k, sections in enumerate(stations)
+        for i, section in enumerate(sections)
+    )
+    fused = []
+    for group in _groups(places, near):
+        members = [(azimuth, unrolled[k][i]) for azimuth, k, i in group]
+        alone = stations[group[0][1]][group[0][2]]
+        fused.append(_one(members, curves, shape) if len(group) > 1 else alone)
+    return tuple(sorted(fused, key=lambda section: section.azimuth))
+
+
+Place = tuple[float, int, int]
+"""Azimuth, station, and number in that station."""
+
+
+def _groups(places: Sequence[Place], near: float) -> list[list[Place]]:
+    """Neighbours of different stations that are one place; nearest pairs first."""
+    n = len(places)
+    member = list(range(n))
+    ahead = [(places[(i + 1) % n][0] - places[i][0]) % TURN for i in range(n)]
+    groups = {i: [places[i]] for i in range(n)}
+    for i in np.argsort(ahead, kind="stable").tolist():
+        a, b = member[i], member[(i + 1) % n]
+        if ahead[i] >= near:
+            break
+        # The whole group must be near, and hold no station twice.
+        shift = TURN if (i + 1) % n == 0 else 0.0
+        joined = groups[a] + [(azimuth + shift, k, m) for azimuth, k, m in groups[b]]
+        spread = max(p[0] for p in joined) - min(p[0] for p in joined)
+        if spread >= near or len({p[1] for p in joined}) < len(joined):
+            continue
+        groups[a] = joined
+        del groups[b]
+        member = [a if m == b else m for m in member]
+    return list(groups.values())
+
+
+def _turns(sections: Sequence[MeasuredSection]) -> Array:
+    return np.unwrap([section.azimuth for section in sections])
+
+
+def _curves(unrolled: Sequence[Unrolled]) -> list[SmoothValue]:
+    """How out and up of p2, p3 and p4, and the four measures, change along the groove."""
+    curves = []
+    covariances = np.array([one.section.covariances for one in unrolled])
+    sigma = float(np.sqrt(np.median(np.trace(covariances, axis1=2, axis2=3) / 3)))
+    for name in ("out", "up"):
+        for i in range(1, 4):
+            azimuth = np.array([one.azimuth[i] for one in unrolled])
+            value = np.array([getattr(one, name)[i] for one in unrolled])
+            curves.append(SmoothValue.through(azimuth, value, max(sigma, LEAST_SIGMA)))
+    azimuth = np.array([one.section.azimuth for one in unrolled])
+    measures = np.array([one.section.measures for one in unrolled])
+    sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
+    least = LEAST_SIGMA * np.ptp(measures, axis=0) + 1e-12
+    for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
+        curves.append(SmoothValue.through(azimuth, value, float(sigma)))
+    return curves
+
+
+def _unroll(section: MeasuredSection, shape: JointShape) -> Unrolled:
+    points = np.vstack((section.points, section.T_r_g[:3, 3]))
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    azimuth = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
+    out = np.hypot(points[:, 0], points[:, 1])
+    return Unrolled(section, azimuth, out, points[:, 2] - _height(azimuth, out, shape))
+
+
+def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
+    surface = LegSurface(shape.leg_radius, shape.angle)
+    return surface.height(azimuth, np.minimum(out, WIDEST * shape.leg_radius))
+
+
+def _one(
+    members: Sequence[tuple[float, Unrolled]], curves: Sequence[SmoothValue], shape: JointShape
+) -> MeasuredSection:
+    """One section of several, each carried along the groove to their middle."""
+    middle = float(np.mean([azimuth for azimuth, _ in members]))
+    # Each point to the middle of its own kind: apart along the groove, they would not be one.
+    places = np.mean([one.azimuth + azimuth - one.section.azimuth for azimuth, one in members], 0)
+    points, frames, corner_info, measure_info, values = [], [], [], [], []
+    for azimuth, one in members:
+        start = one.azimuth + azimuth - one.section.azimuth  # in this group's turn
+        by = places - start
+        starts = [*start[CORNERS], *start[CORNERS], *np.repeat(azimuth, 4)]
+        ways = [*by[CORNERS], *by[CORNERS], *np.repeat(middle - azimuth, 4)]
+        grown = np.array([c.change(*way) for c, *way in zip(curves, starts, ways, strict=True)])
+        out, up = one.out.copy(), one.up.copy()
+        out[CORNERS] += grown[:3]
+        up[CORNERS] += grown[3:6]
+        carried = in_j(places, out, _height(places, out, shape) + up)
+        turn = rot_z(middle - azimuth)
+        points.append(carried[:5])
+        frames.append(pose(turn @ one.section.T_r_g[:3, :3], carried[5]))
+        corner_info.append(np.linalg.inv(turn @ one.section.covariances @ turn.T))
+        measure_info.append(np.linalg.inv(one.section.measure_covariance))
+        values.append(one.section.measures + grown[6:])
+    covariances = np.linalg.inv(np.sum(corner_info, axis=0))
+    fused = np.mean(points, axis=0)
+    fused[CORNERS] = np.einsum(
+        "cij,mcjk,mck->ci", covariances, np.array(corner_info), np.array(points)[:, CORNERS]
+    )
+    measure_covariance = np.linalg.inv(np.sum(measure_info, axis=0))
+    measures = measure_covariance @ np.einsum("mij,mj->i", np.array(measure_info), np.array(values))
+    R = Rotation.from_matrix([T[:3, :3] for T in frames]).mean().as_matrix()
+    sections = [one.section for _, one in members]
+    first = min(sections, key=lambda section: section.station)
+    return replace(
+        first,
+        station="+".join(sorted(section.station for section in sections)),
+        azimuth=float(np.angle(np.exp(1j * middle))),
+        T_r_g=pose(R, np.mean([T[:3, 3] for T in frames], axis=0)),
+        points=fused,
+        covariances=covariances,
+        measures=measures,
+        measure_covariance=measure_covariance,
+        work_angle=float(np.mean([section.work_angle for section in sections])),
+        rms=float(np.sqrt(np.mean([section.rms**2 for section in sections]))),
+    )

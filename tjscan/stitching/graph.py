@@ -1,0 +1,141 @@
+"""All stations placed together, so that the way round the brace closes.
+
+Nodes are the joint and the stations. The joint tells every station where frame j is, as that
+station found it by itself; every overlap tells two stations how they lie to each other; each with
+its covariance. SciPy solves it and not Open3D's pose graph: that gives no covariance, and its
+nodes are poses alone, while here the tubes' radii, angle and offset belong to the joint, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tjscan.frames import Array, inverse, pose, readonly, transform
+from tjscan.stitching.registration import Registration
+from tjscan.tubes.frame import JointFrame, JointShape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """Where all stations stand to the joint, and what the joint is like.
+
+    Parameters
+    ----------
+    T : ndarray, shape (k, 4, 4)
+        Maps each station's own frame j into the common one.
+    covariance : ndarray, shape (k, 6, 6)
+        Of each: translation and rotation vector in the common j.
+    shape : JointShape
+        Of the joint.
+    shape_covariance : ndarray, shape (4, 4)
+        Of its numbers.
+    """
+
+    T: Array
+    covariance: Array
+    shape: JointShape
+    shape_covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T", "covariance", "shape_covariance"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+def motion_of(T: Array) -> Array:
+    """Translation and rotation vector of a pose, shape (6,)."""
+    return np.concatenate((T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()))
+
+
+def pose_of(motion: Array) -> Array:
+    """Pose of a translation and a rotation vector."""
+    return pose(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3])
+
+
+def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -> Placement:
+    """Weigh what every station and every overlap tells.
+
+    Parameters
+    ----------
+    frames : sequence of JointFrame
+        As each of k stations found it.
+    registrations : sequence of Registration
+        Of all overlaps, in the stations' own frames j.
+    """
+    k = len(frames)
+    by_frame = [_whitener(frame.covariance) for frame in frames]
+    by_overlap = [_whitener(edge.covariance) for edge in registrations]
+    origin = np.mean([frame.shape.array for frame in frames], axis=0)
+
+    def residuals(x: Array) -> Array:
+        T, shape = [pose_of(v) for v in x[: 6 * k].reshape(k, 6)], x[6 * k :] + origin
+        told = [
+            # The station takes its own frame for j: it finds j at the identity.
+            W @ np.concatenate((motion_of(inverse(T_own)), shape - frame.shape.array))
+            for W, T_own, frame in zip(by_frame, T, frames, strict=True)
+        ]
+        for W, edge in zip(by_overlap, registrations, strict=True):
+            between = inverse(T[edge.overlap.first]) @ T[edge.overlap.second]
+            told.append(W @ (motion_of(between) - motion_of(edge.T)))
+        return np.concatenate(told)
+
+    found = least_squares(
+        residuals, np.zeros(6 * k + 4), jac="3-point", x_scale=1e-4, xtol=1e-15, ftol=1e-15
+    )
+    jacobian: Array = np.array(found.jac)
+    covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
+    blocks = [covariance[i : i + 6, i : i + 6] for i in range(0, 6 * k, 6)]
+    return Placement(
+        np.array([pose_of(v) for v in found.x[: 6 * k].reshape(k, 6)]),
+        np.array(blocks),
+        JointShape(*(found.x[6 * k :] + origin).tolist()),
+        covariance[6 * k :, 6 * k :],
+    )
+
+
+def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
+    """How far apart two placed stations see the groove amid an overlap, metres.
+
+    Across the groove: along it there is nothing to see a step by.
+    """
+    first, second = T[edge.overlap.first], T[edge.overlap.second]
+    # The overlap says that edge.T @ p of the second is what the first sees.
+    told = transform(edge.T @ inverse(second) @ first, edge.centre)
+    return float(np.linalg.norm(np.cross(told - edge.centre, edge.along)))
+
+
+def chained(count: int, registrations: Sequence[Registration]) -> tuple[Array, list[Registration]]:
+    """Stations placed by overlaps alone, the surest ones first, and the overlaps left over.
+
+    Returns
+    -------
+    T : ndarray, shape (count, 4, 4)
+        Maps each station's own frame j into that of the first.
+    left : list of Registration
+        Those that close a loop; what they say against `T` is the gap before closing.
+    """
+    links = nx.Graph()
+    links.add_nodes_from(range(count))
+    left = []
+    for edge in sorted(registrations, key=lambda edge: edge.sigma):
+        a, b = edge.overlap.first, edge.overlap.second
+        if nx.has_path(links, a, b):
+            left.append(edge)
+        else:
+            links.add_edge(a, b, edge=edge)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    for a, b in nx.bfs_edges(links, 0):
+        edge = links.edges[a, b]["edge"]
+        forward = edge.overlap.first == a
+        T[b] = T[a] @ (edge.T if forward else inverse(edge.T))
+    return T, left
+
+
+def _whitener(covariance: Array) -> Array:
+    """What makes errors of a covariance independent and of unit variance."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

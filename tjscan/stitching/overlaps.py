@@ -1,0 +1,117 @@
+"""Where two stations saw the same stretch of the groove."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import pi
+from typing import Final
+
+import numpy as np
+
+from tjscan.frames import Array, inverse, transform
+from tjscan.stitching.stations import Sighting
+
+TURN: Final = 2 * pi
+
+WIDE: Final = 1.6
+"""Steps between neighbouring sections of which a gap between stations is one, not a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A stretch of azimuth.
+
+    Parameters
+    ----------
+    start, end : float
+        Radians; the end lies beyond the start.
+    """
+
+    start: float
+    end: float
+
+    @property
+    def length(self) -> float:
+        """Radians."""
+        return self.end - self.start
+
+    @property
+    def middle(self) -> float:
+        """Radians, -pi to pi."""
+        return float(np.angle(np.exp(0.5j * (self.start + self.end))))
+
+    def offset(self, azimuth: Array) -> Array:
+        """How far azimuths, any turn, lie beyond the middle, -pi to pi."""
+        return np.asarray(np.angle(np.exp(1j * (azimuth - 0.5 * (self.start + self.end)))))
+
+    def holds(self, azimuth: Array) -> Array:
+        """Which azimuths lie within."""
+        return np.asarray(np.abs(self.offset(azimuth)) <= 0.5 * self.length + 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Two stations and what they share.
+
+    Parameters
+    ----------
+    first, second : int
+        Which stations.
+    arc : Arc
+        The azimuth that both saw.
+    sections : tuple of (int, int)
+        How many sections each has there.
+    """
+
+    first: int
+    second: int
+    arc: Arc
+    sections: tuple[int, int]
+
+
+def section_azimuths(sighting: Sighting) -> Array:
+    """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
+    T_j_b = inverse(sighting.frame.T)
+    middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in sighting.station.sections])
+    x, y, _ = transform(T_j_b, middle).T
+    return np.unwrap(np.arctan2(y, x))
+
+
+def arc_of(azimuths: Array) -> Arc:
+    """The stretch that sections reach over."""
+    return Arc(float(azimuths.min()), float(azimuths.max()))
+
+
+def find_overlaps(azimuths: Sequence[Array]) -> list[Overlap]:
+    """Every stretch that two stations share, however short; two stations may share two.
+
+    Parameters
+    ----------
+    azimuths : sequence of ndarray
+        Of each station's sections.
+    """
+    overlaps = []
+    for a, b in combinations(range(len(azimuths)), 2):
+        one, other = arc_of(azimuths[a]), arc_of(azimuths[b])
+        for turn in range(-3, 4):
+            shift = turn * TURN
+            shared = Arc(max(one.start, other.start + shift), min(one.end, other.end + shift))
+            if shared.length > 0:
+                count = tuple(int(shared.holds(azimuths[k]).sum()) for k in (a, b))
+                overlaps.append(Overlap(a, b, shared, (count[0], count[1])))
+    return overlaps
+
+
+def coverage(azimuths: Sequence[Array]) -> tuple[float, list[Arc]]:
+    """How much of the turn is covered, in radians, and the gaps.
+
+    Neighbouring sections further apart than `WIDE` usual steps have a gap between them.
+    """
+    around = np.sort(np.concatenate(azimuths) % TURN)
+    steps = np.diff(np.append(around, around[0] + TURN))
+    usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
+    gaps = [Arc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
+    gaps = [gap for gap in gaps if gap.length > WIDE * usual]
+    return TURN - sum(gap.length for gap in gaps), gaps

@@ -1,0 +1,196 @@
+"""One station laid on another by what both saw.
+
+Views of the shared stretch are taken for views of one smooth groove whose shape is not known: a
+Gaussian process over the azimuth, with a generous spread. What is left is generalised least
+squares for the six numbers by which the second station lies wrong. A view counts as a whole, with
+the arm's error that all its points share, and less where it contradicts the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from tjscan.errors import StitchingRefused
+from tjscan.frames import Array, pose, readonly, unit
+from tjscan.stitching.outline import CORNER_VALUES, VALUES, Outline
+from tjscan.stitching.overlaps import Overlap
+from tjscan.stitching.smooth import SMOOTH, likeness
+
+SPREAD: Final = 5e-3
+"""Metres by which that shape may change."""
+
+BEYOND: Final = radians(25.0)
+"""Azimuth on either side of the overlap whose views help to tell the shape."""
+
+TUKEY: Final = 4.685
+"""Kernel width, in the root mean square of a view's ten standardised residuals."""
+
+ROUNDS: Final = 8
+LEAST_WEIGHT: Final = 1e-6
+
+LEAST_STEP: Final = 5e-3
+"""Metres between views that tell which way the groove runs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """How one station lies against another, as an overlap tells it.
+
+    Parameters
+    ----------
+    overlap : Overlap
+        Which one.
+    T : ndarray, shape (4, 4)
+        Maps the second station's own frame j into the first's.
+    covariance : ndarray, shape (6, 6)
+        Of translation and rotation vector, about the origin of j.
+    centre : ndarray, shape (3,)
+        Amid the overlap, on the groove, in j.
+    along : ndarray, shape (3,)
+        Unit vector along the groove there.
+    misfit : float
+        Chi-squared of the residuals per degree of freedom.
+    azimuth : ndarray, shape (n,)
+        Of each view, radians beyond the overlap's middle.
+    residual : ndarray, shape (n, 6)
+        What is left of its corners' outward and upward places, metres.
+    of_second, counted : ndarray, shape (n,)
+        Which views are the second station's, and which the robust kernel listened to.
+    """
+
+    overlap: Overlap
+    T: Array
+    covariance: Array
+    centre: Array
+    along: Array
+    misfit: float
+    azimuth: Array
+    residual: Array
+    of_second: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for name in ("T", "covariance", "centre", "along", "azimuth", "residual"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals that count, metres."""
+        return float(np.sqrt(np.mean(self.residual[self.counted] ** 2)))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the second station's place amid the overlap, metres.
+
+        Root mean square over the three directions.
+        """
+        return float(np.sqrt(np.trace(place_covariance(self.covariance, self.centre)) / 3))
+
+
+def place_covariance(covariance: Array, points: Array) -> Array:
+    """Covariances (..., 3, 3) of points (..., 3) that move with a pose about the origin."""
+    p = np.asarray(points, dtype=float)
+    # Rows of [1, -p x]: a rotation vector r moves p by r x p.
+    turned = -np.cross(p[..., None, :], np.eye(3), axis=-1).swapaxes(-1, -2)
+    by_pose = np.concatenate((np.broadcast_to(np.eye(3), turned.shape), turned), axis=-1)
+    return np.asarray(by_pose @ covariance @ by_pose.swapaxes(-1, -2))
+
+
+def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
+    """Lay the second station on the first.
+
+    Parameters
+    ----------
+    overlap : Overlap
+        What they share.
+    first, second : Outline
+        Unrolled about one shape. The second's points are to be moved by little: the unrolled
+        problem is linear for a tenth of a degree or so; see `register_stations`.
+
+    Raises
+    ------
+    StitchingRefused
+        If the views leave a direction free.
+    """
+    views, of_second = _near(overlap, first, second)
+    azimuth = overlap.arc.offset(views.azimuth)
+    value = views.value - views.value.mean(axis=0)
+    shape = value.shape
+    kernel = SPREAD**2 * np.stack([likeness(at, at) for at in azimuth.T], axis=-1)
+    slope_kernel = -(azimuth[:, None] - azimuth) / SMOOTH**2 * kernel
+    weights, slope, motion = np.ones(len(value)), np.zeros(shape), np.zeros(6)
+    for _ in range(ROUNDS):
+        noise = views.covariance / weights[:, None, None]
+        factor = cho_factor(_total(kernel, noise), lower=True)
+        # Moved points are compared with the groove at their new azimuth.
+        design = views.by_pose - slope[:, :, None] * views.azimuth_by_pose
+        design = (design * of_second[:, None, None]).reshape(-1, 6)
+        solved = cho_solve(factor, np.column_stack((design, value.ravel())))
+        information = design.T @ solved[:, :6]
+        if not np.linalg.cond(information / _scale(information)) < 1e12:
+            raise StitchingRefused("overlap too small", "the views of it leave a direction free")
+        spread = np.asarray(np.linalg.inv(information), dtype=float)
+        motion = -spread @ (design.T @ solved[:, 6])
+        pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
+        slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
+        residual = np.einsum("nij,nj->ni", noise, pull)
+        standard = np.linalg.solve(views.covariance, residual[..., None])[..., 0]
+        size = np.sqrt(np.mean(residual * standard, axis=1)) / TUKEY
+        weights = np.maximum((1 - np.minimum(size, 1) ** 2) ** 2, LEAST_WEIGHT)
+    counted = weights > 0.1
+    # A view's own noise shows in its residual as far as the groove could not follow it.
+    inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
+    own = np.einsum("ninj,nij->n", inverse, noise)
+    surprise = np.einsum("ni,ni->n", residual, np.linalg.solve(noise, residual[..., None])[..., 0])
+    misfit = float(surprise[counted].sum() / max(float(own[counted].sum()) - 6, 1.0))
+    return Registration(
+        overlap,
+        pose(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3]),
+        max(1.0, misfit) * spread,
+        *_amid(overlap, first),
+        misfit,
+        azimuth[:, 2],
+        residual[:, :CORNER_VALUES],
+        of_second,
+        counted,
+    )
+
+
+def _amid(overlap: Overlap, seen: Outline) -> tuple[Array, Array]:
+    """Where a station saw the groove amid the overlap, and the groove's direction there."""
+    order = np.argsort(np.abs(overlap.arc.offset(seen.place)), kind="stable")
+    centre = seen.middle[order[0]]
+    # Prediction and correction look at nearly one place: the direction comes from another.
+    far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
+    return centre, unit(seen.middle[order[np.argmax(far)]] - centre)
+
+
+def _near(overlap: Overlap, first: Outline, second: Outline) -> tuple[Outline, NDArray[np.bool_]]:
+    """The views of both stations in and beside the overlap, and which are the second's."""
+    reach = 0.5 * overlap.arc.length + BEYOND
+    one, other = (o.take(np.abs(overlap.arc.offset(o.place)) < reach) for o in (first, second))
+    return one.joined(other), np.repeat((False, True), (len(one), len(other)))
+
+
+def _total(kernel: Array, noise: Array) -> Array:
+    """Covariance of all values: the groove's, each value by itself, and the views', each apart."""
+    n = len(noise)
+    total = np.zeros((n, VALUES, n, VALUES))
+    for value in range(VALUES):
+        total[:, value, :, value] = kernel[:, :, value]
+    views = np.arange(n)
+    total[views, :, views, :] += noise
+    return total.reshape(n * VALUES, n * VALUES)
+
+
+def _scale(information: Array) -> Array:
+    """What makes an information matrix free of its units."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.outer(size, size)

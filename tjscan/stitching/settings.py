@@ -1,0 +1,40 @@
+"""What stitching takes for granted, and what it asks of an overlap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import radians
+
+from tjscan.tubes.walls import Repeatability
+
+
+@dataclass(frozen=True, slots=True)
+class StitchSettings:
+    """How stations are stitched. The defaults of the first two are assumptions.
+
+    Parameters
+    ----------
+    repeatability : Repeatability
+        How well the arm says where it stands; it weighs views against points.
+    out_of_round : float
+        How far a tube's wall may bulge from a circle without anybody being told, metres: what
+        each station finds of the joint's frame is trusted no further than that.
+    least_overlap : float
+        Azimuth that two stations must share, radians.
+    fewest_sections : int
+        Sections that each of them must have there.
+    largest_sigma : float
+        How uncertain an overlap may leave the place where it lies, metres.
+    largest_misfit : float
+        Chi-squared per degree of freedom that the overlap's residuals may have.
+    """
+
+    repeatability: Repeatability = field(default_factory=Repeatability)
+    out_of_round: float = 2e-5
+    least_overlap: float = radians(10.0)
+    fewest_sections: int = 2
+    largest_sigma: float = 0.2e-3
+    largest_misfit: float = 6.0
+
+
+DEFAULT = StitchSettings()

@@ -1,0 +1,139 @@
+"""What a station hands in, and what its arm saw from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tjscan.errors import GrooveNotFound, StitchingRefused, TubesNotFound
+from tjscan.frames import Array, readonly, unit
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+from tjscan.scanning.scan import Scan, View
+from tjscan.stitching.settings import StitchSettings
+from tjscan.stitching.sides import wall_points
+from tjscan.tubes.cylinder import Cylinder, cylinder_through
+from tjscan.tubes.fit import Tubes, fit_tubes
+from tjscan.tubes.frame import JointFrame, joint_frame
+
+SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
+"""What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
+along ±x, else +y, else +z."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Station:
+    """One place that was scanned from.
+
+    Parameters
+    ----------
+    name : str
+        Unlike any other's.
+    T_w_b : ndarray, shape (4, 4)
+        Where the arm's base was meant to stand; good to some millimetres and degrees.
+    sections : tuple of Scan
+        The finished sections in the order in which they were scanned.
+    looks : tuple of Scan
+        All views in which a groove was read, those of the sections included: each has an error
+        of its own.
+    """
+
+    name: str
+    T_w_b: Array
+    sections: tuple[Scan, ...]
+    looks: tuple[Scan, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_w_b", readonly(self.T_w_b))
+
+
+def station_of(
+    name: str,
+    T_w_b: Array,
+    sections: Sequence[Scan],
+    views: Sequence[View],
+    read: Callable[[Profile], GrooveSection],
+) -> Station:
+    """A station from what was recorded; the views that made no section are read once more."""
+    of_sections = {id(scan.view) for scan in sections}
+    looks = list(sections)
+    for view in views:
+        if id(view) in of_sections:
+            continue
+        try:
+            looks.append(Scan(view, read(view.profile), np.eye(4)))
+        except GrooveNotFound:  # so did the scan, which went on with another view
+            continue
+    return Station(name, T_w_b, tuple(sections), tuple(looks))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """The joint as one station alone sees it.
+
+    Parameters
+    ----------
+    station : Station
+        Which one.
+    tubes : Tubes
+        Leg and brace, in its base frame.
+    frame : JointFrame
+        Frame j in its base frame.
+    """
+
+    station: Station
+    tubes: Tubes
+    frame: JointFrame
+
+
+def sight(stations: Sequence[Station], settings: StitchSettings) -> list[Sighting]:
+    """Let every station find frame j by itself, x of all of them to the same side.
+
+    Raises
+    ------
+    StitchingRefused
+        If one does not see enough of the tubes.
+    """
+    sightings: list[Sighting] = []
+    side_w = SIDE_W
+    for station in stations:
+        try:
+            tubes = fit_tubes(wall_points(station.looks), settings.repeatability, *_start(station))
+            found = joint_frame(tubes, station.T_w_b[:3, :3].T @ side_w)
+        except TubesNotFound as error:
+            raise StitchingRefused(
+                "joint not found",
+                f"station {station.name}, {len(station.sections)} sections: {error}",
+            ) from None
+        sightings.append(Sighting(station, tubes, _allowing(found, settings.out_of_round)))
+        if len(sightings) == 1:
+            side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
+    return sightings
+
+
+def _start(station: Station) -> tuple[Cylinder, Cylinder]:
+    """Rough brace and leg: tangents across and along the groove span the walls' planes."""
+    sections = station.sections
+    corners = np.array([scan.points_b[[1, 3]] for scan in sections])
+    if len(corners) < 4:
+        raise TubesNotFound(f"{len(corners)} sections are too few")
+    # A chord over two steps is parallel to the tangent half-way, also on a curve.
+    along = corners[2:] - corners[:-2]
+    cylinders = []
+    for k, name in enumerate(("wall_s", "leg_s")):
+        across = np.array([s.view.T_b_s[:3, :3] @ getattr(s.groove, name) for s in sections[1:-1]])
+        normals = np.cross(along[:, k], across)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        cylinders.append(cylinder_through(corners[1:-1, k], normals))
+    brace, leg = cylinders
+    return brace, leg
+
+
+def _allowing(frame: JointFrame, out_of_round: float) -> JointFrame:
+    """The same frame, trusted no further than tubes are round."""
+    radius = frame.shape.brace_radius
+    allowance = np.repeat((out_of_round, out_of_round / radius, out_of_round), (3, 3, 4))
+    allowance[8] = out_of_round / radius  # the angle between the axes
+    return replace(frame, covariance=frame.covariance + np.diag(allowance**2))

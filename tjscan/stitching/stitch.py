@@ -1,0 +1,257 @@
+"""Stations made one: each finds the joint, overlaps tie them, the loop closes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+
+from tjscan.errors import ConfigurationError, StitchingRefused
+from tjscan.frames import Array, inverse, readonly
+from tjscan.result.measured import MeasuredSection
+from tjscan.stitching.draft import Draft
+from tjscan.stitching.fusion import fuse, placed_sections
+from tjscan.stitching.graph import Placement, chained, gap, motion_of, solve
+from tjscan.stitching.outline import Outline, outline
+from tjscan.stitching.overlaps import Arc, Overlap, coverage, find_overlaps, section_azimuths
+from tjscan.stitching.registration import Registration, register
+from tjscan.stitching.settings import DEFAULT, StitchSettings
+from tjscan.stitching.stations import Sighting, Station, sight
+from tjscan.tubes.frame import JointShape
+
+ROUNDS = 6
+"""Times that a station is laid on another anew where it began far off."""
+
+STILL = 1e-8
+"""Metres and radians that it moves by no more in the end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedStation:
+    """Where a station stands to the joint.
+
+    Parameters
+    ----------
+    station : Station
+        Which one.
+    T_j_b : ndarray, shape (4, 4)
+        Its base in frame j.
+    covariance : ndarray, shape (6, 6)
+        Of translation and rotation vector, in j and about its origin.
+    arc : Arc
+        What it saw.
+    views : int
+        That tell where it stands.
+    tubes_misfit, tubes_rms : float
+        How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
+    """
+
+    station: Station
+    T_j_b: Array
+    covariance: Array
+    arc: Arc
+    views: int
+    tubes_misfit: float
+    tubes_rms: float
+
+    def __post_init__(self) -> None:
+        for name in ("T_j_b", "covariance"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stitched:
+    """One groove of several stations.
+
+    Parameters
+    ----------
+    stations : tuple of PlacedStation
+        By name.
+    shape : JointShape
+        Radii of the tubes, angle and offset of their axes.
+    shape_sigma : ndarray, shape (4,)
+        Standard deviations of these.
+    registrations : tuple of Registration
+        Of every overlap.
+    gaps : tuple of float
+        How far apart the placed stations are at each of these, metres.
+    gap_before, gap_after : float or None
+        The largest where the way round closes, by overlaps alone and in the end, metres; None
+        where it does not close.
+    covered : float
+        Azimuth without a gap, radians.
+    sections : tuple of MeasuredSection
+        In frame j by azimuth; those that several stations saw are fused.
+    """
+
+    stations: tuple[PlacedStation, ...]
+    shape: JointShape
+    shape_sigma: Array
+    registrations: tuple[Registration, ...]
+    gaps: tuple[float, ...]
+    gap_before: float | None
+    gap_after: float | None
+    covered: float
+    sections: tuple[MeasuredSection, ...]
+    draft: Draft
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape_sigma", readonly(self.shape_sigma))
+
+
+def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> Stitched:
+    """Make one groove of what several stations saw of one joint.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+        Two or more, in any order.
+    settings : StitchSettings
+        What is taken for granted, and asked for.
+
+    Raises
+    ------
+    StitchingRefused
+        If a station does not see the joint, or an overlap that is needed can't hold two stations
+        together. It carries a `Draft` of what there was until then.
+    ConfigurationError
+        If there are fewer than two stations, or two of one name.
+    """
+    stations = sorted(stations, key=lambda station: station.name)
+    _check_names(stations)
+    sightings = sight(stations, settings)
+    azimuths = [section_azimuths(sighting) for sighting in sightings]
+    overlaps = find_overlaps(azimuths)
+    draft = Draft(tuple(station.name for station in stations), tuple(azimuths), tuple(overlaps))
+    try:
+        held = _held(draft, settings)
+        registrations = register_all(sightings, held, settings)
+        draft = replace(draft, registrations=tuple(registrations))
+        _check_registrations(draft, settings)
+        placement = solve([sighting.frame for sighting in sightings], registrations)
+    except StitchingRefused as error:
+        raise StitchingRefused(error.reason, error.evidence, draft) from None
+    placed = [
+        _placed(sighting, placement, k, azimuth)
+        for k, (sighting, azimuth) in enumerate(zip(sightings, azimuths, strict=True))
+    ]
+    single = [
+        placed_sections(one.station, one.T_j_b, one.covariance, settings.repeatability)
+        for one in placed
+    ]
+    gaps = tuple(gap(edge, placement.T) for edge in registrations)
+    chain, closing = chained(len(stations), registrations)
+    return Stitched(
+        tuple(placed),
+        placement.shape,
+        np.sqrt(np.diag(placement.shape_covariance)),
+        tuple(registrations),
+        gaps,
+        max((gap(edge, chain) for edge in closing), default=None),
+        max(gaps) if closing else None,
+        coverage(azimuths)[0],
+        fuse(single, placement.shape),
+        draft,
+    )
+
+
+def register_all(
+    sightings: Sequence[Sighting], overlaps: Sequence[Overlap], settings: StitchSettings
+) -> list[Registration]:
+    """Lay stations on each other at every overlap; raises as `register` does."""
+    shape = JointShape(*np.mean([one.frame.shape.array for one in sightings], axis=0).tolist())
+
+    def seen(k: int, T: Array) -> Outline:
+        """What a station saw, its own frame j moved by T."""
+        T_j_b = T @ inverse(sightings[k].frame.T)
+        return outline(sightings[k].station.looks, T_j_b, shape, settings.repeatability)
+
+    own = [seen(k, np.eye(4)) for k in range(len(sightings))]
+    edges = []
+    for overlap in overlaps:
+        first, second, T = own[overlap.first], own[overlap.second], np.eye(4)
+        for _ in range(ROUNDS):
+            edge = register(overlap, first, second)
+            T = edge.T @ T
+            if np.abs(motion_of(edge.T)).max() < STILL:
+                break
+            second = seen(overlap.second, T)
+        edges.append(replace(edge, T=T))
+    return edges
+
+
+def _check_names(stations: Sequence[Station]) -> None:
+    if len(stations) < 2:
+        raise ConfigurationError("stitching takes two stations or more")
+    name, count = Counter(station.name for station in stations).most_common(1)[0]
+    if count > 1:
+        raise ConfigurationError(f"{count} stations are called {name}: give each its own name")
+
+
+def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
+    """The overlaps that are large enough; refuse where one that is needed is not."""
+
+    def enough(overlap: Overlap) -> bool:
+        return (
+            overlap.arc.length >= settings.least_overlap
+            and min(overlap.sections) >= settings.fewest_sections
+        )
+
+    held = [overlap for overlap in draft.overlaps if enough(overlap)]
+    small = [overlap for overlap in draft.overlaps if not enough(overlap)]
+    asked = (
+        f"{np.degrees(settings.least_overlap):.0f}° and {settings.fewest_sections} sections of "
+        "each are needed. Teach the stations' poses so that they overlap by 20° or more, and scan "
+        "again"
+    )
+    # What only just meets is needed where nothing else bridges that place.
+    bridged = [o.arc for o in held]
+    for overlap in small:
+        if not any(
+            abs(float(arc.offset(np.array(overlap.arc.middle)))) < 0.5 * arc.length
+            for arc in bridged
+        ):
+            raise StitchingRefused("overlap too small", f"{draft.words(overlap)}; {asked}")
+    links = nx.Graph((overlap.first, overlap.second) for overlap in held)
+    links.add_nodes_from(range(len(draft.names)))
+    parts = [sorted(part) for part in nx.connected_components(links)]
+    if len(parts) > 1:
+        told = " | ".join(", ".join(draft.names[k] for k in part) for part in sorted(parts))
+        raise StitchingRefused("not connected", f"no overlap ties {told}; {draft.reach()}; {asked}")
+    return held
+
+
+def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
+    """Refuse overlaps that contradict themselves, or that hold too little."""
+    for edge in draft.registrations:
+        words = draft.words(edge.overlap)
+        if edge.misfit > settings.largest_misfit:
+            raise StitchingRefused(
+                "overlap contradicts itself",
+                f"{words}: what is left between them, {1e3 * edge.rms:.3f} mm rms, is "
+                f"{np.sqrt(edge.misfit):.1f} times what the arm's and laser's errors explain, "
+                f"{np.sqrt(settings.largest_misfit):.1f} times are allowed. Both must show the "
+                "same joint, and neither joint nor base may move during its scan",
+            )
+        if edge.sigma > settings.largest_sigma:
+            raise StitchingRefused(
+                "overlap too small",
+                f"{words}: it leaves the second station's place uncertain by "
+                f"{1e3 * edge.sigma:.2f} mm, {1e3 * settings.largest_sigma:.2f} mm are allowed. "
+                "Teach the stations' poses so that they overlap by more, and scan again",
+            )
+
+
+def _placed(sighting: Sighting, placement: Placement, k: int, azimuths: Array) -> PlacedStation:
+    return PlacedStation(
+        sighting.station,
+        placement.T[k] @ inverse(sighting.frame.T),
+        placement.covariance[k],
+        Arc(float(azimuths.min()), float(azimuths.max())),
+        len(sighting.station.looks),
+        sighting.tubes.misfit,
+        sighting.tubes.rms,
+    )
