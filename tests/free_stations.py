@@ -88,6 +88,9 @@ class FreeArm:
     def stop(self) -> None:
         pass
 
+    def clear_stop(self) -> None:
+        pass
+
 
 DEFAULT_LASER = LaserModel()
 

@@ -43,6 +43,11 @@ app.command(
 )
 app.command("tjscan.cli.groove:groove", name="groove", help="Read the groove in recorded profiles.")
 app.command(
+    "tjscan.cli.stitch:stitch",
+    name="stitch",
+    help="Stitch scans from several stations into one groove.",
+)
+app.command(
     "tjscan.cli.compare:compare",
     name="compare",
     help="Compare a run or a cloud with a mesh, a cloud or a joint.",

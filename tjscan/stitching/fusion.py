@@ -27,7 +27,10 @@ ONE_PLACE: Final = 0.55
 CORNERS: Final = slice(1, 4)
 
 LEAST_SIGMA: Final = 1e-6
-"""Metres, or share of a measure's span, that no curve is taken for more certain than."""
+"""Metres that no curve is taken for more certain than."""
+
+LEAST_SHARE: Final = 1e-4
+"""The same of measures, as a share of their span."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +144,7 @@ def _curves(unrolled: Sequence[Unrolled]) -> list[SmoothValue]:
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
-    least = LEAST_SIGMA * np.ptp(measures, axis=0) + 1e-12
+    least = LEAST_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
         curves.append(SmoothValue.through(azimuth, value, float(sigma)))
     return curves

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import StitchingRefused
 from tjscan.frames import Array, pose, readonly, unit
 from tjscan.stitching.outline import CORNER_VALUES, VALUES, Outline
 from tjscan.stitching.overlaps import Overlap
-from tjscan.stitching.smooth import SMOOTH, likeness
+from tjscan.stitching.smooth import likeness, likeness_slope
 
 SPREAD: Final = 5e-3
 """Metres by which that shape may change."""
@@ -34,6 +33,10 @@ TUKEY: Final = 4.685
 
 ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
+
+MOST_CONDITION: Final = 1e12
+FREE: Final = 1.0
+"""Square metres and square radians: the variances of a pose of which nothing is known."""
 
 LEAST_STEP: Final = 5e-3
 """Metres between views that tell which way the groove runs."""
@@ -82,8 +85,14 @@ class Registration:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residuals that count, metres."""
-        return float(np.sqrt(np.mean(self.residual[self.counted] ** 2)))
+        """Root mean square of the residuals that count, of all where none does, metres."""
+        chosen = self.counted if self.counted.any() else ~self.counted
+        return float(np.sqrt(np.mean(self.residual[chosen] ** 2)))
+
+    @property
+    def share(self) -> float:
+        """Share of the views that count."""
+        return float(self.counted.mean())
 
     @property
     def sigma(self) -> float:
@@ -112,20 +121,21 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         What they share.
     first, second : Outline
         Unrolled about one shape. The second's points are to be moved by little: the unrolled
-        problem is linear for a tenth of a degree or so; see `register_stations`.
+        problem is linear for a tenth of a degree or so; see `register_all`.
 
-    Raises
-    ------
-    StitchingRefused
-        If the views leave a direction free.
+    Returns
+    -------
+    Registration
+        Where the views leave a direction free, one whose covariance is that of no knowledge.
     """
     views, of_second = _near(overlap, first, second)
     azimuth = overlap.arc.offset(views.azimuth)
     value = views.value - views.value.mean(axis=0)
     shape = value.shape
     kernel = SPREAD**2 * np.stack([likeness(at, at) for at in azimuth.T], axis=-1)
-    slope_kernel = -(azimuth[:, None] - azimuth) / SMOOTH**2 * kernel
+    slope_kernel = SPREAD**2 * np.stack([likeness_slope(at, at) for at in azimuth.T], axis=-1)
     weights, slope, motion = np.ones(len(value)), np.zeros(shape), np.zeros(6)
+    residual = np.zeros(shape)
     for _ in range(ROUNDS):
         noise = views.covariance / weights[:, None, None]
         factor = cho_factor(_total(kernel, noise), lower=True)
@@ -134,8 +144,9 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         design = (design * of_second[:, None, None]).reshape(-1, 6)
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
-        if not np.linalg.cond(information / _scale(information)) < 1e12:
-            raise StitchingRefused("overlap too small", "the views of it leave a direction free")
+        if not np.linalg.cond(information / _scale(information)) < MOST_CONDITION:
+            spread, motion = FREE * np.eye(6), np.zeros(6)
+            break
         spread = np.asarray(np.linalg.inv(information), dtype=float)
         motion = -spread @ (design.T @ solved[:, 6])
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)

@@ -27,6 +27,8 @@ class StitchSettings:
         How uncertain an overlap may leave the place where it lies, metres.
     largest_misfit : float
         Chi-squared per degree of freedom that the overlap's residuals may have.
+    least_counted : float
+        Share of the overlap's views that the robust kernel must listen to.
     """
 
     repeatability: Repeatability = field(default_factory=Repeatability)
@@ -35,6 +37,7 @@ class StitchSettings:
     fewest_sections: int = 2
     largest_sigma: float = 0.2e-3
     largest_misfit: float = 6.0
+    least_counted: float = 0.75
 
 
 DEFAULT = StitchSettings()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from tjscan.frames import Array, transform
 from tjscan.scanning.scan import Scan
@@ -20,8 +21,18 @@ FROM_CORNER: Final = 1e-3
 OFF_SIDE: Final = 0.2e-3
 """Metres off the fitted side beyond which a point is a reflection or flies."""
 
+FAR_OFF_SIDE: Final = 1e-3
+"""The same off a parabola from the corner to the side's end, which a side follows roughly."""
+
+DEGREE: Final = 4
+"""Of the polynomial that a side is: a cut through a tube, a few centimetres long."""
+
+BINS: Final = 8
 FEWEST: Final = 5
-"""Points that a node needs."""
+"""Points that a bin or a node needs."""
+
+LEAST_NOISE: Final = 1e-6
+"""Metres that no point is taken for more certain than."""
 
 ALIKE: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
@@ -60,21 +71,31 @@ def _nodes(points: Array, corner: Array, tangent: Array, end: Array) -> tuple[Ar
     """Nodes along a side that leaves its corner along a tangent and bends to its end."""
     normal = np.array((-tangent[1], tangent[0]))
     length, off = (end - corner) @ tangent, (end - corner) @ normal
-    bend = off / length**2
     s, d = (points - corner) @ tangent, (points - corner) @ normal
-    d = d - bend * s * s
-    on = (s > FROM_CORNER) & (s <= length) & (np.abs(d) < OFF_SIDE)
+    on = (s > FROM_CORNER) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < FAR_OFF_SIDE)
     s, d = s[on], d[on]
-    share = np.minimum((NODES * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int), NODES - 1)
-    count = np.bincount(share, minlength=NODES)
-    filled = count >= FEWEST
-    if not filled.any():
+    share = np.minimum((BINS * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int), BINS - 1)
+    filled = [chosen for k in range(BINS) if (chosen := share == k).sum() >= FEWEST]
+    if len(filled) <= DEGREE + 1:
         return np.empty((0, 3)), np.empty(0)
-    per = np.maximum(count, 1)
-    at = np.bincount(share, s, NODES) / per
-    # Bins are averaged along the bend, not across it: the mean of a curve lies beside it.
-    height = bend * at * at + np.bincount(share, d, NODES) / per
-    noise = max(float(np.std(d)), 1e-6)
+    # Medians first: they take no notice of reflections. Then all points beside their curve.
+    medians = np.array([(np.median(s[k]), np.median(d[k])) for k in filled])
+    rough = _curve(medians[:, 0], medians[:, 1], float(length))
+    on = np.abs(d - rough(s)) < OFF_SIDE
+    s, d, share = s[on], d[on], share[on] * NODES // BINS
+    count = np.bincount(share, minlength=NODES)
+    if (count < FEWEST).any():
+        return np.empty((0, 3)), np.empty(0)
+    curve = _curve(s, d, float(length))
+    # Averaged along the curve, not across it: the mean of a bent line lies beside it.
+    at = np.bincount(share, s, NODES) / count
+    height = curve(at) + np.bincount(share, d - curve(s), NODES) / count
+    noise = max(float(np.std(d - curve(s))), LEAST_NOISE)
     nodes = corner + at[:, None] * tangent + height[:, None] * normal
     in_s = np.column_stack((nodes[:, 0], np.zeros(NODES), nodes[:, 1]))
-    return in_s[filled], noise * np.sqrt(np.minimum(ALIKE / per, 1.0))[filled]
+    return in_s, noise * np.sqrt(np.minimum(ALIKE / count, 1.0))
+
+
+def _curve(s: Array, d: Array, length: float) -> Polynomial:
+    """Least-squares polynomial of heights along a side."""
+    return Polynomial.fit(s, d, DEGREE, domain=(0.0, length))

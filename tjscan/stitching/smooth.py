@@ -16,13 +16,16 @@ SMOOTH: Final = radians(30.0)
 
 
 def likeness(a: Array, b: Array) -> Array:
-    """Correlation of what lies at azimuths (n,) and at azimuths (m,), shape (n, m)."""
-    return np.asarray(np.exp(-0.5 * (apart(a, b) / SMOOTH) ** 2))
+    """Correlation of what lies at azimuths (n,) and at azimuths (m,), shape (n, m).
+
+    Near by it falls as a bell curve does, and round the brace it closes.
+    """
+    return np.asarray(np.exp((np.cos(a[:, None] - b) - 1) / SMOOTH**2))
 
 
-def apart(a: Array, b: Array) -> Array:
-    """Azimuth from b (m,) to a (n,) the shorter way, shape (n, m)."""
-    return np.asarray((a[:, None] - b + np.pi) % (2 * np.pi) - np.pi)
+def likeness_slope(a: Array, b: Array) -> Array:
+    """Derivative of `likeness` by the first azimuths, shape (n, m)."""
+    return np.asarray(-np.sin(a[:, None] - b) / SMOOTH**2 * likeness(a, b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

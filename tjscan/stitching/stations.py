@@ -23,6 +23,10 @@ SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
 along ±x, else +y, else +z."""
 
 
+SAME_POSE = 1e-9
+"""Metres and shares of one, by which the poses of an arm that did not move differ."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
     """One place that was scanned from.
@@ -57,10 +61,10 @@ def station_of(
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
     """A station from what was recorded; the views that made no section are read once more."""
-    of_sections = {id(scan.view) for scan in sections}
     looks = list(sections)
     for view in views:
-        if id(view) in of_sections:
+        # Views from one pose share one error of the arm: together they tell no more of it.
+        if any(np.abs(view.T_b_f - look.view.T_b_f).max() < SAME_POSE for look in looks):
             continue
         try:
             looks.append(Scan(view, read(view.profile), np.eye(4)))

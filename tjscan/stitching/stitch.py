@@ -176,7 +176,7 @@ def register_all(
         for _ in range(ROUNDS):
             edge = register(overlap, first, second)
             T = edge.T @ T
-            if np.abs(motion_of(edge.T)).max() < STILL:
+            if np.abs(motion_of(edge.T)).max() < STILL or edge.share < settings.least_counted:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -228,13 +228,14 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
         words = draft.words(edge.overlap)
-        if edge.misfit > settings.largest_misfit:
+        if edge.misfit > settings.largest_misfit or edge.share < settings.least_counted:
             raise StitchingRefused(
                 "overlap contradicts itself",
-                f"{words}: what is left between them, {1e3 * edge.rms:.3f} mm rms, is "
-                f"{np.sqrt(edge.misfit):.1f} times what the arm's and laser's errors explain, "
-                f"{np.sqrt(settings.largest_misfit):.1f} times are allowed. Both must show the "
-                "same joint, and neither joint nor base may move during its scan",
+                f"{words}: {100 * edge.share:.0f} % of its views fit each other, "
+                f"{100 * settings.least_counted:.0f} % must; of these {1e3 * edge.rms:.3f} mm rms "
+                f"are left, {np.sqrt(edge.misfit):.1f} times what the arm's and laser's errors "
+                f"explain, {np.sqrt(settings.largest_misfit):.1f} times are allowed. Both must "
+                "show the same joint, and neither joint nor base may move during its scan",
             )
         if edge.sigma > settings.largest_sigma:
             raise StitchingRefused(

@@ -1,0 +1,70 @@
+"""``tjscan stitch``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def stitch(
+    run: Path,
+    *runs: Path,
+    out: Path | None = None,
+    repeatability_mm: float = 0.05,
+    repeatability_deg: float = 0.0057,
+    out_of_round_mm: float = 0.02,
+    json: bool = False,
+) -> None:
+    """Stitch what was scanned from several stations into one groove, in the joint's own frame.
+
+    Parameters
+    ----------
+    run
+        The run directory of one station, or one that holds those of all stations.
+    runs
+        Further run directories of single stations.
+    out
+        The directory to make; ``runs/stitched-DATE`` where left out.
+    repeatability_mm
+        How well the arm says where it stands, root mean square.
+    repeatability_deg
+        The same of its angle.
+    out_of_round_mm
+        How far the tubes' walls may bulge from a circle.
+    json
+        Print the summary and the stations as JSON on stdout.
+    """
+    from dataclasses import asdict
+    from json import dumps
+    from math import radians
+
+    from tjscan.cli.stitching_words import show_stitching
+    from tjscan.errors import ConfigurationError
+    from tjscan.result.directory import default_directory
+    from tjscan.stitch_run import stitch_runs
+    from tjscan.stitching.settings import StitchSettings
+    from tjscan.tubes.walls import Repeatability
+
+    directory = out or default_directory(Path("stitched"))
+    if directory.exists() and any(directory.iterdir()):
+        raise ConfigurationError(
+            "is not empty; a result never overwrites another. Choose another --out", file=directory
+        )
+    for name, value in (
+        ("repeatability-mm", repeatability_mm),
+        ("repeatability-deg", repeatability_deg),
+        ("out-of-round-mm", out_of_round_mm),
+    ):
+        if not value > 0:
+            raise ConfigurationError("must be more than 0", key=f"--{name}")
+    done = stitch_runs(
+        (run, *runs),
+        directory,
+        StitchSettings(
+            Repeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
+            1e-3 * out_of_round_mm,
+        ),
+    )
+    if json:
+        print(dumps({"summary": asdict(done.summary), "stitching": asdict(done.told)}, indent=2))
+    else:
+        show_stitching(done.summary, done.told, directory)

@@ -1,0 +1,51 @@
+"""A stitching in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.table import Table
+
+from tjscan.cli.console import say, stderr
+from tjscan.result.summary import Summary
+from tjscan.stitching.told import ToldStitching
+
+
+def show_stitching(summary: Summary, told: ToldStitching, directory: Path) -> None:
+    """Print a stitched groove: a line per station and overlap, and what it is all in all."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in _lines(summary, told):
+        table.add_row(name, value)
+    stderr.print(table)
+    say(f"written to {directory}: scan.png and stitch.png show it, stations.json tells how")
+
+
+def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
+    for one in told.stations:
+        start, end = one.azimuth_deg
+        yield (
+            f"station {one.name}",
+            f"{one.sections} sections from {start:.0f}° to {end:.0f}°, groove placed to "
+            f"{one.sigma_groove_mm:.3f} mm, nominal off by {one.nominal_off_mm:.1f} mm and "
+            f"{one.nominal_off_deg:.2f}°",
+        )
+    for edge in told.overlaps:
+        yield (
+            f"overlap {' + '.join(edge.stations)}",
+            f"{edge.arc_deg:.0f}° at {edge.azimuth_deg:.0f}°: residuals {edge.residual_rms_mm:.3f} "
+            f"mm, gap {edge.gap_mm:.3f} mm",
+        )
+    if told.loop_gap_before_mm is not None and told.loop_gap_after_mm is not None:
+        yield (
+            "loop gap",
+            f"{told.loop_gap_before_mm:.3f} mm, closed {told.loop_gap_after_mm:.3f} mm",
+        )
+    yield "covered", f"{told.covered_deg:.0f}°, {summary.sections} sections"
+    yield (
+        "diameters",
+        f"brace {told.brace_diameter_mm:.2f} ± {told.sigma_brace_diameter_mm:.2f} mm, "
+        f"leg {told.leg_diameter_mm:.2f} ± {told.sigma_leg_diameter_mm:.2f} mm",
+    )
+    if (error := summary.corner_error_mm) is not None:
+        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"

@@ -1,0 +1,89 @@
+"""``stitch.png``: who saw what, where stations overlap, and what is left between them there."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from tjscan.stitching.draft import Draft
+from tjscan.stitching.overlaps import arc_of
+from tjscan.stitching.registration import Registration
+
+COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
+SHADE: Final = "#9aa5b1"
+MARKS: Final = ("o", "s", "^")
+"""Of p2, p3 and p4."""
+
+RING: Final = 0.12
+"""Between the stations' rings."""
+
+
+def draw_stitching(draft: Draft) -> Figure:
+    """Draw stations and overlaps about the brace, and the residuals of each overlap."""
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.3))
+    _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
+    if not draft.registrations:
+        beside = figure.add_subplot(grid[1])
+        told = [draft.words(overlap) for overlap in draft.overlaps] or [draft.reach()]
+        beside.text(0.0, 0.5, "\n".join(told).replace(" overlap at", "\noverlap at"), wrap=True)
+        beside.set_axis_off()
+        return figure
+    rows = grid[1].subgridspec(len(draft.registrations), 1)
+    for k, edge in enumerate(draft.registrations):
+        _draw_residuals(figure.add_subplot(rows[k]), draft, edge)
+    return figure
+
+
+def _colour(station: int) -> str:
+    return COLOURS[station % len(COLOURS)]
+
+
+def _draw_arcs(axes: Any, draft: Draft) -> None:
+    for overlap in draft.overlaps:
+        arc = overlap.arc
+        axes.bar(
+            arc.start + 0.5 * arc.length, 1.6, arc.length, color=SHADE, alpha=0.35, linewidth=0
+        )
+    for k, (name, azimuths) in enumerate(zip(draft.names, draft.azimuths, strict=True)):
+        arc, radius = arc_of(azimuths), 1 + RING * k
+        turn = np.linspace(arc.start, arc.end, 200)
+        axes.plot(turn, np.full(200, radius), color=_colour(k), linewidth=1.5, label=name)
+        axes.plot(azimuths, np.full(len(azimuths), radius), ".", color=_colour(k), markersize=5)
+    axes.set_rlim(0, 1.6)
+    axes.set_yticks([])
+    axes.legend(loc="center", frameon=False)
+    axes.set_title("sections about the brace, overlaps shaded")
+
+
+def _draw_residuals(axes: Any, draft: Draft, edge: Registration) -> None:
+    middle = edge.overlap.arc.middle
+    at = np.degrees(edge.azimuth + middle)
+    for k, second in ((edge.overlap.first, False), (edge.overlap.second, True)):
+        mine = edge.of_second == second
+        for corner, mark in enumerate(MARKS):
+            for axis, filled in ((0, True), (1, False)):
+                axes.plot(
+                    at[mine],
+                    1e3 * edge.residual[mine, 2 * corner + axis],
+                    mark,
+                    color=_colour(k),
+                    fillstyle="full" if filled else "none",
+                    markersize=4,
+                )
+    axes.plot(at[~edge.counted], np.zeros(int((~edge.counted).sum())), "x", color="black")
+    half = 0.5 * np.degrees(edge.overlap.arc.length)
+    axes.axvspan(np.degrees(middle) - half, np.degrees(middle) + half, color=SHADE, alpha=0.35)
+    axes.axhline(0, color="black", linewidth=0.6)
+    axes.set_ylabel("residual / mm")
+    axes.set_xlabel("azimuth / °")
+    names = f"{draft.names[edge.overlap.first]}, {draft.names[edge.overlap.second]}"
+    axes.set_title(
+        f"{names}: {1e3 * edge.rms:.3f} mm rms, misfit {edge.misfit:.2f} "
+        "(p2 ○ p3 □ p4 △, full outwards, open upwards)",
+        fontsize=9,
+    )
