@@ -14,9 +14,10 @@ from station_jobs import WHOLE, data_of, moved, paper_at_a_station, pose_of, wri
 from tjscan.cell import clearance_of
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.distance import corner_errors
+from tjscan.config import read_toml
 from tjscan.errors import ConfigurationError
 from tjscan.frames import Array, from_euler_zyx, inverse, rotation_angle, transform
-from tjscan.job import JobFile, read_job
+from tjscan.job import JobFile, read_calibration_job, read_job
 from tjscan.joint.edges import feature_edges
 from tjscan.run import cell_of, frame_of, joint_of, plan_of, scan_in
 from tjscan.scanning.progress import complete
@@ -261,3 +262,17 @@ def test_the_doctor_looks_at_every_station(capsys: pytest.CaptureFixture[str]) -
     assert tjscan("doctor", WHOLE, "--station", "right") == 0
     assert "left" not in capsys.readouterr().out
     assert tjscan("doctor", WHOLE, "--station", "up") == 2
+
+
+def test_a_calibration_is_made_at_one_station(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = data_of(WHOLE)
+    data["board"] = read_toml(EXAMPLES / "calibrate.toml")["board"]
+    file, out = written(tmp_path, data), tmp_path / "out"
+    assert tjscan("calibrate", file, "--unattended", "--out", out) == 2
+    assert "choose one with --station: left, right" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+    job = read_calibration_job(file).at("right")
+    assert job.stations == ("right",)
+    np.testing.assert_allclose(job.T_w_b, read_job(WHOLE).at("right").T_w_b, atol=SAME)

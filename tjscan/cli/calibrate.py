@@ -14,6 +14,7 @@ from tjscan.errors import ConfigurationError
 def calibrate(
     job: Path | None = None,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    station: str | None = None,
     out: Path | None = None,
     unattended: bool = False,
     resume: Path | None = None,
@@ -28,6 +29,8 @@ def calibrate(
     ----------
     job
         The job file (TOML) of the cell to calibrate.
+    station
+        Where the arm stands, of a job with several stations.
     out
         The directory to make; ``runs/JOB-DATE`` where left out.
     unattended
@@ -54,6 +57,7 @@ def calibrate(
     from tjscan.cli.calibration_words import report_calibration
     from tjscan.cli.operators import AtTerminal, Unattended
     from tjscan.cli.overrides import parse_overrides
+    from tjscan.config import naming
     from tjscan.job import read_calibration_job
     from tjscan.result.directory import default_directory
 
@@ -63,6 +67,7 @@ def calibrate(
             raise ConfigurationError("--resume goes on where it was: --out has no meaning")
         found = resume_calibration(resume, operator)
     elif job is not None:
-        parsed = read_calibration_job(job, parse_overrides(overrides))
+        with naming(job):
+            parsed = read_calibration_job(job, parse_overrides(overrides)).at(station)
         found = start_calibration(parsed, job, out or default_directory(job), operator)
     report_calibration(found, json=json)
