@@ -17,6 +17,7 @@ from tjscan.files import drafted
 from tjscan.frames import Array, to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
+from tjscan.robot.rest import await_rest, check_still
 from tjscan.run import cell_of, reader_of
 
 Which = Literal["first", "second"]
@@ -49,7 +50,8 @@ class Taught:
 def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     """Write where the arm stands into a job file, if the laser sees a groove there; move nothing.
 
-    Comments and everything else in the file stay as they are.
+    It waits until the arm rests, for it may have been led there by hand a moment ago. Comments
+    and everything else in the file stay as they are.
 
     Parameters
     ----------
@@ -65,16 +67,18 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     StartSeesNoGroove
         If the laser reads no groove from there.
     ArmFault, LaserFault
-        If a device fails.
+        If a device fails, or the arm does not rest.
     ConfigurationError
         If the job is wrong.
     RecordingError
         If the file can't be written; it then is what it was.
     """
     with cell_of(job, job_file) as cell:
-        state = cell.arm.state()
+        state = await_rest(cell.arm)
+        profile = cell.laser.capture()
+        check_still(state, cell.arm.state())
         try:
-            groove = reader_of(job)(cell.laser.capture())
+            groove = reader_of(job)(profile)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
     position_mm, euler_zyx_deg = written(state.T_b_f)

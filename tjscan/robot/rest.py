@@ -1,0 +1,84 @@
+"""Whether an arm rests, whoever moves it: a person's hand too."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from tjscan.errors import ArmFault
+from tjscan.robot.arm import Arm, ArmState
+
+STILL: Final = 2e-4
+"""Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
+
+WINDOW: Final = 0.25
+"""Seconds for which no joint may turn further."""
+
+LIMIT: Final = 10.0
+"""Seconds within which the arm has to come to rest."""
+
+PAUSE: Final = 0.02
+"""Seconds between two looks."""
+
+
+def await_rest(
+    arm: Arm,
+    *,
+    now: Callable[[], float] = time.monotonic,
+    pause: Callable[[float], object] = time.sleep,
+) -> ArmState:
+    """Wait until an arm has stood still for a moment; moves nothing.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm, connected.
+    now, pause : callable, optional
+        The clock to go by, in seconds, and what waits some seconds on it.
+
+    Returns
+    -------
+    ArmState
+        As it stands.
+
+    Raises
+    ------
+    ArmFault
+        If it is not at rest within `LIMIT`.
+    """
+    until, since, start = now() + LIMIT, now(), arm.state()
+    while True:
+        pause(PAUSE)
+        state, moment = arm.state(), now()
+        if turned(start, state) > STILL:
+            since, start = moment, state
+        elif moment - since >= WINDOW:
+            return state
+        if moment > until:
+            raise ArmFault(
+                f"the arm does not come to rest: it still moved after {LIMIT:g} s. Let it stand, "
+                "leave freedrive, then start again."
+            )
+
+
+def check_still(before: ArmState, after: ArmState) -> None:
+    """See that an arm has not moved meanwhile.
+
+    Raises
+    ------
+    ArmFault
+        If it has.
+    """
+    if (angle := turned(before, after)) > STILL:
+        raise ArmFault(
+            f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
+            "deg. Let it stand, leave freedrive, then start again."
+        )
+
+
+def turned(before: ArmState, after: ArmState) -> float:
+    """Largest angle in radians by which a joint turned from one state to another."""
+    return float(np.abs(after.q - before.q).max())
