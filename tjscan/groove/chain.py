@@ -165,9 +165,11 @@ def best_chains(
     lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, effort.proposals)
     if not len(lines):
         return []
+    # What a point adds to the stretch it lies in.
     gains = scaled * scaled
     np.subtract(1, gains, out=gains)
     np.maximum(gains, 0, out=gains)
+    gains -= np.float32(GAP_COST)
     inner = len(model.sides) - 2
     layers = [ends[0]]
     for k in range(inner):
@@ -280,26 +282,26 @@ def _pool(
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
-    index = np.arange(n)
-    mine = index >= bounds[0][which, None]
-    mine &= index < bounds[1][which, None]
-    gain = gains[which]
-    gain *= mine
     if before is None and after is None:
-        best = _one_by_one(gain, most)
-        score = np.ones(len(which))
+        best = which[_one_by_one(gains[which] + np.float32(GAP_COST), most)]
     else:
+        index = np.arange(n)
+        mine = index >= bounds[0][which, None]
+        mine &= index < bounds[1][which, None]
+        gain = np.where(mine, gains[which], np.float32(0))
         # Stretches end at every few points: that is near enough, and quicker to sum.
-        starts = np.arange(0, n, COARSE)
-        blocks = np.add.reduceat(gain, starts, axis=1)
-        blocks -= GAP_COST * np.add.reduceat(mine, starts, axis=1, dtype=gain.dtype)
+        blocks = np.add.reduceat(gain, np.arange(0, n, COARSE), axis=1)
         if before is None:
             blocks = blocks[:, ::-1]
-        score = np.cumsum(blocks, axis=1).max(axis=1)
-        claim = np.greater(gain, SUPPORTS, out=mine) * score[:, None]
-        best = np.flatnonzero(np.bincount(claim.argmax(axis=0), minlength=len(which)))
-        best = best[np.argsort(-score[best], kind="stable")[:most]]
-    best = which[best[score[best] > 0]]
+        score = blocks.cumsum(axis=1).max(axis=1)
+        order = np.argsort(-score, kind="stable")
+        order = order[: max(np.count_nonzero(score > 0), 1)]
+        # Of the lines that explain a point the best one claims it.
+        claims = gain[order] > SUPPORTS - GAP_COST
+        winners = np.zeros(len(order), dtype=np.bool_)
+        winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
+        winners &= score[order] > 0
+        best = which[order[winners][:most]]
     ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
     return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]), *ends)
 

@@ -225,7 +225,7 @@ def refine(
         if outline is None:
             return None
         sides, corners, sigmas = outline.curves, outline.corners, outline.sigmas
-        limits = np.clip(CUT * sigmas, CUT * LEAST_NOISE, tolerance)
+        limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance)
         if count + 1 < len(widths):
             limits = np.full(len(sides), widths[count + 1] * tolerance)
         moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
@@ -245,9 +245,11 @@ def prior_weights(
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
-    variance = inflation * np.maximum(sigmas, LEAST_NOISE) ** 2
-    tight = (spread == 0) | ~curved[:, None]
-    weight[:, 2:] = np.where(tight, _STIFF, variance[:, None] / np.where(tight, 1.0, spread) ** 2)
+    variances = (inflation * np.maximum(sigmas, LEAST_NOISE) ** 2).tolist()
+    for own, variance, free, deviations in zip(
+        weight, variances, curved.tolist(), spread.tolist(), strict=True
+    ):
+        own[2:] = [variance / s**2 if free and s > 0 else _STIFF for s in deviations]
     return weight
 
 
@@ -262,48 +264,61 @@ def _round(
     shadows: bool,
 ) -> Outline | None:
     """Who owns which point, outliers, fits, corners."""
-    n, k = len(row.points), len(sides)
-    edges = np.concatenate(
-        ([0], np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]), [n])
-    )
-    sizes = np.diff(edges)
-    if sizes.min() < FEWEST:
+    cuts = np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]).tolist()
+    spans = list(pairwise((0, *cuts, len(row.points))))
+    if min(b - a for a, b in spans) < FEWEST:
         return None
-    owner = np.repeat(np.arange(k), sizes)
-    frames = np.array([(c.cx, c.cz, c.tx, c.tz, c.c0, c.c1, c.c2, c.c3) for c in sides])
-    cx, cz, tx, tz, c0, c1, c2, c3 = np.repeat(frames.T, sizes, axis=1)
-    x, z = row.points[:, 0] - cx, row.points[:, 1] - cz
-    s, d = x * tx + z * tz, x * tz - z * tx
-    scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * np.repeat(CUT / limits, sizes)
+    owner = np.repeat(np.arange(len(sides)), [b - a for a, b in spans])
+    # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
+    ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
+        [
+            (
+                c.tx,
+                c.tz,
+                c.cx * c.tx + c.cz * c.tz,
+                c.cx * c.tz - c.cz * c.tx,
+                c.c0,
+                c.c1,
+                c.c2,
+                c.c3,
+                CUT / limit,
+            )
+            for c, limit in zip(sides, limits.tolist(), strict=True)
+        ]
+    ).T.take(owner, axis=1)
+    x, z = row.points.T
+    s, d = x * ex + z * ez - es, x * ez - z * ex - ed
+    scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < CUT
     if shadows:
         keep = _unshadowed(scaled, keep)
 
     u = s / _UNIT
-    terms = np.empty((11, n))
+    terms = np.empty((11, len(u)))
     terms[0] = keep
     for j in range(6):
         np.multiply(terms[j], u, out=terms[j + 1])
     np.multiply(terms[:4], d, out=terms[7:])
-    sums = np.add.reduceat(terms, edges[:-1], axis=1)
-    if sums[0].min() < FEWEST:
+    sums = np.add.reduceat(terms, [a for a, _ in spans], axis=1)
+    counts = sums[0]
+    if counts.min() < FEWEST:
         return None
     equations = Equations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
     try:
         c, inverse = equations.solved(weight)
     except np.linalg.LinAlgError:
         return None
-    c0, c1, c2, c3 = np.repeat(c.T, sizes, axis=1)
+    c0, c1, c2, c3 = c.T.take(owner, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
-    sigmas = _sigmas(residuals, keep, edges)
-    c = c / POWERS
+    sigmas = _sigmas(residuals, keep, spans, counts)
     fitted = tuple(
-        Curve(f[0], f[1], f[2], f[3], *q) for f, q in zip(frames.tolist(), c.tolist(), strict=True)
+        Curve(f.cx, f.cz, f.tx, f.tz, *q)
+        for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
     )
     met = _corners(fitted)
     if met is None:
         return None
-    middles = tuple((_UNIT * sums[1] / sums[0]).tolist())
+    middles = tuple((_UNIT * sums[1] / counts).tolist())
     return Outline(
         fitted,
         met[1],
@@ -325,17 +340,20 @@ _HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
 _DIAGONAL: Final = np.arange(4)
 
 
-def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: Index) -> Array:
+def _sigmas(
+    residuals: Array, keep: NDArray[np.bool_], spans: list[tuple[int, int]], counts: Array
+) -> Array:
     """Robust standard deviation of each side's residuals, shape (k,)."""
-    found, counts = [], []
-    for a, b in pairwise(edges.tolist()):
-        r = np.abs(residuals[a:b][keep[a:b]])
-        half = len(r) // 2
-        found.append(_TO_SIGMA * float(np.partition(r, half)[half]))
-        counts.append(len(r))
-    sigma, count = np.array(found), np.array(counts)
-    pooled = (sigma * count).sum() / count.sum()
-    return np.asarray((count * sigma + LEANING * pooled) / (count + LEANING))
+    size = np.where(keep, np.abs(residuals), np.inf)
+    found = []
+    for (a, b), count in zip(spans, counts.tolist(), strict=True):
+        half = int(count) // 2
+        side = size[a:b]
+        side.partition(half)
+        found.append(_TO_SIGMA * float(side[half]))
+    sigma = np.array(found)
+    pooled = float(sigma @ counts) / float(counts.sum())
+    return np.asarray((counts * sigma + LEANING * pooled) / (counts + LEANING))
 
 
 def _corners(sides: tuple[Curve, ...]) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
@@ -352,9 +370,9 @@ def _corners(sides: tuple[Curve, ...]) -> tuple[Array, tuple[tuple[float, float]
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections behind it."""
-    behind = np.zeros(len(keep) + 2, dtype=np.int8)
-    behind[1:-1] = scaled > SHADOW
-    bounds = np.flatnonzero(np.diff(behind))
+    behind = np.zeros(len(keep) + 2, dtype=np.bool_)
+    np.greater(scaled, SHADOW, out=behind[1:-1])
+    bounds = (behind[1:] != behind[:-1]).nonzero()[0]
     outliers = np.zeros(len(keep) + 1, dtype=np.intp)
     np.cumsum(~keep, out=outliers[1:])
     first, last = bounds[::2], bounds[1::2]
