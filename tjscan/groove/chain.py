@@ -52,6 +52,9 @@ DISTINCT: Final = 1e-3
 RIVALS: Final = 3
 """Most chains looked at more closely."""
 
+MOST_RIVALS: Final = 150
+"""Most chains of which the distinct ones are sought."""
+
 RIVAL_MARGIN: Final = 12.0
 """By how many outliers a chain may be dearer than the cheapest and still be looked at."""
 
@@ -273,7 +276,7 @@ def _pool(
         met[i] = corner, turned
         with np.errstate(invalid="ignore"):
             keep &= (turned >= allowed.least) & (turned <= allowed.most)
-            keep &= np.isfinite(corner).all(axis=-1) & (corner[:, 1] > 0)
+            keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
         corner = np.where(keep[:, None], corner, 1.0)
         bounds[i] = np.searchsorted(u, bearing(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
@@ -358,20 +361,21 @@ def _cheapest(
             choices.append(total.argmin(axis=0))
             value = total.min(axis=0)
     constant = outside + float(layers[-1].paid[0, -1])
-    order = np.argsort(total, axis=None)[:150]
-    cheapest = float(total.flat[order[0]])
+    prices = total.ravel()
+    most = float(prices.min()) + RIVAL_MARGIN
+    likely = np.flatnonzero((prices <= most) & (prices < np.inf))
     found: list[Chain] = []
-    for flat in order:
-        price = float(total.flat[flat])
-        if not np.isfinite(price) or price > cheapest + RIVAL_MARGIN or len(found) == RIVALS:
-            break
+    for flat in likely[np.argsort(prices[likely], kind="stable")[:MOST_RIVALS]].tolist():
         chain = [int(v) for v in np.unravel_index(flat, total.shape)]
         for choice in reversed(choices):
             chain.insert(0, int(choice[chain[0], chain[1]]))
         corners = np.array([j.corner[chain[i], chain[i + 1]] for i, j in enumerate(joints)])
         if all(np.abs(corners - c.corners).max() > DISTINCT for c in found):
             inner = [_curve(layers[k], chain[k]) for k in range(1, len(chain) - 1)]
-            found.append(Chain((outer[0], *inner, outer[1]), corners, price + constant))
+            price = float(prices[flat]) + constant
+            found.append(Chain((outer[0], *inner, outer[1]), corners, price))
+            if len(found) == RIVALS:
+                break
     return found
 
 
@@ -396,25 +400,23 @@ def _meet_outer(
 ) -> tuple[Array, Array]:
     """Corners, (m, 2), and turns of an outer side with lines after it (or before it).
 
-    In the side's own coordinates a line is ``(s0 + r ts, d0 + r td)``; Newton's method finds s
-    where it meets the parabola.
+    In the side's own coordinates a line is ``(s0 + r ts, d0 + r td)``. It meets the parabola at
+    the root of a quadratic in s that is there for a straight side, too.
     """
     s0, d0 = outer.local(points)
     ts = directions @ np.array((outer.tx, outer.tz))
     td = directions @ np.array((outer.tz, -outer.tx))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = td / ts
-        s = s0
-        for _ in range(3):
-            height = outer.c0 + s * (outer.c1 + s * outer.c2)
-            s = s - (d0 + (s - s0) * slope - height) / (slope - outer.c1 - 2 * s * outer.c2)
+        b, c = outer.c1 - slope, outer.c0 - d0 + slope * s0
+        s = -2 * c / (b + np.copysign(np.sqrt(b * b - 4 * outer.c2 * c), b))
         height = outer.c0 + s * (outer.c1 + s * outer.c2)
         bent = np.arctan(outer.c1 + 2 * s * outer.c2)
-    x = outer.cx + s * outer.tx + height * outer.tz
-    z = outer.cz + s * outer.tz - height * outer.tx
-    # A direction at angle a against the chord turns the other way round in (s, d).
-    turned = np.arctan2(-td, ts) + bent
-    corner = np.stack((x, z), axis=-1)
+        corner = np.empty((len(s), 2))
+        corner[:, 0] = outer.cx + s * outer.tx + height * outer.tz
+        corner[:, 1] = outer.cz + s * outer.tz - height * outer.tx
+        # A direction at angle a against the chord turns the other way round in (s, d).
+        turned = np.arctan2(-td, ts) + bent
     return corner, turned if after else -turned
 
 

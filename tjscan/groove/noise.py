@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log, pi, sqrt
 from typing import Final
 
@@ -33,15 +34,9 @@ class Correlation:
     ----------
     lags : ndarray, shape (m,)
         Correlation of columns 0, 1, 2 … apart.
-    spectrum : ndarray
-        Its power spectrum over `size` columns, nowhere negative.
-    size : int
-        Columns, padded for a fast convolution.
     """
 
     lags: Array
-    spectrum: Array
-    size: int
 
     @property
     def inflation(self) -> float:
@@ -82,11 +77,7 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     for _ in range(3):
         width = _width(rho * (1 - lost) + lost)
         lost = lost_share(parameters, sqrt(pi) * width, len(scaled))
-    lags = np.exp(-((np.arange(LONGEST) / width) ** 2))
-    kernel = np.zeros(size)
-    kernel[:LONGEST] = lags
-    kernel[size - LONGEST + 1 :] = lags[:0:-1]
-    return Correlation(lags, np.maximum(np.fft.rfft(kernel).real, 0.0), size)
+    return Correlation(np.exp(-((np.arange(LONGEST) / width) ** 2)))
 
 
 def _width(rho: Array) -> float:
@@ -121,19 +112,39 @@ def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Ind
     -------
     ndarray, shape (k, p, p)
     """
-    k, p = int(owner[-1]) + 1, len(basis)
-    # Sides that are not neighbours share a row of columns: too far apart to correlate.
-    grid = np.zeros((2, p, noise.size))
-    grid[owner % 2, :, columns] = basis.T
-    smooth = np.fft.irfft(np.fft.rfft(grid) * noise.spectrum, n=noise.size)
-    smoothed = smooth[owner % 2, :, columns]
-    sums = [basis[:, owner == i] @ smoothed[owner == i] for i in range(k)]
-    return np.array(sums)
+    k = int(owner[-1]) + 1
+    edges = owner.searchsorted(np.arange(k + 1)).tolist()
+    sides = [columns[a:b] for a, b in pairwise(edges)]
+    first = [int(side.min()) for side in sides]
+    longest = max(int(side.max()) - start for side, start in zip(sides, first, strict=True)) + 1
+    size = next_fast_len(max(longest, LONGEST) + LONGEST, real=True)
+    grid = np.zeros((k, len(basis), size))
+    for own, side, start, (a, b) in zip(grid, sides, first, pairwise(edges), strict=True):
+        own[:, side - start] = basis[:, a:b]
+    # A sum over columns is one over frequencies (Parseval).
+    waves = np.fft.rfft(grid)
+    weight = _spectrum(noise.lags, size)
+    sums = (waves.real * weight) @ waves.real.transpose(0, 2, 1)
+    sums += (waves.imag * weight) @ waves.imag.transpose(0, 2, 1)
+    return np.asarray(sums)
 
 
 def correlated_squares(noise: Correlation, shares: Array, owner: Index, columns: Index) -> Array:
     """``h R hᵀ`` for each side, h being the shares of its points; arguments as above."""
-    grid = np.zeros((2, noise.size))
-    grid[owner % 2, columns] = shares
-    smooth = np.fft.irfft(np.fft.rfft(grid) * noise.spectrum, n=noise.size)
-    return np.asarray(np.bincount(owner, shares * smooth[owner % 2, columns]), dtype=np.float64)
+    return correlated_sums(noise, shares[None], owner, columns)[:, 0, 0]
+
+
+def _spectrum(lags: Array, size: int) -> Array:
+    """Power spectrum of a correlation over `size` columns, nowhere negative.
+
+    Of the frequencies of a real row all but the first, and the last of an even number, come in
+    pairs and count twice.
+    """
+    kernel = np.zeros(size)
+    kernel[: len(lags)] = lags
+    kernel[size - len(lags) + 1 :] = lags[:0:-1]
+    power = np.maximum(np.fft.rfft(kernel).real, 0.0) * (2 / size)
+    power[0] /= 2
+    if size % 2 == 0:
+        power[-1] /= 2
+    return np.asarray(power)
