@@ -366,7 +366,8 @@ def _cheapest(
     likely = np.flatnonzero((prices <= most) & (prices < np.inf))
     found: list[Chain] = []
     for flat in likely[np.argsort(prices[likely], kind="stable")[:MOST_RIVALS]].tolist():
-        chain = [int(v) for v in np.unravel_index(flat, total.shape)]
+        start, last = divmod(flat, total.shape[2])
+        chain = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
             chain.insert(0, int(choice[chain[0], chain[1]]))
         corners = np.array([j.corner[chain[i], chain[i + 1]] for i, j in enumerate(joints)])
@@ -445,6 +446,7 @@ def _fits(before: _Joint, after: _Joint, side: Side) -> NDArray[np.bool_]:
     span = after.place[None] - before.place[:, :, None]
     good = after.until[None] - before.since[:, :, None]
     gap = after.corner[None] - before.corner[:, :, None]
-    length = np.hypot(gap[..., 0], gap[..., 1])
-    fits = (span > 0) & (good >= FEWEST * 0.7) & (good >= LEAST_SHARE * span)
-    return np.asarray(fits & (length > side.shortest) & (length < side.longest))
+    square = (gap * gap).sum(axis=-1)
+    fits = (span > 0) & (good >= np.maximum(LEAST_SHARE * span, FEWEST * 0.7))
+    fits &= square > side.shortest**2
+    return np.asarray(fits & (square < side.longest**2))

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array, readonly
+from tjscan.frames import Array, readonly, unit
+from tjscan.groove.measures import measured
+
+PARALLEL: Final = 1e-3
+"""Sine of the angle between wall and leg below which they span no frame."""
 
 _ARRAYS = (
     "points_s",
@@ -142,88 +147,35 @@ def section_from_points(
         raise ValueError("a section needs five finite points, shape (5, 3), in the plane y = 0")
     v1 = points[1] - points[0] if wall_s is None else np.asarray(wall_s, dtype=float)
     v4 = points[4] - points[3] if leg_s is None else np.asarray(leg_s, dtype=float)
-    state = np.concatenate(
-        (points[1:4, [0, 2]].ravel(), [np.arctan2(v1[2], v1[0]), np.arctan2(v4[2], v4[0])])
-    )
-    angles = state[6:]
-    if abs(np.sin(angles[1] - angles[0])) < 1e-3:
+    wall, leg = unit(v1[[0, 2]]), unit(v4[[0, 2]])
+    if abs(wall[0] * leg[1] - wall[1] * leg[0]) < PARALLEL:
         raise GrooveNotFound(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )
+    found = measured(*points[1:4, [0, 2]].tolist(), wall.tolist(), leg.tolist())
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
-    # Central differences: steps of a micrometre and a microradian lie deep in the linear range.
-    step = 1e-6
-    around = np.concatenate((np.zeros((1, 8)), np.eye(8), -np.eye(8)))
-    all_values, all_origins, all_gammas = _measures(state + step * around)
-    values, origin, gammas = all_values[0], all_origins[0], all_gammas[0]
-    jacobian = (all_values[1:9] - all_values[9:]).T / (2 * step)
-
-    c, s = np.cos(angles), np.sin(angles)
-    y_g = np.array([-c[0], 0.0, -s[0]])
-    sign = np.sign(s[1] * c[0] - c[1] * s[0])  # y component of v4 x v1
-    T = np.eye(4)
-    T[:3, 0] = (0.0, sign, 0.0)
-    T[:3, 1] = y_g
-    T[:3, 2] = (sign * y_g[2], 0.0, -sign * y_g[0])
-    T[:3, 3] = (origin[0], 0.0, origin[1])
+    (wx, wz), sign = wall.tolist(), found.sign
+    T = np.array(
+        [
+            (0.0, -wx, -sign * wz, found.origin[0]),
+            (sign, 0.0, 0.0, 0.0),
+            (0.0, -wz, sign * wx, found.origin[1]),
+            (0.0, 0.0, 0.0, 1.0),
+        ]
+    )
     return GrooveSection(
         points,
-        np.array([c[0], 0.0, s[0]]),
-        np.array([c[1], 0.0, s[1]]),
+        np.array([wx, 0.0, wz]),
+        np.array([leg[0], 0.0, leg[1]]),
         T,
-        float(values[0]),
-        float(gammas[0]),
-        float(gammas[1]),
-        float(values[1]),
-        float(values[2]),
-        float(values[3]),
+        found.gamma_1 + found.gamma_2,
+        found.gamma_1,
+        found.gamma_2,
+        found.width,
+        found.depth,
+        found.area,
         float(rms),
         covariance[:6, :6],
         covariance[6:, 6:],
-        jacobian @ covariance @ jacobian.T,
+        found.jacobian @ covariance @ found.jacobian.T,
     )
-
-
-def _measures(state: Array) -> tuple[Array, Array, Array]:
-    """Measures from corners and tangents.
-
-    Parameters
-    ----------
-    state : ndarray, shape (..., 8)
-        x and z of p2, p3, p4; angles of the wall's tangent (down) and the leg's (out).
-
-    Returns
-    -------
-    values : ndarray, shape (..., 4)
-        Opening angle, root width, depth, area.
-    origin : ndarray, shape (..., 2)
-        x and z of the origin of g.
-    gammas : ndarray, shape (..., 2)
-        gamma_1 and gamma_2.
-    """
-    p2, p3, p4 = state[..., 0:2], state[..., 2:4], state[..., 4:6]
-    wall = np.stack((np.cos(state[..., 6]), np.sin(state[..., 6])), axis=-1)
-    leg = np.stack((np.cos(state[..., 7]), np.sin(state[..., 7])), axis=-1)
-    between = p4 - p2
-    along = _cross(between, leg) / _cross(wall, leg)
-    origin = p2 + along[..., None] * wall
-    y = -wall
-    # z_g = x_g x y_g lies in the plane, square to the wall, on the side v4 points to.
-    sign = np.sign(_cross(wall, leg))
-    z = sign[..., None] * np.stack((-wall[..., 1], wall[..., 0]), axis=-1)
-    up = p2 - p3
-    gamma_1 = np.arctan2(_inner(up, y), _inner(up, z))
-    gamma_2 = np.arctan2(-_inner(leg, y), _inner(leg, z))
-    width = np.hypot(*np.moveaxis(p4 - p3, -1, 0))
-    depth = _inner(p2 - 0.5 * (p3 + p4), z)
-    area = 0.5 * np.abs(_cross(p3 - origin, p4 - p2))
-    values = np.stack((gamma_1 + gamma_2, width, depth, area), axis=-1)
-    return values, origin, np.stack((gamma_1, gamma_2), axis=-1)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
-def _inner(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])

@@ -68,10 +68,13 @@ class Segments:
     def local(self, points: Array) -> tuple[Array, Array]:
         """Coordinates of points, shape (n, 2), along and away from each chord, (m, n) each."""
         t = self.direction
-        n = normals(t)
         s = t @ points.T - (t * self.centre).sum(axis=1)[:, None]
-        d = n @ points.T - (n * self.centre).sum(axis=1)[:, None]
-        return s, d
+        return s, self.away(points)
+
+    def away(self, points: Array) -> Array:
+        """Distances of points, shape (n, 2), behind each chord, (m, n)."""
+        n = normals(self.direction)
+        return np.asarray(n @ points.T - (n * self.centre).sum(axis=1)[:, None])
 
     def inside(self, count: int) -> NDArray[np.bool_]:
         """Which of `count` points lie within each stretch, shape (m, count)."""
@@ -81,7 +84,10 @@ class Segments:
 
 def normals(directions: Array) -> Array:
     """Unit normals, shape (..., 2), on the far side of directions that go from wall to leg."""
-    return np.stack((directions[..., 1], -directions[..., 0]), axis=-1)
+    found = np.empty_like(directions)
+    found[..., 0] = directions[..., 1]
+    np.negative(directions[..., 0], out=found[..., 1])
+    return found
 
 
 def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
@@ -148,11 +154,11 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segme
     x, z = (points - origin).T
     sums = np.zeros((5, n + 1))
     np.cumsum((x, z, x * x, x * z, z * z), axis=1, out=sums[:, 1:])
-    first = np.concatenate([np.arange(0, max(n - k + 1, 0), k // 2) for k in windows])
     counts = [len(range(0, n - k + 1, k // 2)) for k in windows]
     count = np.repeat(windows, counts)
+    first = np.concatenate([np.arange(m) for m in counts]) * (count // 2)
     last = first + count
-    mx, mz, xx, xz, zz = (sums[:, last] - sums[:, first]) / count
+    mx, mz, xx, xz, zz = (sums.take(last, axis=1) - sums.take(first, axis=1)) / count
     xx, xz, zz = xx - mx * mx, xz - mx * mz, zz - mz * mz
     # The smaller eigenvalue of the scatter: mean square distance from the best line.
     half, apart = 0.5 * (xx + zz), np.hypot(0.5 * (xx - zz), xz)
@@ -170,14 +176,16 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segme
         covered = longer[j // 2 + 1] | (longer[j // 2] & (j % 2 == 0))
         new[mine] &= ~covered
         good[mine] |= covered
-    mx, mz, xx, xz, zz, first, last = (v[new] for v in (mx, mz, xx, xz, zz, first, last))
+    mx, mz, xx, xz, zz = np.array((mx, mz, xx, xz, zz))[:, new]
+    first, last = first[new], last[new]
     angle = 0.5 * np.arctan2(2 * xz, xx - zz)
-    direction = np.column_stack((np.cos(angle), np.sin(angle)))
+    m = len(first)
+    direction, centre = np.empty((m, 2)), np.empty((m, 2))
+    direction[:, 0], direction[:, 1] = np.cos(angle), np.sin(angle)
     along = ((points[last - 1] - points[first]) * direction).sum(axis=1)
     direction[along < 0] *= -1
-    m = len(first)
     nothing = np.zeros(m, dtype=np.intp)
-    centre = np.column_stack((mx, mz)) + origin
+    centre[:, 0], centre[:, 1] = mx + origin[0], mz + origin[1]
     return Segments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
@@ -188,15 +196,19 @@ def _stretched(
 
     Returns the gains of all points too, shape (m, n): one on the segment, `-gap_cost` off it.
     """
-    s, d = segments.local(row)
     if segments.curve.any():
+        s, d = segments.local(row)
         c0, c1, c2 = segments.curve.T[:, :, None]
         d -= c0 + s * (c1 + s * c2)
-    d *= 1 / tolerance
-    gain = 1 - d * d
+    else:
+        d = segments.away(row)
+    gain = d * d
+    gain *= -1 / tolerance**2
+    gain += 1
     np.maximum(gain, -gap_cost, out=gain)
-    total = np.cumsum(gain, axis=1)
-    lowest = np.minimum(np.minimum.accumulate(total, axis=1), 0)
+    total = gain.cumsum(axis=1)
+    lowest = np.minimum.accumulate(total, axis=1)
+    np.minimum(lowest, 0, out=lowest)
     rows = np.arange(len(gain))
     last = (total - lowest).argmax(axis=1)
     below = lowest[rows, last]

@@ -74,7 +74,10 @@ def _coefficient_covariances(
     """
     keep = outline.keep
     u = outline.along[keep] / POWERS[1]
-    basis = np.stack((np.ones_like(u), u, u * u, u * u * u))
+    basis = np.empty((4, len(u)))
+    basis[0], basis[1] = 1.0, u
+    np.multiply(u, u, out=basis[2])
+    np.multiply(basis[2], u, out=basis[3])
     meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
     meat *= noise_variances(outline, noise)[:, None, None]
     bends = spread[:, 0] > 0
