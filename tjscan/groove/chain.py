@@ -342,7 +342,7 @@ def _cheapest(
     outside: float,
 ) -> list[Chain]:
     """Dynamic programming over the layers; `total` keeps the last three of a chain apart."""
-    low, high = region.min(axis=0) - AWAY, region.max(axis=0) + AWAY
+    box = (region.min(axis=0) - AWAY).tolist(), (region.max(axis=0) + AWAY).tolist()
     joints = []
     for k, bounds in enumerate(model.turns):
         a, b = layers[k], layers[k + 1]
@@ -352,7 +352,7 @@ def _cheapest(
             corner, turned = a.after[0][:, None], a.after[1][:, None]
         else:
             corner, turned = _meet(a, b)
-        joints.append(_joint(a, b, corner, turned, bounds, u, (low, high)))
+        joints.append(_joint(a, b, corner, turned, bounds, u, box))
     value, choices = joints[0].pay, []
     for k in range(1, len(joints)):
         fits = _fits(joints[k - 1], joints[k], model.sides[k])
@@ -428,14 +428,15 @@ def _joint(
     turned: Array,
     bounds: Turn,
     u: Array,
-    box: tuple[Array, Array],
+    box: tuple[list[float], list[float]],
 ) -> _Joint:
     """What each pair of neighbours pays; infinite where they can't be neighbours."""
     with np.errstate(invalid="ignore"):
         allowed = (turned >= bounds.least) & (turned <= bounds.most)
-        allowed &= ((corner > box[0]) & (corner < box[1])).all(axis=-1)
+        for axis, low, high in zip((0, 1), *box, strict=True):
+            allowed &= (corner[..., axis] > low) & (corner[..., axis] < high)
     corner = np.where(allowed[..., None], corner, 1.0)
-    place = np.searchsorted(u, bearing(corner))
+    place = u.searchsorted(bearing(corner))
     i, j = np.arange(len(a.paid))[:, None], np.arange(len(b.paid))[None]
     pay = np.where(allowed, a.paid[i, place] - b.paid[j, place], np.inf)
     return _Joint(corner, place, pay, a.support[i, place], b.support[j, place])
@@ -446,7 +447,7 @@ def _fits(before: _Joint, after: _Joint, side: Side) -> NDArray[np.bool_]:
     span = after.place[None] - before.place[:, :, None]
     good = after.until[None] - before.since[:, :, None]
     gap = after.corner[None] - before.corner[:, :, None]
-    square = (gap * gap).sum(axis=-1)
+    square = gap[..., 0] ** 2 + gap[..., 1] ** 2
     fits = (span > 0) & (good >= np.maximum(LEAST_SHARE * span, FEWEST * 0.7))
     fits &= square > side.shortest**2
     return np.asarray(fits & (square < side.longest**2))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import hypot
-from typing import Final
+from math import hypot, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,7 @@ _PARALLEL: Final = 1e-3  # sine below which two sides do not meet
 _SETTLED: Final = 1e-10  # metres
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
+class Curve(NamedTuple):
     """``centre + s direction + (c0 + c1 s + c2 s² + c3 s³) normal``, in metres, plain numbers.
 
     The direction runs from the wall to the leg, the normal (tz, -tx) away from the sensor.
@@ -68,9 +66,19 @@ class Curve:
 
     def rebased(self, s: float) -> Curve:
         """Nearly the same curve over its tangent at s."""
-        _, slope = self.height(s)
-        bend = (self.c2 + 3 * s * self.c3) / (1 + slope * slope) ** 1.5
-        return Curve(*self.at(s), *self.tangent(s), 0.0, 0.0, bend, self.c3)
+        q, slope = self.height(s)
+        square = 1 + slope * slope
+        scale = 1 / sqrt(square)
+        return Curve(
+            self.cx + s * self.tx + q * self.tz,
+            self.cz + s * self.tz - q * self.tx,
+            (self.tx + slope * self.tz) * scale,
+            (self.tz - slope * self.tx) * scale,
+            0.0,
+            0.0,
+            (self.c2 + 3 * s * self.c3) / (square * sqrt(square)),
+            self.c3,
+        )
 
 
 def meet(a: Curve, b: Curve, start: float) -> tuple[float, float] | None:
@@ -78,14 +86,16 @@ def meet(a: Curve, b: Curve, start: float) -> tuple[float, float] | None:
 
     None where they do not meet near enough to say.
     """
-    rx, rz = a.cx - b.cx, a.cz - b.cz
-    along, away = rx * b.tx + rz * b.tz, rx * b.tz - rz * b.tx
-    cos, sin = a.tx * b.tx + a.tz * b.tz, a.tx * b.tz - a.tz * b.tx
+    ax, az, atx, atz, a0, a1, a2, a3 = a
+    bx, bz, btx, btz, b0, b1, b2, b3 = b
+    rx, rz = ax - bx, az - bz
+    along, away = rx * btx + rz * btz, rx * btz - rz * btx
+    cos, sin = atx * btx + atz * btz, atx * btz - atz * btx
     s = start
     for _ in range(12):
-        q, dq = a.height(s)
+        q, dq = a0 + s * (a1 + s * (a2 + s * a3)), a1 + s * (2 * a2 + 3 * s * a3)
         sb = along + s * cos - q * sin
-        qb, dqb = b.height(sb)
+        qb, dqb = b0 + sb * (b1 + sb * (b2 + sb * b3)), b1 + sb * (2 * b2 + 3 * sb * b3)
         slope = sin + dq * cos - dqb * (cos - dq * sin)
         if abs(slope) < _PARALLEL:
             return None

@@ -141,6 +141,8 @@ class Outline:
         Inverses of their matrices with the prior, in powers of s / 20 mm.
     weight : ndarray, shape (k, 4)
         What the prior added to their diagonals.
+    counts : ndarray, shape (k,)
+        Number of points that each side's fit rests on.
     middles : tuple of float
         Mean s of the points that each side's fit rests on.
     noise : Correlation, optional
@@ -161,6 +163,7 @@ class Outline:
     equations: Equations
     inverse: Array
     weight: Array
+    counts: Index
     middles: tuple[float, ...]
     noise: Correlation | None = None
     straight: Array | None = None
@@ -175,11 +178,6 @@ class Outline:
         """Share of each side's points that the fit rests on, shape (k,)."""
         k = len(self.curves)
         return np.asarray(self.counts / np.bincount(self.owner, minlength=k))
-
-    @property
-    def counts(self) -> Index:
-        """Number of points that each side's fit rests on, shape (k,)."""
-        return np.bincount(self.owner[self.keep], minlength=len(self.curves))
 
 
 def refine(
@@ -272,18 +270,8 @@ def _round(
     # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
     ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
         [
-            (
-                c.tx,
-                c.tz,
-                c.cx * c.tx + c.cz * c.tz,
-                c.cx * c.tz - c.cz * c.tx,
-                c.c0,
-                c.c1,
-                c.c2,
-                c.c3,
-                CUT / limit,
-            )
-            for c, limit in zip(sides, limits.tolist(), strict=True)
+            (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, CUT / limit)
+            for (cx, cz, tx, tz, *coefficients), limit in zip(sides, limits.tolist(), strict=True)
         ]
     ).T.take(owner, axis=1)
     x, z = row.points.T
@@ -312,8 +300,7 @@ def _round(
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, spans, counts)
     fitted = tuple(
-        Curve(f.cx, f.cz, f.tx, f.tz, *q)
-        for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
+        Curve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
     )
     met = _corners(fitted)
     if met is None:
@@ -332,6 +319,7 @@ def _round(
         equations,
         inverse,
         weight,
+        counts.astype(np.intp),
         middles,
     )
 
