@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array, rot_y
+from tjscan.groove.measures import Measures, measured
 from tjscan.groove.section import section_from_points
 
 ROUNDING = 1e-12
@@ -32,6 +33,28 @@ def test_frame_g_has_the_papers_axes() -> None:
     v1, v4 = DRAWN[1] - DRAWN[0], DRAWN[4] - DRAWN[3]
     across = np.cross(v4, v1)
     np.testing.assert_allclose(T[:3, 0], across / np.linalg.norm(across), atol=ROUNDING)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 100_000))
+def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    corners = np.array(DRAWN)[1:4, [0, 2]] + random.uniform(-2e-3, 2e-3, (3, 2))
+    tangents = np.array((np.pi, -0.75 * np.pi)) + random.uniform(-0.3, 0.3, 2)
+    state = np.concatenate((corners.ravel(), tangents))
+
+    def at(values: Array) -> Measures:
+        p2, p3, p4 = values[:6].reshape(3, 2).tolist()
+        wall, leg = ((float(np.cos(a)), float(np.sin(a))) for a in values[6:])
+        return measured(p2, p3, p4, wall, leg)
+
+    def numbers(values: Array) -> Array:
+        found = at(values)
+        return np.array([found.gamma_1 + found.gamma_2, found.width, found.depth, found.area])
+
+    step = 1e-6  # a micrometre and a microradian: deep in the linear range
+    slopes = [(numbers(state + e) - numbers(state - e)) / (2 * step) for e in step * np.eye(8)]
+    np.testing.assert_allclose(np.array(slopes).T, at(state).jacobian, rtol=1e-6, atol=1e-8)
 
 
 def test_known_measures() -> None:

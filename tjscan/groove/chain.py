@@ -46,6 +46,9 @@ FEWEST: Final = 4
 LEAST_SHARE: Final = 0.12
 """Share of an inner side's points that must support it."""
 
+NEIGHBOURS: Final = 4
+"""Points on either side of one that tell, with it, whether it lies on a side."""
+
 DISTINCT: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
@@ -199,8 +202,11 @@ def best_chains(
 
 def _end_of(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
-    dense = np.convolve(support, np.ones(9), mode="same") >= 5
-    where = np.flatnonzero(dense)
+    total = np.zeros(len(support) + 1 + 2 * NEIGHBOURS, dtype=np.intp)
+    support.cumsum(out=total[NEIGHBOURS + 1 : len(total) - NEIGHBOURS])
+    total[len(total) - NEIGHBOURS :] = total[len(total) - NEIGHBOURS - 1]
+    dense = total[2 * NEIGHBOURS + 1 :] - total[: len(support)] > NEIGHBOURS
+    where = dense.nonzero()[0]
     return int(where[-1]) + 1 if len(where) else 0
 
 

@@ -38,7 +38,7 @@ class Effort:
     pool: int
 
 
-_COARSE, _FINE = (48, 24, 12), (48, 24, 12, 6)
+_COARSE, _FINE = (48, 24), (48, 24, 12, 6)
 
 EFFORTS: Final = (
     Effort(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),

@@ -114,13 +114,12 @@ def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Ind
     """
     k = int(owner[-1]) + 1
     edges = owner.searchsorted(np.arange(k + 1)).tolist()
-    sides = [columns[a:b] for a, b in pairwise(edges)]
-    first = [int(side.min()) for side in sides]
-    longest = max(int(side.max()) - start for side, start in zip(sides, first, strict=True)) + 1
+    first = np.minimum.reduceat(columns, edges[:-1])
+    longest = int((np.maximum.reduceat(columns, edges[:-1]) - first).max()) + 1
     size = next_fast_len(max(longest, LONGEST) + LONGEST, real=True)
     grid = np.zeros((k, len(basis), size))
-    for own, side, start, (a, b) in zip(grid, sides, first, pairwise(edges), strict=True):
-        own[:, side - start] = basis[:, a:b]
+    for own, start, (a, b) in zip(grid, first.tolist(), pairwise(edges), strict=True):
+        own[:, columns[a:b] - start] = basis[:, a:b]
     # A sum over columns is one over frequencies (Parseval).
     waves = np.fft.rfft(grid)
     weight = _spectrum(noise.lags, size)

@@ -46,7 +46,7 @@ LEANING: Final = 20
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 0.6
+SETTLED: Final = 1.0
 """Corners that move less from one round to the next are final, in standard deviations."""
 
 MOST_ROUNDS: Final = 10
@@ -105,8 +105,8 @@ class Equations:
 
     def solved(self, weight: Array) -> tuple[Array, Array]:
         """Coefficients (k, 4) and inverses (k, 4, 4), with `weight` (k, 4) on the diagonals."""
-        matrix = self.matrix.copy()
-        matrix[:, _DIAGONAL, _DIAGONAL] += weight
+        matrix = self.matrix.copy(order="C")
+        matrix.reshape(len(matrix), -1)[:, ::5] += weight
         inverse = np.linalg.inv(matrix)
         return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
@@ -299,9 +299,7 @@ def _round(
     c0, c1, c2, c3 = c.T.take(owner, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, spans, counts)
-    fitted = tuple(
-        Curve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
-    )
+    fitted = tuple(Curve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True))
     met = _corners(fitted)
     if met is None:
         return None
@@ -325,7 +323,6 @@ def _round(
 
 
 _HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
-_DIAGONAL: Final = np.arange(4)
 
 
 def _sigmas(

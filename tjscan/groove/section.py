@@ -152,7 +152,8 @@ def section_from_points(
         raise GrooveNotFound(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )
-    found = measured(*points[1:4, [0, 2]].tolist(), wall.tolist(), leg.tolist())
+    p2, p3, p4 = points[1:4, [0, 2]].tolist()
+    found = measured(p2, p3, p4, wall.tolist(), leg.tolist())
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
     (wx, wz), sign = wall.tolist(), found.sign
     T = np.array(

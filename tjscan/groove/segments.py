@@ -151,9 +151,11 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segme
     """
     n = len(points)
     origin = points.mean(axis=0)
-    x, z = (points - origin).T
-    sums = np.zeros((5, n + 1))
-    np.cumsum((x, z, x * x, x * z, z * z), axis=1, out=sums[:, 1:])
+    terms, sums = np.empty((5, n)), np.zeros((5, n + 1))
+    np.subtract(points.T, origin[:, None], out=terms[:2])
+    np.multiply(terms[0], terms[:2], out=terms[2:4])
+    np.multiply(terms[1], terms[1], out=terms[4])
+    np.cumsum(terms, axis=1, out=sums[:, 1:])
     counts = [len(range(0, n - k + 1, k // 2)) for k in windows]
     count = np.repeat(windows, counts)
     first = np.concatenate([np.arange(m) for m in counts]) * (count // 2)
@@ -224,15 +226,17 @@ def _spread(segments: Segments, gain: Array, most: int) -> Segments:
     Lines along a curved side are many and each is the best somewhere: they must not crowd out
     a short side.
     """
-    left = np.where(segments.inside(gain.shape[1]), np.maximum(gain, 0), 0)
+    left = np.maximum(gain, 0)
+    left *= segments.inside(gain.shape[1])
+    every = np.ones(gain.shape[1])
     chosen: list[int] = []
     while len(chosen) < most:
-        worth = left.sum(axis=1)
+        worth = left @ every
         best = int(worth.argmax())
         if chosen and worth[best] < LEAST_GAIN:
             break
         chosen.append(best)
-        left[:, left[best] > 0] = 0
+        left *= left[best] <= 0
     return segments.take(np.array(chosen, dtype=np.intp))
 
 
