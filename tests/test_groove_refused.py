@@ -38,6 +38,18 @@ def test_few_points_are_refused(count: int) -> None:
     assert refusal(Profile(x, z)).reason == "too few points"
 
 
+def test_zeros_that_stand_for_no_point_are_none() -> None:
+    profile = draw(Groove(), NOISE)
+    hidden = np.arange(640) % 5 == 0
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    x[hidden] = z[hidden] = np.nan
+    there = find_groove(Profile(x, z))
+    for x_0, z_0 in ((0.0, 0.0), (0.01, 0.0), (0.01, -0.1)):
+        x[hidden], z[hidden] = x_0, z_0
+        np.testing.assert_array_equal(find_groove(Profile(x, z)).points_s, there.points_s)
+    assert refusal(Profile(profile.x_s, np.zeros(640))).reason == "too few points"
+
+
 def test_an_empty_profile_is_refused() -> None:
     assert refusal(Profile(np.empty(0), np.empty(0))).reason == "too few points"
 

@@ -100,7 +100,8 @@ def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> No
 
 def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
     """Find the most likely outline that its points bear out, however uncertain its corners."""
-    valid = profile.valid
+    # Many sensors write a zero where they see nothing; and nothing is seen behind them.
+    valid = profile.valid & (profile.z_s > 0)
     points = np.empty((np.count_nonzero(valid), 2))
     points[:, 0], points[:, 1] = profile.x_s[valid], profile.z_s[valid]
     if len(points) < settings.minimum_points:
