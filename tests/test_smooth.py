@@ -14,11 +14,13 @@ from tjscan.errors import TubesNotFound
 from tjscan.frames import Array, inverse, pose, rotation_angle
 from tjscan.scanning import smooth
 from tjscan.scanning.correction import correct
+from tjscan.scanning.guard import check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.skip import Skip, deviation
 from tjscan.scanning.smooth import smooth_predictor
+from tjscan.scanning.stride import Stride
 from tjscan.scanning.target import Direction
 
 JOINTS = pytest.mark.parametrize(
@@ -217,3 +219,31 @@ def squeezed(scan: Scan) -> Scan:
     azimuth = np.arctan2(scan.T_b_g[1, 3], scan.T_b_g[0, 3])
     out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
     return moved_by(pose(p=2.3e-3 * np.cos(2 * azimuth) * out), scan)
+
+
+def test_a_section_that_was_misread_is_not_believed() -> None:
+    # The wall's tangent 8° off, and p2 with it by 1.5 mm: the reader took a shadow for the wall.
+    world = seam(noise=Noise())
+    scans = walk_of(world, 0.02, 9)
+    groove = scans[4].groove
+    c, s = np.cos(radians(8)), np.sin(radians(8))
+    turn = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))
+    points = groove.points_s.copy()
+    points[1] += 1.5e-3 * turn @ groove.T_s_g[:3, 2]
+    wrong = replace(groove, wall_s=turn @ groove.wall_s, points_s=points)
+    seen = [*scans[:4], replace(scans[4], groove=wrong), *scans[5:8]]
+    predictor = smooth_predictor(world.plan)
+    off, _ = misses(predictor(seen, 0.02), scans[8])
+    assert off < 0.4e-3
+
+
+def test_two_sections_of_which_one_was_misread_lead_nowhere_wild() -> None:
+    world = seam(noise=Noise())
+    scans = walk_of(world, 0.02, 3)
+    for degrees in (-40, -20, 20, 40):
+        c, s = np.cos(radians(degrees)), np.sin(radians(degrees))
+        turn = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))
+        wrong = replace(scans[1].groove, wall_s=turn @ scans[1].groove.wall_s)
+        seen = [scans[0], replace(scans[1], groove=wrong)]
+        ahead = smooth_predictor(world.plan)(seen, 0.02)
+        check_set_point(ahead, Stride(seen[1], ahead.T_b_t[:3, 3], 0.02), world.plan)

@@ -39,6 +39,11 @@ OUT_OF_LINE: Final = radians(0.15)
 WAVE: Final = 0.15
 """Metres along the groove over which it does."""
 
+MISREAD: Final = 5.0
+"""Standard deviations from its neighbours' word by which no true reading lies."""
+REVISIONS: Final = 3
+"""How often the rest is asked again."""
+
 STARTS: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing tells it beforehand."""
 TOGETHER: Final = 4
@@ -156,6 +161,15 @@ class Seam:
         bent = cross(d_1, n_2) + cross(n_1, d_2)
         return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
 
+    def off_its_neighbours(self) -> tuple[Array, Array]:
+        """How far each of `left` is from what the others make expected, shape (6, n).
+
+        Also the standard deviations that this should have.
+        """
+        precision = np.swapaxes(self.whiten, 1, 2) @ self.whiten
+        own = np.diagonal(precision, axis1=1, axis2=2)
+        return np.einsum("cmn,cn->cm", precision, self.left) / own, 1 / np.sqrt(own)
+
     def left_at(self, at: float) -> tuple[Array, Array, Array]:
         """What the tubes will leave at a place along the groove (metres).
 
@@ -190,14 +204,28 @@ def fit_seam(track: Track) -> Seam:
     -----
     The sections' distances and slopes from the walls are Gaussian with the sections' own
     variances on the diagonal and, along the groove, the covariance of a smooth random function:
-    real tubes are not quite round.
+    real tubes are not quite round. What then lies far from where its neighbours would have it was
+    misread, and is believed to no more than that.
     """
+    sigmas = track.sigmas
+    seam = _fit(track, sigmas)
+    for _ in range(REVISIONS):
+        off, expected = seam.off_its_neighbours()
+        misread = np.abs(off) > MISREAD * expected
+        if not misread.any():
+            break
+        sigmas = np.where(misread, np.abs(off), sigmas)
+        seam = _fit(track, sigmas)
+    return seam
+
+
+def _fit(track: Track, sigmas: Array) -> Seam:
     bases = _bases(track)
     between = track.along[:, None] - track.along
     whiten = np.array(
         [
             np.linalg.inv(np.linalg.cholesky(matern(between, a, WAVE) + np.diag(s**2)))
-            for a, s in zip(_LEAVES, track.sigmas, strict=True)
+            for a, s in zip(_LEAVES, sigmas, strict=True)
         ]
     )
 

@@ -10,14 +10,16 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import TubesNotFound
+from tjscan.errors import SetPointRefused, TubesNotFound
 from tjscan.frames import Array, pose
 from tjscan.scanning.ahead import Ahead
+from tjscan.scanning.guard import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.seam import fit_seam
 from tjscan.scanning.set_point import Predictor, SetPoint
+from tjscan.scanning.stride import Stride
 from tjscan.scanning.target import Direction
 from tjscan.scanning.track import Track, track_of
 
@@ -41,8 +43,8 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
 
     Notes
     -----
-    Where no such section is found, the prediction is that of the paper's case 3, which tells no
-    covariance.
+    Where no such section is found, or only where none can be (two sections, one of them misread),
+    the prediction is that of the paper's case 3, which tells no covariance.
     """
     otherwise = paper_predictor(CASES[3], plan.direction)
 
@@ -56,9 +58,11 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
             covariance = ahead.covariance(section, _R_b_s(ideal))
             slack = _slack(plan, covariance, track, step)
             _, lagging = _settle(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
-        except (TubesNotFound, np.linalg.LinAlgError):
+            to = replace(lagging, covariance=covariance, straight=False)
+            check_set_point(to, Stride(last, lagging.T_b_t[:3, 3], step), plan)
+        except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
             return otherwise(sections, step)
-        return replace(lagging, covariance=covariance, straight=False)
+        return to
 
     return predictor
 
