@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.comparison.alignment import LEAST_FITNESS, REACH, Alignment
+from tjscan.comparison.alignment import LEAST_FITNESS, NOISE_FLOOR, REACH, Alignment
 from tjscan.comparison.distance import cloud_distances
 from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.comparison.surface import SurfaceDistance
@@ -78,10 +78,12 @@ def align_joints(measured: Shape, reference: Shape, surface: SurfaceDistance | N
             "these are two different joints, or one of them was not seen well enough"
         )
     T = turns[chosen]
-    residual = float(np.sqrt(np.mean(off[chosen][near] ** 2)))
+    width = 3 * max(1.4826 * float(np.median(off[chosen][near])), NOISE_FLOOR)
+    held = off[chosen] < width
+    residual = float(np.sqrt(np.mean(off[chosen][held] ** 2)))
     moved = float(np.sqrt(np.mean(np.sum((transform(T, points) - points) ** 2, axis=1))))
     note = "" if clear else "half a turn about the brace fits as well: azimuths may be off by 180°"
-    return Alignment("joint", T, float(near.mean()), residual, 0, moved, note)
+    return Alignment("joint", T, float(held.mean()), residual, 0, moved, note)
 
 
 def _frame_of(shape: Shape) -> JointFrame | None:

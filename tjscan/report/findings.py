@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.report.material import Material
+from tjscan.report.stations import stitching_findings
 
 GAP: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
@@ -24,6 +25,16 @@ def findings(material: Material) -> Iterator[str]:
     summary = material.summary
     if not summary.complete:
         yield f"The scan is not complete: {summary.detail}."
+    if material.stitching is not None:
+        yield from stitching_findings(material.stitching)
+        missing = {one.name for one in material.stitching.stations} - {
+            place.name for place in material.places
+        }
+        if missing:
+            yield (
+                f"The recordings of {', '.join(sorted(missing))} are not there any more: their "
+                "profiles, events and calibration are not in this report."
+            )
     yield from material.caveats
     if material.comparison is not None:
         yield from _compared(material)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from tjscan.calibration.file import CalibrationFile, read_calibration
-from tjscan.comparison.compare import Comparison, compare
+from tjscan.comparison.compare import Align, Comparison, compare
 from tjscan.comparison.shapes import Shape
 from tjscan.errors import ComparisonRefused, ConfigurationError
 from tjscan.frames import Array
@@ -16,11 +18,15 @@ from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.log import RunLog, read_log
+from tjscan.report.stations import read_stitching, station_folders
 from tjscan.result.directory import CALIBRATION, JOB, JOINT
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import read_sections
 from tjscan.result.shapes import SECTIONS, SUMMARY, read_run_shape, read_shape
 from tjscan.result.summary import Summary, read_summary
+from tjscan.stitching.told import ToldStitching
+
+RECORDING: Final = "scan.mcap"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +77,8 @@ class Material:
         The joint as designed, where the run names one and stands in its frame.
     comparison : Comparison or None
         With the joint as designed, or with another reference.
+    stitching : ToldStitching or None
+        How its stations were stitched; None for a scan from one place.
     caveats : tuple of str
         What could not be done.
     """
@@ -82,6 +90,7 @@ class Material:
     places: tuple[Place, ...]
     joint: JointDefinition | None
     comparison: Comparison | None
+    stitching: ToldStitching | None
     caveats: tuple[str, ...]
 
     @property
@@ -100,8 +109,8 @@ class Material:
 
     def place_of(self, section: MeasuredSection) -> Place | None:
         """Where a section was scanned from, the first where it was several; None if not there."""
-        names = section.station.split("+")
-        return next((place for place in self.places if place.name in names), None)
+        first = section.station.split("+")[0]  # which the section's number is of
+        return next((place for place in self.places if place.name == first), None)
 
 
 def gather(
@@ -128,51 +137,53 @@ def gather(
     summary = read_summary(directory / SUMMARY)
     sections = read_sections(directory / SECTIONS)
     shape = read_run_shape(directory)  # which holds a section or more
-    joint = _joint_of(directory) if summary.frame == "j" else None
-    comparison, caveats = _compared(shape, directory, joint, reference, tolerance)
-    places = tuple(_places(directory, summary, sections[0].station))
-    return Material(directory, summary, sections, shape, places, joint, comparison, caveats)
+    stitching = read_stitching(directory)
+    folders = station_folders(directory, stitching) or {sections[0].station: directory}
+    file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
+    comparison, caveats = _compared(shape, file, reference, tolerance)
+    return Material(
+        directory,
+        summary,
+        sections,
+        shape,
+        tuple(
+            _place(name, folder)
+            for name, folder in folders.items()
+            if (folder / RECORDING).is_file() and (folder / SUMMARY).is_file()
+        ),
+        None if file is None else read_joint(file),
+        comparison,
+        stitching,
+        caveats,
+    )
 
 
-def _joint_of(directory: Path) -> JointDefinition | None:
-    file = directory / JOINT
-    return read_joint(file) if file.is_file() else None
+def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
+    """The joint that the run, or one of its stations, names."""
+    files = (folder / JOINT for folder in (directory, *folders))
+    return next((file for file in files if file.is_file()), None)
 
 
 def _compared(
-    shape: Shape,
-    directory: Path,
-    joint: JointDefinition | None,
-    reference: Path | None,
-    tolerance: float | None,
+    shape: Shape, joint: Path | None, reference: Path | None, tolerance: float | None
 ) -> tuple[Comparison | None, tuple[str, ...]]:
     """The comparison, or why there is none."""
     if reference is not None:
         other = read_shape(reference)
-        same = shape.stated.frame == other.stated.frame
+        same = shape.stated.frame == other.stated.frame and not shape.in_own_joint
         return compare(shape, other, "none" if same else "joint", tolerance), ()
     if joint is None:
         return None, ()
+    # A stitched run's frame j is made of its own tubes: which way x points may be left to choose.
+    align: Align = "joint" if shape.in_own_joint else "none"
     try:
-        return compare(shape, read_shape(directory / JOINT), "none", tolerance), ()
+        return compare(shape, read_shape(joint), align, tolerance), ()
     except (ComparisonRefused, ConfigurationError) as error:
         return None, (f"It was not compared with the joint that the job names: {error}",)
 
 
-def _places(directory: Path, summary: Summary, only: str) -> list[Place]:
-    if (directory / "scan.mcap").is_file():
-        return [_place(only, directory, summary)]
-    names = [station.name for station in summary.stations]
-    found = [(name, directory / name) for name in names]
-    return [
-        _place(name, folder, read_summary(folder / SUMMARY))
-        for name, folder in found
-        if (folder / "scan.mcap").is_file() and (folder / SUMMARY).is_file()
-    ]
-
-
-def _place(name: str, directory: Path, summary: Summary) -> Place:
+def _place(name: str, directory: Path) -> Place:
     file = directory / CALIBRATION
     calibration = read_calibration(file) if file.is_file() else None
     job = read_job(directory / JOB)
-    return Place(name, directory, job, calibration, read_log(directory), summary)
+    return Place(name, directory, job, calibration, read_log(directory), read_summary(directory / SUMMARY))

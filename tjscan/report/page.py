@@ -14,6 +14,7 @@ from tjscan.report.deviation import deviation_rows, draw_deviation
 from tjscan.report.findings import coverage, findings
 from tjscan.report.material import Material
 from tjscan.report.profiles import draw_profiles
+from tjscan.report.stations import overlap_rows, station_rows, stations_picture
 from tjscan.report.tables import event_rows, going_rows, scan_rows
 
 TEMPLATE: Final = "report.html.jinja"
@@ -36,7 +37,9 @@ def render(material: Material) -> str:
         "measures": draw_measures(material),
         "profiles": draw_profiles(material),
         "steps": draw_steps(material),
+        "stations": stations_picture(material.directory),
     }
+    told = material.stitching
     comparison = material.comparison
     return template.render(
         name=material.name,
@@ -52,7 +55,8 @@ def render(material: Material) -> str:
         deviations=deviation_rows(material),
         going=going_rows(material),
         events=event_rows(material),
-        several=len(material.places) > 1,
+        stations=[] if told is None else station_rows(told),
+        overlaps=[] if told is None else overlap_rows(told),
         version=__version__,
         written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
     )

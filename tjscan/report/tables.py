@@ -9,6 +9,7 @@ import numpy as np
 from tjscan.joint.definition import JointDefinition
 from tjscan.report.findings import coverage
 from tjscan.report.material import Material, Place
+from tjscan.report.stations import found_rows
 from tjscan.result.frame import FRAME_WORDS
 
 MOST_EVENTS = 200
@@ -20,6 +21,8 @@ def scan_rows(material: Material) -> Iterator[tuple[str, str]]:
     summary = material.summary
     if material.joint is not None:
         yield "joint as designed", _joint(material.joint)
+    if material.stitching is not None:
+        yield from found_rows(material.stitching)
     yield "covered", coverage(material)
     yield "sections", f"{summary.sections} from {summary.scans} profiles"
     yield "ended", summary.detail
