@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.report.material import Material
+from tjscan.report.material import Material, Place
 from tjscan.report.stations import stitching_findings
 
 GAP: Final = 2.5
@@ -43,22 +43,34 @@ def findings(material: Material) -> Iterator[str]:
         times = "once" if summary.half_steps == 1 else f"{summary.half_steps} times"
         yield f"The groove was not found at the full step {times}, and sought at half of it."
     yield from _unsure(material)
-    for place in material.places:
-        at = f"Station {place.name}: " if len(material.places) > 1 else ""
-        names = [event.name for event in place.log.events if event.name not in ORDINARY]
-        for name in dict.fromkeys(n for n in names if n != "half step"):
-            count = names.count(name)
-            yield f"{at}{name}{'' if count == 1 else f', {count} times'}; see the events below."
-        if place.calibration is None:
-            yield (
-                f"{at}Where the sensor sits on the hand is stated in the job and was not "
-                "calibrated with this program: its error is in every point, and unknown."
-            )
-        drivers = {place.job.arm.driver, place.job.laser.driver}
-        if "simulated" in drivers:
-            yield f"{at}Simulated: no real arm and laser saw this groove."
-        if "replay" in drivers:
-            yield f"{at}Replayed from a recording: nothing moved."
+    told = [list(_place(place)) for place in material.places]
+    for words in dict.fromkeys(words for of_one in told for words in of_one):
+        where = [
+            place.name
+            for place, of_one in zip(material.places, told, strict=True)
+            if words in of_one
+        ]
+        # What holds for every station is said once, of none.
+        named = "" if len(where) == len(material.places) else f"Station {', '.join(where)}: "
+        yield f"{named}{words}"
+
+
+def _place(place: Place) -> Iterator[str]:
+    """What to know of a scan from one place."""
+    names = [event.name for event in place.log.events if event.name not in ORDINARY]
+    for name in dict.fromkeys(n for n in names if n != "half step"):
+        count = names.count(name)
+        yield f"There is word of: {name}{'' if count == 1 else f', {count} times'}. See the events."
+    if place.calibration is None:
+        yield (
+            "Where the sensor sits on the hand is stated in the job and was not calibrated with "
+            "this program: its error is in every point, and unknown."
+        )
+    drivers = {place.job.arm.driver, place.job.laser.driver}
+    if place.job.laser.is_replay:
+        yield "Replayed from a recording: nothing moved."
+    elif "simulated" in drivers:
+        yield "Simulated: no real arm and laser saw this groove."
 
 
 def coverage(material: Material) -> str:

@@ -186,4 +186,6 @@ def _place(name: str, directory: Path) -> Place:
     file = directory / CALIBRATION
     calibration = read_calibration(file) if file.is_file() else None
     job = read_job(directory / JOB)
-    return Place(name, directory, job, calibration, read_log(directory), read_summary(directory / SUMMARY))
+    return Place(
+        name, directory, job, calibration, read_log(directory), read_summary(directory / SUMMARY)
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
 from jinja2 import Environment, StrictUndefined
@@ -16,8 +17,11 @@ from tjscan.report.material import Material
 from tjscan.report.profiles import draw_profiles
 from tjscan.report.stations import overlap_rows, station_rows, stations_picture
 from tjscan.report.tables import event_rows, going_rows, scan_rows
+from tjscan.result.directory import JOINT
 
 TEMPLATE: Final = "report.html.jinja"
+ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
+"""What brought what was measured onto its reference."""
 
 
 def render(material: Material) -> str:
@@ -49,6 +53,10 @@ def render(material: Material) -> str:
         findings=list(findings(material)),
         pictures=pictures,
         comparison=comparison,
+        compared_with="the joint as designed"
+        if comparison is None or comparison.reference.name == Path(JOINT).stem
+        else comparison.reference.name,
+        aligned_by=ALIGNED["none" if comparison is None else comparison.alignment.method],
         tolerance_mm=None
         if comparison is None or comparison.tolerance is None
         else 1e3 * comparison.tolerance,

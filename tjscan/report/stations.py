@@ -111,7 +111,7 @@ def overlap_rows(told: ToldStitching) -> list[tuple[str, ...]]:
 def stitching_findings(told: ToldStitching) -> Iterator[str]:
     """What to know of the stitching."""
     if told.covered_deg < 360 - 0.5:
-        yield f"The stations cover {told.covered_deg:.0f}° of the joint without a gap, not all of it."
+        yield f"The stations cover {told.covered_deg:.0f}° without a gap, not all of the joint."
     for one in told.overlaps:
         if one.misfit > UNFIT:
             yield (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from tjscan.report.material import Material, Place
 from tjscan.report.stations import found_rows
 from tjscan.result.frame import FRAME_WORDS
 
-MOST_EVENTS = 200
+MOST_EVENTS: Final = 200
 """Events that are listed; a run with more has other troubles."""
 
 
@@ -28,12 +29,12 @@ def scan_rows(material: Material) -> Iterator[tuple[str, str]]:
     yield "ended", summary.detail
     words = FRAME_WORDS.get(summary.frame, "")
     yield "coordinates", f"millimetres in frame {summary.frame}{words and ': ' + words}"
-    for place in material.places:
-        at = f"{place.name}: " if len(material.places) > 1 else ""
-        yield f"{at}scanned", "" if place.log.started is None else _when(place)
-        yield f"{at}devices", _devices(place)
-        yield f"{at}calibration", _calibration(place)
-        yield f"{at}job", _job(place)
+    for name, tell in PLACE_ROWS.items():
+        told = [(place.name, tell(place)) for place in material.places]
+        if len({value for _, value in told}) == 1:
+            yield name, told[0][1]
+        else:
+            yield from ((f"{name}, {station}", value) for station, value in told)
 
 
 def going_rows(material: Material) -> list[tuple[str, ...]]:
@@ -112,3 +113,12 @@ def _job(place: Place) -> str:
         f"{scan.direction}, {until}, steps of {scan.step_mm:g} mm, pull angle "
         f"{scan.pull_angle_deg:g}°, stand-off {scan.standoff_mm:g} mm"
     )
+
+
+PLACE_ROWS: Final = {
+    "scanned": _when,
+    "devices": _devices,
+    "calibration": _calibration,
+    "job": _job,
+}
+"""What is told of each place that was scanned from, once where it is the same for all."""
