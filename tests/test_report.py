@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from base64 import b64decode
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -23,7 +24,13 @@ from tjscan.report.material import gather
 from tjscan.report.page import render
 from tjscan.report.write import write_report
 from tjscan.result.sections import IN_FILE, read_sections, write_sections
-from tjscan.result.summary import read_summary
+from tjscan.result.summary import read_summary, summarise_stations, write_summary
+from tjscan.stitching.told import (
+    ToldOverlap,
+    ToldStation,
+    ToldStitching,
+    write_stations,
+)
 
 CAD = Path(__file__).parent.parent / "cad" / "tjoint-600x457.toml"
 
@@ -177,3 +184,91 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     assert tjscan("report", tmp_path) == 2
     with pytest.raises(ConfigurationError, match="no finished run"):
         gather(tmp_path / "none")
+
+
+@pytest.fixture
+def stitched(run: Path, tmp_path: Path) -> Path:
+    """A stitched result as its files tell it: the run as its only station, told of an overlap."""
+    directory = tmp_path / "stitched"
+    shutil.copytree(run, directory)
+    (directory / "scan.mcap").unlink()
+    (directory / "joint.toml").unlink()
+    shutil.copytree(run, directory / "left & <b>")
+    sections = read_sections(run / "sections.csv")
+    write_sections(
+        directory / "sections.csv", [replace(s, station="left & <b>+right") for s in sections]
+    )
+    single = read_summary(run / "summary.json")
+    parts = {"left & <b>": single, "right": single}
+    write_summary(directory / "summary.json", summarise_stations(parts, sections, "j"))
+    station = ToldStation(
+        name="left & <b>",
+        source="nowhere",
+        position_mm=(1.0, 2.0, 3.0),
+        euler_zyx_deg=(0.0, 0.0, 0.0),
+        sigma_position_mm=(0.01, 0.02, 0.03),
+        sigma_rotation_deg=(0.001, 0.002, 0.003),
+        sigma_groove_mm=0.024,
+        azimuth_deg=(-20.0, 30.0),
+        sections=6,
+        views=10,
+        nominal_off_mm=4.56,
+        nominal_off_deg=0.789,
+        walls_rms_mm=0.033,
+        walls_misfit=1.0,
+    )
+    overlap = ToldOverlap(
+        stations=("left & <b>", "right"),
+        azimuth_deg=12.0,
+        arc_deg=34.0,
+        sections=(3, 4),
+        views=7,
+        left_out=0,
+        residual_rms_mm=0.038,
+        misfit=16.0,
+        sigma_mm=0.051,
+        covariance=((0.0,) * 6,) * 6,
+        gap_mm=0.0061,
+    )
+    told = ToldStitching(
+        frame="j",
+        covered_deg=340.0,
+        brace_diameter_mm=457.19,
+        leg_diameter_mm=599.95,
+        angle_deg=90.006,
+        offset_mm=0.01,
+        sigma_brace_diameter_mm=0.03,
+        sigma_leg_diameter_mm=0.05,
+        sigma_angle_deg=0.005,
+        sigma_offset_mm=0.02,
+        loop_gap_before_mm=0.037,
+        loop_gap_after_mm=0.007,
+        stations=(station, replace(station, name="right")),
+        overlaps=(overlap,),
+    )
+    write_stations(directory / "stations.json", told)
+    return directory
+
+
+def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
+    found = Page(write_report(stitched).read_text(encoding="utf-8"))
+    for words in (
+        "2 stations, stitched",
+        "457.19 mm wide (± 0.06, two sigma)",
+        "closes to 0.007 mm",
+        "left & <b> and right",
+        "4.56",
+        "fit at 12° 4.0 times worse than their errors explain",
+        "cover 340° without a gap",
+        "The recordings of right are not there any more",
+        "leg 600 × 20 mm",  # the joint that a station names
+        "corners to feature edges",
+    ):
+        assert words in found.text
+    assert found.tags.count("img") == 6
+
+
+def test_a_damaged_stations_file_is_refused(stitched: Path) -> None:
+    (stitched / "stations.json").write_text('{"frame": 1}', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"stations\.json"):
+        gather(stitched)

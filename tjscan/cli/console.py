@@ -83,7 +83,7 @@ def report(summary: Summary, directory: Path, *, json: bool) -> None:
     for name, value in _lines(summary):
         table.add_row(name, value)
     stderr.print(table)
-    say(f"written to {directory}: scan.png shows it, summary.json and sections.csv tell it")
+    say(f"written to {directory}: report.html tells all of it, sections.csv holds the numbers")
 
 
 def show_readings(readings: Sequence[Reading]) -> None:
