@@ -28,8 +28,8 @@ def apart(one: Cylinder, other: Cylinder) -> float:
     """Largest difference of radius, direction, and place beside the points."""
     between = one.point - other.point
     across = between - (between @ other.axis) * other.axis
-    turned = np.linalg.norm(np.cross(one.axis, other.axis))
-    return float(max(abs(one.radius - other.radius), np.linalg.norm(across), turned))
+    turned = float(np.linalg.norm(np.cross(one.axis, other.axis)))
+    return max(abs(one.radius - other.radius), float(np.linalg.norm(across)), turned)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=5, max_size=5))

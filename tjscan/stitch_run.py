@@ -18,6 +18,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
+from tjscan.report.write import write_report
 from tjscan.result.cloud import groove_points
 from tjscan.result.directory import JOB
 from tjscan.result.frame import ResultFrame
@@ -194,4 +195,5 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         write_stations(draft / STATIONS, told)
         write_picture(draft / PICTURE, draw_stitching(stitched.draft))
     write_results(directory, stitched.sections, points, summary, picture)
+    write_report(directory)
     return StitchedRun(summary, told, stitched)

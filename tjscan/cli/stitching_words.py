@@ -18,7 +18,7 @@ def show_stitching(summary: Summary, told: ToldStitching, directory: Path) -> No
     for name, value in _lines(summary, told):
         table.add_row(name, value)
     stderr.print(table)
-    say(f"written to {directory}: scan.png and stitch.png show it, stations.json tells how")
+    say(f"written to {directory}: report.html tells all of it, stations.json how it was stitched")
 
 
 def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
