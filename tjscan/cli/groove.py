@@ -40,7 +40,7 @@ def groove(
     invalid
         A value that stands for no point, beside NaN and nothing.
     model
-        What the groove looks like; tee.
+        What the groove looks like; tee. The others give corners and no measures.
     noise_mm
         Largest standard deviation of the range that is expected; 0.05.
     minimum_points
