@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.report.write import write_report
 from tjscan.result.cloud import groove_points
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB, JOINT
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
@@ -81,7 +82,9 @@ class StitchedRun:
 def stitch_runs(
     runs: Sequence[Path], directory: Path, settings: StitchSettings = DEFAULT
 ) -> StitchedRun:
-    """Stitch run directories and write the result.
+    """Stitch run directories and write the result, with its report.
+
+    Runs that lie elsewhere are copied beside it, so that it can be moved and looked into whole.
 
     Parameters
     ----------
@@ -110,7 +113,10 @@ def stitch_runs(
                 write_picture(draft / PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / PICTURE} shows it")
         raise
-    return _write(directory, read, stitched)
+    _gather(directory, read)
+    done = _write(directory, read, stitched)
+    write_report(directory)
+    return done
 
 
 def station_directories(runs: Sequence[Path]) -> list[Path]:
@@ -120,10 +126,12 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
         if any(file.is_file() for file in parts(run)):
             found.append(run)
             continue
+        # Runs that were stitched from elsewhere have no job of the whole.
         names = read_job(run / JOB).stations if (run / JOB).is_file() else ()
-        if not names:
+        folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
+        if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
-        found += [run / name for name in names]
+        found += [folder.parent if folder.is_file() else folder for folder in folders]
     return found
 
 
@@ -157,6 +165,23 @@ def _name(job: JobFile, job_file: Path) -> str:
             key="station",
         )
     return job.station[0].name
+
+
+def _gather(directory: Path, read: Sequence[StationRun]) -> None:
+    """Put copies beside the result of what it was made of, where that lies elsewhere."""
+    with drafted(directory) as draft:
+        for one in read:
+            if one.directory.resolve().parent != directory.resolve():
+                shutil.copytree(one.directory, draft / one.station.name)
+        if (joint := _common_joint(read)) is not None and not (directory / JOINT).exists():
+            shutil.copyfile(joint, draft / JOINT)
+
+
+def _common_joint(read: Sequence[StationRun]) -> Path | None:
+    """The file of the joint that all runs name, if they do."""
+    files = [one.directory / JOINT for one in read]
+    same = all(one.joint == read[0].joint for one in read)
+    return files[0] if same and read[0].joint is not None and files[0].is_file() else None
 
 
 def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> StitchedRun:

@@ -1,0 +1,171 @@
+"""How well stations are stitched: the whole joint of the example, some draws of all errors."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+from _table import Row, main
+from scipy.spatial.transform import Rotation
+
+from tjscan.cell import mount_of, open_cell
+from tjscan.comparison.distance import corner_errors
+from tjscan.errors import StitchingRefused
+from tjscan.frames import Array, inverse, pose, rotation_angle, unit
+from tjscan.job import read_job
+from tjscan.joint.edges import feature_edges
+from tjscan.run import joint_of, reader_of, scan_in
+from tjscan.scanning.journal import Journals
+from tjscan.stitching.stations import Station, station_of
+from tjscan.stitching.stitch import Stitched, stitch
+
+EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "whole-joint.toml"
+SEEDS: Final = (1, 2, 3, 4, 5)
+NOMINAL_ERRORS: Final = (10e-3, np.radians(2.0))
+HALF_TURN: Final = np.diag((-1.0, -1.0, 1.0, 1.0))
+"""An upright joint looks the same from behind."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scanned:
+    """Stations as scanned, and where they truly stand: T_j_b."""
+
+    stations: tuple[Station, ...]
+    truth: tuple[Array, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Errors of one stitching, in mm and degrees."""
+
+    place: float
+    base: float
+    turn: float
+    diameter: float
+    corners: tuple[float, float]
+    gap: float
+    covered: float
+
+
+def scan(seed: int) -> Scanned:
+    """Scan the example from both stations."""
+    rng = np.random.default_rng(seed)
+    stations, truth = [], []
+    whole = read_job(EXAMPLE, {"simulation.seed": seed})
+    for name in whole.stations:
+        job = whole.at(name)
+        joint = joint_of(job, EXAMPLE)
+        if joint is None or job.joint is None:
+            raise SystemExit(f"{EXAMPLE} names no joint to compare with")
+        cell = open_cell(job, mount_of(job, EXAMPLE).T_f_s, joint[1])
+        result = scan_in(cell, job, Journals())
+        true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
+        away, turned = (
+            unit(rng.standard_normal(3)) * rng.uniform(0.5, 1) * size for size in NOMINAL_ERRORS
+        )
+        off = pose(Rotation.from_rotvec(turned).as_matrix() @ true[:3, :3], true[:3, 3] + away)
+        stations.append(station_of(name, off, result.sections, result.views, reader_of(job)))
+        truth.append(inverse(job.joint.T_w_j) @ true)
+    return Scanned(tuple(stations), tuple(truth))
+
+
+def judge(stitched: Stitched, scanned: Scanned) -> Errors:
+    """Hold a stitching against the truth."""
+    joint = joint_of(read_job(EXAMPLE), EXAMPLE)
+    if joint is None:
+        raise SystemExit(f"{EXAMPLE} names no joint to compare with")
+    names = [station.name for station in scanned.stations]
+    truth = [scanned.truth[names.index(one.station.name)] for one in stitched.stations]
+    found = [one.T_j_b for one in stitched.stations]
+    turns = [max(map(rotation_angle, found, (turn @ T for T in truth))) for turn in _TURNS]
+    truth = [_TURNS[int(np.argmin(turns))] @ T for T in truth]
+    pairs = list(zip(found, truth, strict=True))
+    shape = stitched.shape.array[:2] - (joint[1].brace_radius, joint[1].leg_radius)
+    corners = np.array([section.points for section in stitched.sections])
+    off = 1e3 * corner_errors(corners, feature_edges(joint[1]))
+    return Errors(
+        place=max(1e3 * float(np.linalg.norm(_joint_off(f, t))) for f, t in pairs),
+        base=max(1e3 * float(np.linalg.norm(f[:3, 3] - t[:3, 3])) for f, t in pairs),
+        turn=max(float(np.degrees(rotation_angle(f, t))) for f, t in pairs),
+        diameter=2e3 * float(np.abs(shape).max()),
+        corners=(float(off.mean()), float(np.percentile(off, 95))),
+        gap=1e3 * (np.inf if stitched.gap_after is None else stitched.gap_after),
+        covered=float(np.degrees(stitched.covered)),
+    )
+
+
+_TURNS: Final = (np.eye(4), HALF_TURN)
+
+
+def _joint_off(found: Array, true: Array) -> Array:
+    """How far the joint's origin lies from where it is, told in the base frame."""
+    return inverse(found)[:3, 3] - inverse(true)[:3, 3]
+
+
+def not_refused(scanned: Scanned) -> int:
+    """Count the stitchings that were made of overlaps too small to hold them."""
+    made = 0
+    for keep in (26, 27, 28):
+        short = scanned.stations[1]
+        kept = short.sections[:keep]
+        last = kept[-1].view.time
+        looks = tuple(look for look in short.looks if look.view.time <= last)
+        try:
+            stitched = stitch([scanned.stations[0], replace(short, sections=kept, looks=looks)])
+        except StitchingRefused:
+            continue
+        # Where the overlap is still large enough the stitching has to be right.
+        made += judge(stitched, scanned).place > 0.2
+    return made
+
+
+def whole_seconds() -> tuple[float, bool]:
+    """Wall clock of ``tjscan scan`` on the example, and whether it left its report."""
+    with TemporaryDirectory() as folder:
+        tjscan: Any = Path(sys.executable).with_name("tjscan")
+        start = perf_counter()
+        subprocess.run(
+            [tjscan, "scan", EXAMPLE, "--out", f"{folder}/run"], check=True, capture_output=True
+        )
+        return perf_counter() - start, (Path(folder) / "run" / "report.html").is_file()
+
+
+def measure() -> list[Row]:
+    """Measure every limit."""
+    scans = [scan(seed) for seed in SEEDS]
+    errors = [judge(stitch(one.stations), one) for one in scans]
+    seconds, told = whole_seconds()
+    n = len(SEEDS)
+    return [
+        Row("azimuth covered", min(e.covered for e in errors), np.inf, "°", at_least=359.999),
+        Row(
+            f"station pose, place of the joint, worst of {2 * n}",
+            max(e.place for e in errors),
+            0.1,
+            "mm",
+        ),
+        Row(f"station pose, rotation, worst of {2 * n}", max(e.turn for e in errors), 0.02, "°"),
+        Row("corners to feature edges, mean", max(e.corners[0] for e in errors), 0.1, "mm"),
+        Row("corners to feature edges, p95", max(e.corners[1] for e in errors), 0.25, "mm"),
+        Row("diameters", max(e.diameter for e in errors), 0.3, "mm"),
+        Row("loop gap after closing", max(e.gap for e in errors), 0.1, "mm"),
+        Row("overlaps too small: stitched, and wrong", not_refused(scans[0]), 0),
+        Row(
+            "the same pose told at the base, over a metre away",
+            max(e.base for e in errors),
+            np.inf,
+            "mm",
+            at_least=0,
+        ),
+        Row("tjscan scan of the whole joint, with report", seconds if told else np.nan, 90, "s"),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main("Stations stitched", measure, sys.argv[1:]))

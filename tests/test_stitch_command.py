@@ -1,0 +1,81 @@
+"""``tjscan stitch``: from run directories to one result, or to a refusal that shows why."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import EXAMPLES, Notes
+from command import tjscan
+
+from tjscan.job import read_job
+from tjscan.result.sections import read_sections
+from tjscan.run import run_job
+
+EXAMPLE = EXAMPLES / "whole-joint.toml"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the runs of both stations of the example."""
+    folder = tmp_path_factory.mktemp("stations")
+    job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
+    for name in job.stations:
+        run_job(job.at(name), EXAMPLE, folder / name, Notes())
+    return folder
+
+
+def test_two_runs_become_one_groove(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "stitched"
+    assert tjscan("stitch", runs / "right", runs / "left", "--out", out, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["summary"]["frame"] == "j"
+    assert [one["name"] for one in told["summary"]["stations"]] == ["left", "right"]
+    assert told["stitching"]["covered_deg"] == pytest.approx(360)
+    assert told["stitching"]["loop_gap_after_mm"] < 0.1
+    assert told["summary"]["corner_error_mm"]["mean"] < 0.1
+    assert json.loads((out / "stations.json").read_text()) == told["stitching"]
+    for name in ("groove.ply", "scan.png", "stitch.png", "report.html"):
+        assert (out / name).stat().st_size > 1000
+    sections = read_sections(out / "sections.csv")
+    assert {section.station for section in sections} == {"left", "right", "left+right"}
+    assert (np.diff([section.azimuth for section in sections]) > 0).all()
+    # What came out can be stitched again: it holds what it was made of.
+    assert tjscan("stitch", out, "--out", tmp_path / "again") == 0
+    assert read_sections(tmp_path / "again" / "sections.csv")[0].azimuth == sections[0].azimuth
+    assert tjscan("compare", out, out / "joint.toml", "--tolerance-mm", 0.3) == 0
+
+
+def test_a_refusal_leaves_its_picture_and_nothing_else(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = read_job(EXAMPLE, {"scan.sections": 6})
+    run_job(job.at("right"), EXAMPLE, tmp_path / "right", Notes())
+    left = read_job(EXAMPLE, {"scan.sections": 6}).at("left")
+    run_job(left, EXAMPLE, tmp_path / "left", Notes())
+    out = tmp_path / "stitched"
+    assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1
+    said = capsys.readouterr().err
+    assert "stitching refused (" in said
+    assert "stitch.png shows it" in said
+    assert [file.name for file in out.iterdir()] == ["stitch.png"]
+
+
+def test_what_is_no_run_of_a_station_is_refused_by_name(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("stitch", tmp_path, "--out", tmp_path / "out") == 2
+    assert "is no run directory" in capsys.readouterr().err
+    cut = shutil.copytree(runs / "left", tmp_path / "cut")
+    (cut / "summary.json").unlink()
+    assert tjscan("stitch", cut, runs / "right", "--out", tmp_path / "out") == 2
+    assert "--resume" in capsys.readouterr().err
+    assert tjscan("stitch", runs / "left", "--out", tmp_path / "out") == 2
+    assert "two stations or more" in capsys.readouterr().err
+    assert tjscan("stitch", runs / "left", runs / "right", "--out", runs) == 2
+    assert "is not empty" in capsys.readouterr().err
