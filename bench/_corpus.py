@@ -43,6 +43,10 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.run import run_job
 from tjscan.scanning.scan import Scan, View
+from tjscan.study.file import read_study
+from tjscan.study.grid import tasks_of
+from tjscan.study.row import Row
+from tjscan.study.store import PLAN, ROWS, make_study, read_plan, read_rows
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
@@ -75,6 +79,7 @@ def readers(folder: Path) -> Iterator[Reader]:
     yield from _recordings(folder, run, sections.scans)
     yield from _profiles(sections.scans[-1].view.profile)
     yield from _tables(run)
+    yield from _studies(folder)
     yield from _shapes(folder)
 
 
@@ -173,6 +178,22 @@ def _tables(run: Path) -> Iterator[Reader]:
     for name in ("sections.csv", "summary.json", "groove.ply"):
         seed = (run / name).read_bytes()
         yield Reader(f"run: {name}", f"run/{name}", (seed,), whole_run, 0.5)
+
+
+def _studies(folder: Path) -> Iterator[Reader]:
+    studies = tuple((EXAMPLES / f"{name}-study.toml").read_bytes() for name in ("paper", "joints"))
+    yield Reader("study", "study.toml", studies, read_study, 2)
+    file = folder / "study.toml"
+    file.write_text(
+        f'job = "{EXAMPLES / "paper.toml"}"\n[grid]\nscan.step_mm = [40.0, 50.0]\n',
+        encoding="utf-8",
+    )
+    tasks = tasks_of(read_study(file), file)
+    make_study(folder / "study", tasks)
+    plan = (folder / "study" / PLAN).read_bytes()
+    yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_plan(f.parent), 1)
+    rows = b"".join(Row.failed(t, "cut", "short").to_json().encode() + b"\n" for t in tasks)
+    yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, tasks), 1)
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +20,9 @@ from tjscan.study.file import StudyFile
 from tjscan.study.rules import RuleTable, ruled_joint
 from tjscan.study.start import taught_start
 from tjscan.study.task import Task, Value, canonical
+
+MOST_SCANS: Final = 1_000_000
+"""A study of more is a mistake in its file."""
 
 JOINT: Final = "joint."
 RULE: Final = "rule."
@@ -43,6 +47,11 @@ def tasks_of(study: StudyFile, study_file: Path) -> tuple[Task, ...]:
         For the first scan whose job or joint can't be, naming the key.
     """
     jobs = [study_file.parent / name for name in study.jobs]
+    count = len(jobs) * prod(len(axis) for axis in study.axes())
+    if count > MOST_SCANS:
+        raise ConfigurationError(
+            f"makes {count} scans, {MOST_SCANS} at most: vary less at once", file=study_file
+        )
     tasks: list[Task] = []
     for job, *settings in product(jobs, *study.axes()):
         varied: dict[str, Any] = {"job": job.stem} if len(jobs) > 1 else {}

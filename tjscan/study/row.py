@@ -126,8 +126,10 @@ class Row:
         """
         try:
             data: dict[str, Any] = json.loads(line)
+            if not isinstance(data["key"], str):
+                raise ValueError("no row of a study: its key is no word")
             data["measured"] = Measured(**data["measured"])
             data["path"] = tuple((a, r, z) for a, r, z in data["path"])
             return cls(**data)
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no row of a study: {error}") from None

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import drafted
+from tjscan.files import check_size, drafted
 from tjscan.study.row import Row
 from tjscan.study.task import Task
 
 PLAN: Final = "plan.jsonl"
 ROWS: Final = "rows.jsonl"
+
+MOST_BYTES: Final = 2_000_000_000
+"""A larger file is no part of a study."""
 
 
 def make_study(directory: Path, tasks: Sequence[Task]) -> None:
@@ -48,25 +51,40 @@ def read_plan(directory: Path) -> tuple[Task, ...]:
     """
     file = directory / PLAN
     try:
+        check_size(file, MOST_BYTES, "a plan")
         return tuple(Task.from_json(line) for line in file.read_text("utf-8").splitlines())
     except OSError:
         raise ConfigurationError("there is no study", file=directory) from None
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
 
 
 def read_rows(directory: Path, tasks: Sequence[Task]) -> dict[str, Row]:
-    """Rows on disk that answer one of the tasks, by key; a line that was cut off is none."""
+    """Rows on disk that answer one of the tasks, by key; a line that was cut off is none.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is no file, or too large.
+    RecordingError
+        If it can't be read.
+    """
     file, keys = directory / ROWS, {task.key for task in tasks}
     rows: dict[str, Row] = {}
-    if file.exists():
-        for line in file.read_text("utf-8").splitlines():
-            try:
-                row = Row.from_json(line)
-            except ValueError:
-                continue
-            if row.key in keys:
-                rows[row.key] = row
+    if not file.exists():
+        return rows
+    try:
+        check_size(file, MOST_BYTES, "the rows of a study")
+        lines = file.read_text("utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
+    for line in lines:
+        try:
+            row = Row.from_json(line)
+        except (ValueError, RecursionError):
+            continue
+        if row.key in keys:
+            rows[row.key] = row
     return rows
 
 
