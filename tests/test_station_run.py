@@ -248,3 +248,33 @@ def test_a_dry_run_looks_at_the_way_at_every_station(tmp_path: Path) -> None:
     far = ("--station.right.first.position-mm", "[3000, 0, 0]")
     assert tjscan("scan", WHOLE, "--dry-run", *far) == 4
     assert tjscan("scan", WHOLE, "--dry-run", "--station", "left", *far) == 0
+
+
+def test_what_all_stations_saw_is_one_groove(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert tjscan("scan", WHOLE, "--out", out, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["stitching"]["covered_deg"] == pytest.approx(360)
+    summary = read_summary(out / "summary.json")
+    assert summary.frame == "j"
+    assert [one.name for one in summary.stations] == ["left", "right"]
+    assert summary.corner_error_mm is not None
+    assert summary.corner_error_mm.mean < 0.1
+    assert {section.station for section in read_sections(out / "sections.csv")} == {
+        "left",
+        "right",
+        "left+right",
+    }
+
+
+def test_stations_that_cannot_be_stitched_are_whole_and_it_is_said_what_to_do(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("scan", "--resume", run) == 1
+    told = " ".join(capsys.readouterr().err.split())
+    assert "What each station scanned is whole" in told
+    assert not (run / "summary.json").exists()
+    for name in ("left", "right"):
+        assert read_summary(run / name / "summary.json").complete

@@ -1,4 +1,4 @@
-"""Run a job from all of its stations, one after the other."""
+"""Run a job from all of its stations, one after the other, and stitch what they saw."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from tjscan.calibration.operator import Question
 from tjscan.cell import mount_of
 from tjscan.config import naming
-from tjscan.errors import ConfigurationError, RecordingError, TjscanError
+from tjscan.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
 from tjscan.recording.reader import read_progress
@@ -30,8 +30,7 @@ from tjscan.run import (
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
-
-SUMMARY = "summary.json"
+from tjscan.stitch_run import SUMMARY, StitchedRun, stitch_runs
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""
@@ -167,6 +166,26 @@ def resume_stations(
             ):
                 _scan(job, found, overrides, journal, stop)
     return tuple(_found(directory, name) for name in job.stations)
+
+
+def stitch_stations(directory: Path) -> StitchedRun:
+    """Make one groove of what all stations saw, and write it beside their directories.
+
+    Raises
+    ------
+    StitchingRefused
+        If they can't be stitched; what each of them scanned is whole.
+    """
+    with sole_writer(directory):
+        try:
+            return stitch_runs([directory], directory)
+        except StitchingRefused as error:
+            error.add_note(
+                "What each station scanned is whole. Where an overlap is too small, scan further: "
+                f"tjscan scan --resume {directory}/STATION --scan.length-mm LENGTH; then "
+                f"tjscan scan --resume {directory}"
+            )
+            raise
 
 
 def _check(job: JobFile, job_file: Path) -> None:

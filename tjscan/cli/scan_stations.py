@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +13,17 @@ from tjscan.calibration.operator import Nobody
 from tjscan.cli.console import report, say, watching
 from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
 from tjscan.cli.operators import AtTerminal
+from tjscan.cli.stitching_words import report_stitching
 from tjscan.job import JobFile
-from tjscan.station_run import Attendant, StationScan, resume_stations, run_stations
+from tjscan.scanning.journal import Journal
+from tjscan.scanning.plan import ScanPlan
+from tjscan.station_run import (
+    Attendant,
+    StationScan,
+    resume_stations,
+    run_stations,
+    stitch_stations,
+)
 
 
 def scan_stations(
@@ -24,17 +37,19 @@ def scan_stations(
 ) -> None:
     """Scan from all stations of a job, or go on where `resumed_with` says with which keys."""
     attendant = _attendant(job)
-    show = lambda name, plan: watching(plan, name)  # noqa: E731
     with stopped_by_ctrl_c() as stop:
         if resumed_with is None:
-            scans = run_stations(job, job_file, directory, attendant, show, stop)
+            scans = run_stations(job, job_file, directory, attendant, _show, stop)
         else:
-            scans = resume_stations(directory, resumed_with, attendant, show, only, stop)
-    _report(scans, directory, json=json)
-    if all(scan.done for scan in scans):
-        return
-    say(f"to go on with what is missing: tjscan scan --resume {directory}")
-    raise SystemExit(INTERRUPTED if stop.wanted else 1)
+            scans = resume_stations(directory, resumed_with, attendant, _show, only, stop)
+    if all(scan.summary is not None for scan in scans):
+        report_stitching(stitch_stations(directory), directory, json=json)
+    else:
+        _report(scans, json=json)
+    short = [scan.name for scan in scans if not scan.done]
+    if short:
+        say(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
+        raise SystemExit(INTERRUPTED if stop.wanted else 1)
 
 
 def _attendant(job: JobFile) -> Attendant:
@@ -44,10 +59,17 @@ def _attendant(job: JobFile) -> Attendant:
     return AtTerminal("scan one station at a time, with --station")
 
 
-def _report(scans: tuple[StationScan, ...], directory: Path, *, json: bool) -> None:
+def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
+    return watching(plan, name)
+
+
+def _report(scans: Sequence[StationScan], *, json: bool) -> None:
+    """What was scanned so far, where that is not all."""
+    if json:
+        told = {scan.name: scan.summary and asdict(scan.summary) for scan in scans}
+        print(dumps({"stations": told}, indent=2))
+        return
     for scan in scans:
-        if scan.summary is None:
-            say(f"station {scan.name} is still to be scanned")
-        else:
-            say(f"station {scan.name}")
-            report(scan.summary, scan.directory, json=json)
+        say(f"station {scan.name}{'' if scan.summary else ' is still to be scanned'}")
+        if scan.summary is not None:
+            report(scan.summary, scan.directory, json=False)

@@ -33,11 +33,9 @@ def stitch(
     json
         Print the summary and the stations as JSON on stdout.
     """
-    from dataclasses import asdict
-    from json import dumps
     from math import radians
 
-    from tjscan.cli.stitching_words import show_stitching
+    from tjscan.cli.stitching_words import report_stitching
     from tjscan.errors import ConfigurationError
     from tjscan.result.directory import default_directory
     from tjscan.stitch_run import stitch_runs
@@ -64,7 +62,4 @@ def stitch(
             1e-3 * out_of_round_mm,
         ),
     )
-    if json:
-        print(dumps({"summary": asdict(done.summary), "stitching": asdict(done.told)}, indent=2))
-    else:
-        show_stitching(done.summary, done.told, directory)
+    report_stitching(done, directory, json=json)

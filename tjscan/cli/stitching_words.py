@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
 
 from rich.table import Table
 
 from tjscan.cli.console import say, stderr
 from tjscan.result.summary import Summary
+from tjscan.stitch_run import StitchedRun
 from tjscan.stitching.told import ToldStitching
 
 
-def show_stitching(summary: Summary, told: ToldStitching, directory: Path) -> None:
-    """Print a stitched groove: a line per station and overlap, and what it is all in all."""
+def report_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
+    """Print a stitched groove: each station, each overlap, all in all; or JSON on stdout."""
+    if json:
+        print(dumps({"summary": asdict(done.summary), "stitching": asdict(done.told)}, indent=2))
+        return
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _lines(summary, told):
+    for name, value in _lines(done.summary, done.told):
         table.add_row(name, value)
     stderr.print(table)
     say(f"written to {directory}: report.html tells all of it, stations.json how it was stitched")
