@@ -36,6 +36,7 @@ STATION_FILES = {
     "groove.ply",
     "scan.png",
     "summary.json",
+    "report.html",
 }
 
 
