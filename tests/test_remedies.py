@@ -84,8 +84,10 @@ def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:
     assert result.tally.half_steps == result.tally.retreats == 1
 
 
-@pytest.mark.parametrize("profiles", [1, 2, 3, 4], ids=["again", "nudge", "turned", "nearer"])
-@pytest.mark.parametrize("first", [SIDE_VIEW, SIDE_VIEW + 1], ids=["prediction", "correction"])
+@pytest.mark.parametrize(
+    ("first", "profiles"),
+    [*((SIDE_VIEW, k) for k in (1, 2, 3, 4)), *((SIDE_VIEW + 1, k) for k in (1, 2, 3))],
+)
 def test_the_mildest_remedy_that_helps_is_taken(first: int, profiles: int) -> None:
     # Noise off: what is taken again is the same, so nothing can be merged.
     notes = Notes()
@@ -101,14 +103,29 @@ def test_the_mildest_remedy_that_helps_is_taken(first: int, profiles: int) -> No
     assert len(notes.views) == len(result.views)  # the profiles that could not be read as well
 
 
-@pytest.mark.parametrize("first", [SIDE_VIEW, SIDE_VIEW + 1], ids=["prediction", "correction"])
-def test_where_nothing_is_read_a_shorter_step_is_made(first: int) -> None:
+def test_where_a_correction_shows_nothing_the_prediction_view_is_taken_once_more() -> None:
+    # Case 1 at 60 mm: the correction turns the sensor a lot.
+    keys = FAULTLESS | {"scan.sections": 5, "scan.prediction_case": 1, "scan.step_mm": 60.0}
+    result = scan_example(keys, read=reading_fails_at(range(SIDE_VIEW + 1, SIDE_VIEW + 4)))
+    predicted, *_, last = [v for v in result.views if v.index == 4]
+    section = result.sections[4]
+    assert result.stop is StopReason.SECTIONS
+    assert section.view is last
+    assert last.substep is Substep.CORRECTION
+    np.testing.assert_allclose(last.T_b_f, predicted.T_b_f, atol=1e-6)
+    assert example_corner_errors(result).max() < TRUE_CORNER
+
+
+@pytest.mark.parametrize(
+    ("first", "nudges"), [(SIDE_VIEW, 4), (SIDE_VIEW + 1, 2)], ids=["prediction", "correction"]
+)
+def test_where_nothing_is_read_a_shorter_step_is_made(first: int, nudges: int) -> None:
     notes = Notes()
     result = scan_example(
-        FAULTLESS | SHORT, notes=notes, read=reading_fails_at(range(first, first + 6))
+        FAULTLESS | SHORT, notes=notes, read=reading_fails_at(range(first, first + 2 + nudges))
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.tally == Tally(taken_again=1, nudges=4, half_steps=1)
+    assert result.tally == Tally(taken_again=1, nudges=nudges, half_steps=1)
     assert step_lengths(result.sections)[2] == pytest.approx(0.020, rel=0.03)
     assert step_lengths(result.sections)[3] == pytest.approx(0.040, rel=0.03)
 

@@ -18,7 +18,7 @@ from tjscan.scanning.journal import Journal
 from tjscan.scanning.merged import merge
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.plausible import check_agreement, check_measures, check_side, check_step
-from tjscan.scanning.remedies import FEW, MERGED, MISSING, nudges, takes
+from tjscan.scanning.remedies import FEW, MERGED, MISSING, others, takes
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stopping import StopRequest
@@ -133,13 +133,13 @@ class Hand:
         """
         try:
             return self._lay(index, substep, to, stride)
-        except GrooveNotFound as error:
+        except (GrooveNotFound, SetPointRefused) as error:
             lost = error
-        for nudge in nudges(lost, self.views[-1].profile, before, stride.last):
-            self.note(Event.NUDGE, f"section {index}, {substep}, {nudge}: {lost}")
+        seen = self.views[-1].profile
+        for words, other in others(lost, to, seen, before, stride, self._plan.direction):
+            self.note(Event.NUDGE, f"section {index}, {substep}, {words}: {lost}")
             try:
-                nudged = nudge.applied(to, self._plan.direction)
-                return self._lay(index, substep, nudged, stride, again=False)
+                return self._lay(index, substep, other, stride, again=False)
             except (GrooveNotFound, SetPointRefused, PoseUnreachable):
                 continue
         raise lost

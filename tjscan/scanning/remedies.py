@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import radians
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tjscan.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
-from tjscan.frames import pose, rot_x
+from tjscan.frames import Array, inverse, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.stride import Stride
 from tjscan.scanning.tally import Event
 from tjscan.scanning.target import Direction
 
@@ -122,6 +124,46 @@ def nudges(error: GrooveNotFound, seen: Profile, before: Scan, last: Scan) -> li
     return [*turns, nearer, further]
 
 
+def others(
+    error: GrooveNotFound | SetPointRefused,
+    to: SetPoint,
+    seen: Profile,
+    before: Scan,
+    stride: Stride,
+    direction: Direction,
+) -> Iterator[tuple[str, SetPoint]]:
+    """Set-points beside one that showed no groove, and what is other about them.
+
+    Parameters
+    ----------
+    error : GrooveNotFound or SetPointRefused
+        Why nothing was read.
+    to : SetPoint
+        Where nothing was read.
+    seen : Profile
+        What was seen last.
+    before : Scan
+        The section before the one that the stride starts from.
+    stride : Stride
+        The step under way.
+    direction : Direction
+        Which way round.
+
+    Notes
+    -----
+    Where a correction shows nothing, the prediction view did show something: half of the
+    correction is made, then none of it. A prediction that was refused has no others.
+    """
+    if (predicted := stride.predicted) is not None:
+        T_b_s = to.T_b_t @ inverse(to.T_s_t)
+        half = _halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
+        yield "half of the correction", replace(to, T_b_t=half)
+        yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
+    elif isinstance(error, GrooveNotFound):
+        for nudge in nudges(error, seen, before, stride.last):
+            yield str(nudge), nudge.applied(to, direction)
+
+
 def climb(
     make: Callable[[float], Scan],
     retreat: Callable[[], None],
@@ -170,6 +212,13 @@ def climb(
         raise lost from None
     except JointMoved as moved:
         raise JointMoved(f"after {lost}, {moved.evidence}") from None
+
+
+def _halfway(T_1: Array, T_2: Array) -> Array:
+    """The pose in the middle of two."""
+    turn = Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).as_rotvec()
+    R = T_1[:3, :3] @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+    return pose(R, 0.5 * (T_1[:3, 3] + T_2[:3, 3]))
 
 
 def _further(seen: Profile, usual: Profile) -> float:
