@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.station_run import resume_stations, run_stations
+from tjscan.station_run import StationScan, resume_stations, run_stations
 
 STATION_FILES = {
     "job.toml",
@@ -68,13 +69,33 @@ def quick(file: Path = WHOLE) -> JobFile:
     return read_job(file, {"scan.sections": 4})
 
 
+@dataclass(frozen=True)
+class Story:
+    """A run that an attendant stopped before its second station, and let go on later."""
+
+    directory: Path
+    refused: tuple[StationScan, ...]
+    begun: bool
+    asked: tuple[Asked, Asked]
+    scanned: tuple[list[str], list[str]]
+    done: tuple[StationScan, ...]
+
+
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of both stations, four sections each."""
+def story(tmp_path_factory: pytest.TempPathFactory) -> Story:
+    """Both stations, four sections each."""
     directory = tmp_path_factory.mktemp("runs") / "whole"
-    scans = run_stations(quick(), WHOLE, directory, Asked(True), Watched())
-    assert all(scan.done for scan in scans)
-    return directory
+    no, yes, before, later = Asked(False), Asked(True), Watched(), Watched()
+    refused = run_stations(quick(), WHOLE, directory, no, before)
+    begun = (directory / "right").exists()
+    done = resume_stations(directory, {}, yes, later)
+    return Story(directory, refused, begun, (no, yes), (before.names, later.names), done)
+
+
+@pytest.fixture(scope="module")
+def whole(story: Story) -> Path:
+    """The directory of that run."""
+    return story.directory
 
 
 @pytest.fixture
@@ -119,27 +140,20 @@ def test_one_station_alone_is_a_run_like_any_other(whole: Path, tmp_path: Path) 
     assert (out / "sections.csv").read_text(encoding="utf-8") == same
 
 
-def test_between_stations_somebody_is_asked(tmp_path: Path) -> None:
-    asked, watched = Asked(True), Watched()
-    run_stations(quick(), WHOLE, tmp_path / "run", asked, watched)
-    assert watched.names == ["left", "right"]
-    (question,) = asked.questions
-    assert "4 sections" in question
-    assert "Move the arm to station right" in question
+def test_between_stations_somebody_is_asked(story: Story) -> None:
+    for asked in story.asked:
+        (question,) = asked.questions  # once more later: the arm may still stand at the first
+        assert "4 sections" in question
+        assert "Move the arm to station right" in question
 
 
-def test_who_says_no_stops_before_the_next_station_and_goes_on_later(tmp_path: Path) -> None:
-    out, asked, watched = tmp_path / "run", Asked(False), Watched()
-    left, right = run_stations(quick(), WHOLE, out, asked, watched)
+def test_who_says_no_stops_before_the_next_station_and_goes_on_later(story: Story) -> None:
+    left, right = story.refused
     assert left.done
     assert right.summary is None
-    assert watched.names == ["left"]
-    assert not (out / "right").exists()
-    asked = Asked(True)
-    scans = resume_stations(out, {}, asked, watched)
-    assert all(scan.done for scan in scans)
-    assert watched.names == ["left", "right"]
-    assert len(asked.questions) == 1  # the arm may still stand at the first
+    assert not story.begun
+    assert all(scan.done for scan in story.done)
+    assert story.scanned == (["left"], ["right"])
 
 
 def test_a_request_to_stop_begins_no_other_station(tmp_path: Path) -> None:

@@ -148,6 +148,7 @@ def resume_stations(
     check_inside(directory, *COPIES)
     check_resumable(overrides, job_file)
     job = read_job(job_file, overrides)
+    check_inside(directory, *job.stations)
     _check(job, job_file)
     if only is not None:
         with naming(job_file):
