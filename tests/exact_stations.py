@@ -35,13 +35,17 @@ def exact_station(
     seed: int = 0,
     arm: Repeatability = CLEAR,
     T_w_j: Array | None = None,
+    oval: float = 0.0,
 ) -> tuple[Station, Array]:
-    """A station that saw sections at azimuths (radians), and where it truly stands: T_j_b."""
+    """A station that saw sections at azimuths (radians), and where it truly stands: T_j_b.
+
+    `oval` is how far the brace, and the groove with it, bulges along x and is dented along y.
+    """
     rng = np.random.default_rng([seed, *name.encode()])
     T_j_b = from_euler_zyx(rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3))
     spread = np.repeat([arm.position, arm.angle], 3) / np.sqrt(3)
     looks = [
-        _look(joint, float(phi), k, T_j_b, spread * rng.standard_normal(6))
+        _look(joint, float(phi), k, T_j_b, spread * rng.standard_normal(6), oval)
         for k, phi in enumerate(azimuths)
     ]
     nominal = (np.eye(4) if T_w_j is None else T_w_j) @ T_j_b
@@ -51,13 +55,17 @@ def exact_station(
     return Station(name, nominal @ off, tuple(looks), tuple(looks)), T_j_b
 
 
-def _look(joint: JointDefinition, phi: float, number: int, T_j_b: Array, error: Array) -> Scan:
+def _look(
+    joint: JointDefinition, phi: float, number: int, T_j_b: Array, error: Array, oval: float
+) -> Scan:
     sections = bevel_sections(joint, np.array([phi]))
     p2, p3, p4 = (getattr(sections, name)[0] for name in ("p2", "p3", "p4"))
     wall = np.column_stack((np.full(200, joint.brace_radius), p2[1] + np.linspace(VISIBLE, 0, 200)))
     rho = p4[0] + np.linspace(0, VISIBLE, 200)
     rho = rho[rho < 0.97 * joint.leg_radius]
     leg = np.column_stack((rho, joint.leg.height(phi, rho)))
+    bulge = oval * np.cos(2 * phi) * np.array((1.0, 0.0))
+    p2, p3, p4, wall = (part + bulge for part in (p2, p3, p4, wall))
     rz = np.concatenate((wall, leg))
     # Sensor: x up the brace, z back to its axis.
     up, back = np.array((0.0, 0.0, 1.0)), -radial(phi)

@@ -241,6 +241,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         sigma_leg_diameter_mm=0.05,
         sigma_angle_deg=0.005,
         sigma_offset_mm=0.02,
+        out_of_round_mm=0.02,
         loop_gap_before_mm=0.037,
         loop_gap_after_mm=0.007,
         stations=(station, replace(station, name="right")),

@@ -157,6 +157,35 @@ def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
     assert sum(int((~edge.counted).sum()) for edge in stitched.registrations) >= 1
 
 
+@pytest.mark.parametrize("oval", [0.5e-3, 2e-3])
+def test_stations_fit_each_other_though_tubes_are_out_of_round(oval: float) -> None:
+    arm = Repeatability()
+    made = [
+        exact_station(joint_named(PAPERS), name, arc(*ends), arm=arm, seed=1, oval=oval)
+        for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
+    ]
+    stitched = stitch([station for station, _ in made])
+    left, right = off_truth(stitched, [T_j_b for _, T_j_b in made])
+    between = motion_of(inverse(left) @ right)
+    assert np.linalg.norm(between[:3]) < 0.1e-3
+    assert np.linalg.norm(between[3:]) < np.radians(0.02)
+    assert 0.1 * oval < stitched.out_of_round <= 2 * oval
+    # Frame j itself is as uncertain as it has to be.
+    assert np.linalg.norm(left[:3, 3]) < 4 * np.sqrt(
+        np.trace(stitched.stations[0].covariance[:3, :3])
+    )
+
+
+def test_tubes_far_out_of_round_are_refused() -> None:
+    made = [
+        exact_station(joint_named(PAPERS), name, arc(*ends), oval=2e-3)[0]
+        for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
+    ]
+    error = refusal(made, StitchSettings(most_out_of_round=1e-4))
+    assert error.reason == "overlaps and tubes disagree"
+    assert "out of round by more than 0.1 mm" in str(error)
+
+
 @cache
 def simulated(
     name: str, arcs: tuple[tuple[str, float, float], ...]

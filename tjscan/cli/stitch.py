@@ -29,7 +29,7 @@ def stitch(
     repeatability_deg
         The same of its angle.
     out_of_round_mm
-        How far the tubes' walls may bulge from a circle.
+        How far the tubes' walls bulge from a circle, at least; more is found where it must be.
     json
         Print the summary and the stations as JSON on stdout.
     """

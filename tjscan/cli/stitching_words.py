@@ -14,6 +14,9 @@ from tjscan.result.summary import Summary
 from tjscan.stitch_run import StitchedRun
 from tjscan.stitching.told import ToldStitching
 
+NOTED_MM = 0.05
+"""Tubes less out of round are not worth a word."""
+
 
 def report_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
     """Print a stitched groove: each station, each overlap, all in all; or JSON on stdout."""
@@ -53,5 +56,11 @@ def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
         f"brace {told.brace_diameter_mm:.2f} ± {told.sigma_brace_diameter_mm:.2f} mm, "
         f"leg {told.leg_diameter_mm:.2f} ± {told.sigma_leg_diameter_mm:.2f} mm",
     )
+    if told.out_of_round_mm > NOTED_MM:
+        yield (
+            "out of round",
+            f"tubes bulge by some {told.out_of_round_mm:.2f} mm: frame j is that uncertain, the "
+            "overlaps hold the stations together",
+        )
     if (error := summary.corner_error_mm) is not None:
         yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"

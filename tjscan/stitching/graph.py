@@ -35,12 +35,15 @@ class Placement:
         Of the joint.
     shape_covariance : ndarray, shape (4, 4)
         Of its numbers.
+    misfit : float
+        Chi-squared per degree of freedom of all that stations and overlaps tell.
     """
 
     T: Array
     covariance: Array
     shape: JointShape
     shape_covariance: Array
+    misfit: float
 
     def __post_init__(self) -> None:
         for name in ("T", "covariance", "shape_covariance"):
@@ -95,6 +98,7 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
         np.array(blocks),
         JointShape(*(found.x[6 * k :] + origin).tolist()),
         covariance[6 * k :, 6 * k :],
+        2 * float(found.cost) / (len(found.fun) - found.x.size),
     )
 
 

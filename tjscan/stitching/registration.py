@@ -153,7 +153,9 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
         standard = np.linalg.solve(views.covariance, residual[..., None])[..., 0]
-        size = np.sqrt(np.mean(residual * standard, axis=1)) / TUKEY
+        size = np.sqrt(np.mean(residual * standard, axis=1))
+        # Where most are larger than stated the kernel widens: that is a misfit, and no outlier.
+        size /= TUKEY * max(1.0, float(np.median(size)))
         weights = np.maximum((1 - np.minimum(size, 1) ** 2) ** 2, LEAST_WEIGHT)
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.

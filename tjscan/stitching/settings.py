@@ -17,8 +17,11 @@ class StitchSettings:
     repeatability : Repeatability
         How well the arm says where it stands; it weighs views against points.
     out_of_round : float
-        How far a tube's wall may bulge from a circle without anybody being told, metres: what
-        each station finds of the joint's frame is trusted no further than that.
+        How far a tube's wall may bulge from a circle, metres: what each station finds of the
+        joint's frame is trusted no further than that.
+    most_out_of_round : float
+        How far it may be found to, where stations' sights of the tubes disagree with their
+        overlaps.
     least_overlap : float
         Azimuth that two stations must share, radians.
     fewest_sections : int
@@ -33,6 +36,7 @@ class StitchSettings:
 
     repeatability: Repeatability = field(default_factory=Repeatability)
     out_of_round: float = 2e-5
+    most_out_of_round: float = 4e-3
     least_overlap: float = radians(10.0)
     fewest_sections: int = 2
     largest_sigma: float = 0.2e-3

@@ -111,7 +111,7 @@ def sight(stations: Sequence[Station], settings: StitchSettings) -> list[Sightin
                 "joint not found",
                 f"station {station.name}, {len(station.sections)} sections: {error}",
             ) from None
-        sightings.append(Sighting(station, tubes, _allowing(found, settings.out_of_round)))
+        sightings.append(Sighting(station, tubes, found))
         if len(sightings) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
     return sightings
@@ -135,8 +135,8 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     return brace, leg
 
 
-def _allowing(frame: JointFrame, out_of_round: float) -> JointFrame:
-    """The same frame, trusted no further than tubes are round."""
+def allowing(frame: JointFrame, out_of_round: float) -> JointFrame:
+    """The same frame, trusted no further than tubes are round, to so many metres."""
     radius = frame.shape.brace_radius
     allowance = np.repeat((out_of_round, out_of_round / radius, out_of_round), (3, 3, 4))
     allowance[8] = out_of_round / radius  # the angle between the axes

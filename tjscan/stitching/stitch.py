@@ -19,7 +19,7 @@ from tjscan.stitching.outline import Outline, outline
 from tjscan.stitching.overlaps import Arc, Overlap, coverage, find_overlaps, section_azimuths
 from tjscan.stitching.registration import Registration, register
 from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Sighting, Station, sight
+from tjscan.stitching.stations import Sighting, Station, allowing, sight
 from tjscan.tubes.frame import JointShape
 
 ROUNDS = 6
@@ -27,6 +27,12 @@ ROUNDS = 6
 
 STILL = 1e-8
 """Metres and radians that it moves by no more in the end."""
+
+AGREED = 2.5
+"""Chi-squared per degree of freedom of stations and overlaps that agree."""
+
+FAR = 0.05
+"""Metres and radians by which no station is laid anew: both see something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +84,8 @@ class Stitched:
         Of every overlap.
     gaps : tuple of float
         How far apart the placed stations are at each of these, metres.
+    out_of_round : float
+        How far the tubes' walls were taken to bulge from circles, metres.
     gap_before, gap_after : float or None
         The largest where the way round closes, by overlaps alone and in the end, metres; None
         where it does not close.
@@ -92,6 +100,7 @@ class Stitched:
     shape_sigma: Array
     registrations: tuple[Registration, ...]
     gaps: tuple[float, ...]
+    out_of_round: float
     gap_before: float | None
     gap_after: float | None
     covered: float
@@ -131,7 +140,8 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
         registrations = register_all(sightings, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
-        placement = solve([sighting.frame for sighting in sightings], registrations)
+        placement, out_of_round = settle(sightings, registrations, settings)
+        _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
     placed = [
@@ -150,6 +160,7 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
         np.sqrt(np.diag(placement.shape_covariance)),
         tuple(registrations),
         gaps,
+        out_of_round,
         max((gap(edge, chain) for edge in closing), default=None),
         max(gaps) if closing else None,
         coverage(azimuths)[0],
@@ -176,11 +187,29 @@ def register_all(
         for _ in range(ROUNDS):
             edge = register(overlap, first, second)
             T = edge.T @ T
-            if np.abs(motion_of(edge.T)).max() < STILL or edge.share < settings.least_counted:
+            moved = float(np.abs(motion_of(edge.T)).max())
+            if moved < STILL or moved > FAR:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
     return edges
+
+
+def settle(
+    sightings: Sequence[Sighting], registrations: Sequence[Registration], settings: StitchSettings
+) -> tuple[Placement, float]:
+    """Place stations, and find how far tubes must be out of round for all to agree.
+
+    A station can't see that the half of a tube before it is not round: it finds frame j a little
+    elsewhere. Overlaps do not mind. Where the two disagree, tubes are trusted less.
+    """
+    allowance = settings.out_of_round
+    while True:
+        frames = [allowing(sighting.frame, allowance) for sighting in sightings]
+        placement = solve(frames, registrations)
+        if placement.misfit < AGREED or 2 * allowance > settings.most_out_of_round:
+            return placement, allowance
+        allowance *= 2
 
 
 def _check_names(stations: Sequence[Station]) -> None:
@@ -244,6 +273,21 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
                 f"{1e3 * edge.sigma:.2f} mm, {1e3 * settings.largest_sigma:.2f} mm are allowed. "
                 "Teach the stations' poses so that they overlap by more, and scan again",
             )
+
+
+def _check_placement(draft: Draft, placement: Placement, settings: StitchSettings) -> None:
+    """Refuse stations whose own sight of the joint does not agree with how they overlap."""
+    if placement.misfit > settings.largest_misfit:
+        worst = max(draft.registrations, key=lambda edge: gap(edge, placement.T))
+        raise StitchingRefused(
+            "overlaps and tubes disagree",
+            f"where stations see leg and brace does not fit how they overlap, "
+            f"{np.sqrt(placement.misfit):.1f} times farther off than errors explain, "
+            f"{np.sqrt(settings.largest_misfit):.1f} times are allowed; "
+            f"{draft.words(worst.overlap)}, where {1e3 * gap(worst, placement.T):.2f} mm would be "
+            f"left between them. A base or the joint moved during a scan, or tubes are out of "
+            f"round by more than {1e3 * settings.most_out_of_round:g} mm",
+        )
 
 
 def _placed(sighting: Sighting, placement: Placement, k: int, azimuths: Array) -> PlacedStation:

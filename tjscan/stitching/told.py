@@ -111,6 +111,8 @@ class ToldStitching:
         What the tubes are like: the angle between their axes, and how far these pass each other.
     sigma_brace_diameter_mm, sigma_leg_diameter_mm, sigma_angle_deg, sigma_offset_mm : float
         Standard deviations of these.
+    out_of_round_mm : float
+        How far the tubes' walls were taken to bulge from circles.
     loop_gap_before_mm, loop_gap_after_mm : float or None
         Largest gap across the groove where the way round closes: with the stations chained by
         their overlaps, and in the end. None where it does not close.
@@ -130,6 +132,7 @@ class ToldStitching:
     sigma_leg_diameter_mm: float
     sigma_angle_deg: float
     sigma_offset_mm: float
+    out_of_round_mm: float
     loop_gap_before_mm: float | None
     loop_gap_after_mm: float | None
     stations: tuple[ToldStation, ...]
@@ -154,6 +157,7 @@ def tell(stitched: Stitched, sources: Mapping[str, str]) -> ToldStitching:
         sigma_leg_diameter_mm=float(2e3 * spread[1]),
         sigma_angle_deg=float(np.degrees(spread[2])),
         sigma_offset_mm=float(1e3 * spread[3]),
+        out_of_round_mm=1e3 * stitched.out_of_round,
         loop_gap_before_mm=_mm(stitched.gap_before),
         loop_gap_after_mm=_mm(stitched.gap_after),
         stations=tuple(
