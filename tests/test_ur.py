@@ -355,11 +355,15 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
     with LoopbackProcess(address()) as loopback:
         scan = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
         ur = ["--arm.driver", "ur", "--arm.ur.host", loopback.host, "--out", str(tmp_path / "run")]
-        with subprocess.Popen([*scan, *ur], stderr=subprocess.PIPE) as program:
+        with subprocess.Popen([*scan, *ur], stderr=subprocess.PIPE, text=True) as program:
+            assert program.stderr is not None
             loopback.wait_for("move")
             program.send_signal(signal.SIGINT)
+            assert any("once more" in line for line in program.stderr)
+            program.send_signal(signal.SIGINT)  # and once more, which stops the arm at once
             loopback.wait_for("program stopped")
-            assert program.wait() == 130
+            program.communicate()
+            assert program.returncode == 130
         events = [m for topic, m in read_messages(tmp_path / "run" / "scan.mcap") if topic == EVENT]
         assert [m["name"] for m in events] == ["arm", "interrupted"]
         assert "serial number 00000000000" in events[0]["detail"]
