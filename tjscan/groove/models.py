@@ -80,7 +80,7 @@ _ROOT: Final = Side("root", 0.8e-3, 14e-3)
 TEE: Final = GrooveModel(
     "tee",
     (
-        Side("wall", 4e-3, bend=1.5),
+        Side("wall", 4e-3, bend=0.7),
         Side("bevel", 4e-3, 120e-3, bend=0.25),
         _ROOT,
         Side("leg", 4e-3, bend=5.0, twist=10.0),
