@@ -12,7 +12,7 @@ from tjscan.frames import Array, from_euler_zyx, inverse, pose
 from tjscan.groove.section import section_from_points
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j, radial, tangential
+from tjscan.joint.geometry import in_j, radial
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.stitching.stations import Station
@@ -99,6 +99,3 @@ def _look(
         np.zeros(6),
     )
     return Scan(view, groove, np.eye(4))
-
-
-__all__ = ["exact_station", "tangential"]

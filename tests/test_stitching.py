@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,7 +195,7 @@ def simulated(
 
 
 LEFT_RIGHT = (("left", -15.0, 210.0), ("right", 165.0, 210.0))
-FOUR = (("d", -100.0, 120.0), ("a", 20.0, -140.0), ("c", 80.0, 130.0), ("b", -5.0, 110.0))
+FOUR = (("a", -20.0, 130.0), ("b", 200.0, -130.0), ("c", 160.0, 130.0), ("d", 250.0, 130.0))
 
 
 @pytest.mark.parametrize(
@@ -207,9 +206,8 @@ FOUR = (("d", -100.0, 120.0), ("a", 20.0, -140.0), ("c", 80.0, 130.0), ("b", -5.
 def test_simulated_stations_are_stitched_as_well_as_promised(
     name: str, arcs: tuple[tuple[str, float, float], ...]
 ) -> None:
-    if arcs is FOUR:
-        arcs = (("a", -20.0, 130.0), ("b", 200.0, -130.0), ("c", 160.0, 130.0), ("d", 250.0, 130.0))
     stitched, truth = simulated(name, arcs)
+    # Four stations see less of the tubes each, and know less of where they are.
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < (0.1e-3 if len(arcs) == 2 else 0.2e-3)
         assert rotation_angle(np.eye(4), T) < np.radians(0.02 if len(arcs) == 2 else 0.04)
@@ -324,8 +322,3 @@ def test_an_uncertain_arm_leaves_an_overlap_too_uncertain() -> None:
     error = refusal(stations, StitchSettings(repeatability=Repeatability(2e-3, 4e-3)))
     assert error.reason == "overlap too small"
     assert "uncertain by" in str(error)
-
-
-def test_cad_holds_what_these_tests_name() -> None:
-    assert {PAPERS, "tjoint-406x324"} <= set(NAMES)
-    assert all((Path(CAD) / f"{name}.toml").is_file() for name in NAMES)

@@ -152,17 +152,13 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
-        standard = np.linalg.solve(views.covariance, residual[..., None])[..., 0]
-        size = np.sqrt(np.mean(residual * standard, axis=1))
-        # Where most are larger than stated the kernel widens: that is a misfit, and no outlier.
-        size /= TUKEY * max(1.0, float(np.median(size)))
-        weights = np.maximum((1 - np.minimum(size, 1) ** 2) ** 2, LEAST_WEIGHT)
+        weights = _weights(_surprise(residual, views.covariance))
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
     own = np.einsum("ninj,nij->n", inverse, noise)
-    surprise = np.einsum("ni,ni->n", residual, np.linalg.solve(noise, residual[..., None])[..., 0])
-    misfit = float(surprise[counted].sum() / max(float(own[counted].sum()) - 6, 1.0))
+    degrees = max(float(own[counted].sum()) - 6, 1.0)
+    misfit = float(_surprise(residual, noise)[counted].sum()) / degrees
     return Registration(
         overlap,
         pose(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3]),
@@ -174,6 +170,22 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         of_second,
         counted,
     )
+
+
+def _surprise(residual: Array, covariance: Array) -> Array:
+    """Squared standardised size of residuals (n, 10), shape (n,)."""
+    standard = np.linalg.solve(covariance, residual[..., None])[..., 0]
+    return np.asarray(np.sum(residual * standard, axis=1))
+
+
+def _weights(surprise: Array) -> Array:
+    """Tukey's weights of views, shape (n,).
+
+    Where most are larger than stated the kernel widens: that is a misfit, and no outlier.
+    """
+    size = np.sqrt(surprise / VALUES)
+    size /= TUKEY * max(1.0, float(np.median(size)))
+    return np.asarray(np.maximum((1 - np.minimum(size, 1) ** 2) ** 2, LEAST_WEIGHT))
 
 
 def _amid(overlap: Overlap, seen: Outline) -> tuple[Array, Array]:
