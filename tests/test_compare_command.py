@@ -255,10 +255,12 @@ def test_damaged_files_end_with_2(
 
 
 def test_what_is_not_there_or_makes_no_sense_ends_with_2(
-    run: Path, cad: Path, tmp_path: Path
+    run: Path, cad: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tjscan("compare", tmp_path / "none.ply", CAD) == 2
     assert tjscan("compare", tmp_path, CAD) == 2  # a directory that is no run
+    assert tjscan("compare", run.parent, CAD) == 2  # stations that nobody stitched
+    assert "tjscan stitch" in capsys.readouterr().err
     assert tjscan("compare", run, tmp_path / "none.toml") == 2
     assert tjscan("compare", cad / "tjoint-600x457.stl", CAD) == 2  # a mesh is no measurement
     assert tjscan("compare", run / "groove.ply", cad / "edges.csv") == 2  # no corners

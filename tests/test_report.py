@@ -181,6 +181,13 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     assert "within tolerance" in text
     assert "tolerance of 0.5 mm" in text
     assert tjscan("report", again, "--reference", tmp_path / "none.stl") == 2
+    bare = again / "groove.ply"
+    shutil.copyfile(bare, tmp_path / "camera.ply")
+    camera = ("--reference", tmp_path / "camera.ply")
+    assert tjscan("report", again, *camera) == 2  # of which unit?
+    assert tjscan("report", again, *camera, "--units", "mm", "--frame", "j") == 0
+    text = Page((again / "report.html").read_text(encoding="utf-8")).text
+    assert "corners to reference cloud" in text
     assert tjscan("report", tmp_path) == 2
     with pytest.raises(ConfigurationError, match="no finished run"):
         gather(tmp_path / "none")

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 
-def report(run: Path, *, reference: Path | None = None, tolerance_mm: float | None = None) -> None:
+def report(
+    run: Path,
+    *,
+    reference: Path | None = None,
+    tolerance_mm: float | None = None,
+    units: Literal["mm", "um", "m"] | None = None,
+    frame: str | None = None,
+) -> None:
     """Write a run's report.html again, compared with another reference if one is given.
 
     Parameters
@@ -16,9 +24,14 @@ def report(run: Path, *, reference: Path | None = None, tolerance_mm: float | No
         A joint's TOML, a mesh or a cloud, in place of the joint that the run names.
     tolerance_mm
         Say which corners lie farther from it.
+    units
+        Unit of a reference that states none, neither itself nor in a sidecar NAME.json.
+    frame
+        Frame of a reference that states none: j for the joint's own, or any name.
     """
     from tjscan.cli.console import say
+    from tjscan.comparison.sidecar import Told
     from tjscan.report.write import write_report
 
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    say(f"written to {write_report(run, reference, tolerance)}")
+    say(f"written to {write_report(run, reference, tolerance, Told(units, frame))}")

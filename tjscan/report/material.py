@@ -12,6 +12,7 @@ import numpy as np
 from tjscan.calibration.file import CalibrationFile, read_calibration
 from tjscan.comparison.compare import Align, Comparison, compare
 from tjscan.comparison.shapes import Shape
+from tjscan.comparison.sidecar import Told
 from tjscan.errors import ComparisonRefused, ConfigurationError
 from tjscan.frames import Array
 from tjscan.job import JobFile, read_job
@@ -114,7 +115,10 @@ class Material:
 
 
 def gather(
-    directory: Path, reference: Path | None = None, tolerance: float | None = None
+    directory: Path,
+    reference: Path | None = None,
+    tolerance: float | None = None,
+    told: Told | None = None,
 ) -> Material:
     """Read a finished run.
 
@@ -126,21 +130,22 @@ def gather(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
+    told : Told, optional
+        Unit and frame of a reference that does not state them.
 
     Raises
     ------
     ConfigurationError
         If there is no finished run, or the reference can't be read.
     """
-    if not (directory / SUMMARY).is_file():
-        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}", file=directory)
+    shape = read_run_shape(directory)  # which holds a section or more
     summary = read_summary(directory / SUMMARY)
     sections = read_sections(directory / SECTIONS)
-    shape = read_run_shape(directory)  # which holds a section or more
     stitching = read_stitching(directory)
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
-    comparison, caveats = _compared(shape, file, reference, tolerance)
+    other = None if reference is None else read_shape(reference, told)
+    comparison, caveats = _compared(shape, file, other, tolerance)
     return Material(
         directory,
         summary,
@@ -165,11 +170,10 @@ def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
 
 
 def _compared(
-    shape: Shape, joint: Path | None, reference: Path | None, tolerance: float | None
+    shape: Shape, joint: Path | None, other: Shape | None, tolerance: float | None
 ) -> tuple[Comparison | None, tuple[str, ...]]:
     """The comparison, or why there is none."""
-    if reference is not None:
-        other = read_shape(reference)
+    if other is not None:
         same = shape.stated.frame == other.stated.frame and not shape.in_own_joint
         return compare(shape, other, "none" if same else "joint", tolerance), ()
     if joint is None:

@@ -53,7 +53,10 @@ def read_run_shape(directory: Path) -> Shape:
     """
     check_inside(directory, SUMMARY, SECTIONS, CLOUD)
     if not (directory / SUMMARY).is_file():
-        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}", file=directory)
+        hint = ""
+        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
+            hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
+        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}{hint}", file=directory)
     summary = read_summary(directory / SUMMARY)
     frame = summary.frame
     sections = read_sections(directory / SECTIONS)
