@@ -178,6 +178,12 @@ def test_a_scan_keeps_the_calibration_it_was_made_with(calibrated: Path, tmp_pat
     assert tjscan("scan", PAPER, "--calibration.file", file, *options, "--out", out) == 0
     assert (out / "calibration.toml").read_bytes() == file.read_bytes()
     assert 'file = "calibration.toml"' in (out / "job.toml").read_text(encoding="utf-8")
+    found = read_calibration(file)
+    named = json.loads((out / "summary.json").read_text(encoding="utf-8"))["calibration"]
+    assert named == f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
+    told = (out / "report.html").read_text(encoding="utf-8")
+    assert f"known to {found.sigma_position_mm:.3f} mm" in " ".join(told.split())
+    assert "was not calibrated" not in told
     again = tmp_path / "again"
     assert tjscan("scan", out / "job.toml", "--out", again) == 0
     assert (again / "sections.csv").read_bytes() == (out / "sections.csv").read_bytes()
