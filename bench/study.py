@@ -1,0 +1,95 @@
+"""How fast studies run, whether it matters where, and, with --full, the study of joints."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, Final
+
+import pyarrow.parquet as pq
+from _table import Row, main
+
+EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
+PAPER, JOINTS = EXAMPLES / "paper-study.toml", EXAMPLES / "joints-study.toml"
+FULL: Final = "--full"
+
+
+def run(study: Path, out: Path, *options: object) -> float:
+    """Run ``tjscan study`` and return its wall clock, the start of Python included."""
+    tjscan = Path(sys.executable).with_name("tjscan")
+    words = [str(word) for word in (tjscan, "study", study, "--out", out, *options)]
+    start = perf_counter()
+    subprocess.run(words, check=True, capture_output=True)
+    return perf_counter() - start
+
+
+def table(out: Path) -> Any:
+    """The table of a study but for the clock on the wall."""
+    return pq.read_table(out / "study.parquet").drop(["wall_s"])
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[str]:
+    """Start a scheduler and workers of one thread on the loopback interface, by hand."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = ["dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    worker = ["dask_worker", address, "--nthreads", "1", "--no-dashboard"]
+    with ExitStack() as stack:
+        for name, *options in (scheduler, *[worker] * workers):
+            process = subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.{name}", *options],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+        yield address
+
+
+def speed(folder: Path) -> list[Row]:
+    """The paper's 36 tests: how long, how much faster with two, and the same on a cluster."""
+    one = run(PAPER, folder / "one", "--workers", 1)
+    two = run(PAPER, folder / "two", "--workers", 2)
+    with cluster(2) as address:
+        run(PAPER, folder / "cluster", "--scheduler", address)
+    truth = table(folder / "one")
+    other = sum(not table(folder / name).equals(truth) for name in ("two", "cluster"))
+    return [
+        Row("36 tests, two workers", two, 60, "s"),
+        Row("36 tests: one worker's time over that of two", one / two, inf, at_least=1.7),
+        Row("tables of two workers and of a cluster that differ from one worker's", other, 0),
+    ]
+
+
+def joints(folder: Path) -> list[Row]:
+    """The study of joints: minutes, not seconds."""
+    run(JOINTS, folder / "joints")
+    complete = table(folder / "joints")["complete"].to_pylist()
+    share = 100 * sum(complete) / len(complete)
+    return [
+        Row("joints: scans", len(complete), inf, at_least=1000),
+        Row("joints: complete", share, 100, "%", at_least=99.5),
+    ]
+
+
+def measure(full: bool) -> list[Row]:
+    """Measure every bar."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        return [*speed(folder), *(joints(folder) if full else [])]
+
+
+if __name__ == "__main__":
+    arguments = [word for word in sys.argv[1:] if word != FULL]
+    sys.exit(main("Studies", partial(measure, FULL in sys.argv), arguments))
