@@ -12,6 +12,7 @@ from cells import EXAMPLES, Notes
 from command import tjscan
 
 from tjscan.job import read_job
+from tjscan.result.directory import make_directory
 from tjscan.result.sections import read_sections
 from tjscan.run import run_job
 
@@ -49,6 +50,20 @@ def test_two_runs_become_one_groove(
     assert tjscan("stitch", out, "--out", tmp_path / "again") == 0
     assert read_sections(tmp_path / "again" / "sections.csv")[0].azimuth == sections[0].azimuth
     assert tjscan("compare", out, out / "joint.toml", "--tolerance-mm", 0.3) == 0
+
+
+def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_path: Path) -> None:
+    job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
+    assert job.joint is not None
+    whole, out = tmp_path / "whole", tmp_path / "again"
+    make_directory(whole, job, joint=EXAMPLE.parent / job.joint.file)
+    for name in job.stations:
+        shutil.copytree(runs / name, whole / name)
+    assert tjscan("reprocess", whole, "--out", out, "--groove.noise-mm", "0.06") == 0
+    assert "noise_mm = 0.06" in (out / "left" / "job.toml").read_text()
+    assert {one.station for one in read_sections(out / "left" / "sections.csv")} == {"left"}
+    stations = {section.station for section in read_sections(out / "sections.csv")}
+    assert stations == {"left", "right", "left+right"}
 
 
 def test_a_refusal_leaves_its_picture_and_nothing_else(

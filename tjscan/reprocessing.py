@@ -26,6 +26,7 @@ from tjscan.run import joint_of, plan_of, reader_of, write_run
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.scan import Scan, View
 from tjscan.scanning.scanner import ScanResult
+from tjscan.stitch_run import StitchedRun, stitch_runs
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
 """Keys that say how recorded profiles are read and told, not how they were taken."""
@@ -56,9 +57,28 @@ class Reprocessed:
     lost: dict[int, GrooveNotFound]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ReprocessedRun:
+    """What came of it in all.
+
+    Parameters
+    ----------
+    directory : Path
+        The new directory.
+    stations : tuple of Reprocessed
+        One for each station; one where there are none.
+    stitched : StitchedRun or None
+        The whole groove; None where there is one station, or one is missing or has lost a section.
+    """
+
+    directory: Path
+    stations: tuple[Reprocessed, ...]
+    stitched: StitchedRun | None = None
+
+
 def reprocess(
     directory: Path, overrides: dict[str, Any], out: Path | None = None
-) -> tuple[Reprocessed, ...]:
+) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
     The profiles are those recorded; where a calibration is replaced, they stand where it puts
@@ -74,11 +94,6 @@ def reprocess(
     out : Path, optional
         The directory to make, outside of the run's; beside it where left out.
 
-    Returns
-    -------
-    tuple of Reprocessed
-        One for each station.
-
     Raises
     ------
     ConfigurationError
@@ -87,6 +102,8 @@ def reprocess(
         If less than two sections are found with these settings.
     RecordingError
         If the recording is damaged, or the new directory can't be written.
+    StitchingRefused
+        If the stations can't be stitched any more.
     """
     job_file = directory / JOB
     check_inside(directory, *COPIES)
@@ -103,15 +120,16 @@ def reprocess(
         raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
     job = read_job(job_file, overrides)
     if len(job.station) < 2:
-        return (_reprocess(directory, job.at(), job_file, out),)
-    _make(out, job, job_file)
+        return ReprocessedRun(out, (_reprocess(directory, job.at(), job_file, out),))
     check_inside(directory, *(station.name for station in job.station))
-    runs = [(directory / one.name, out / one.name) for one in job.station]
-    return tuple(
-        _reprocess(run, read_job(run / JOB, overrides).at(), run / JOB, to)
-        for run, to in runs
+    _make(out, job, job_file)
+    stations = tuple(
+        _reprocess(run, read_job(run / JOB, overrides).at(), run / JOB, out / run.name)
+        for run in (directory / station.name for station in job.station)
         if (run / JOB).is_file()
     )
+    whole = len(stations) == len(job.station) and not any(one.lost for one in stations)
+    return ReprocessedRun(out, stations, stitch_runs([out], out) if whole else None)
 
 
 def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Reprocessed:
