@@ -30,19 +30,15 @@ def reprocess(
     """
     from tjscan.cli.console import report, say
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.stitching_words import show_stitching
+    from tjscan.cli.stitching_words import report_stitching
     from tjscan.reprocessing import reprocess as read_again
-    from tjscan.result.summary import to_json
 
     done = read_again(run, parse_overrides(overrides), out)
     for found in done.stations:
         for index, error in found.lost.items():
             say(f"section {index}: {error}")
     if done.stitched is not None:
-        if json:
-            print(to_json(done.stitched.summary))
-        else:
-            show_stitching(done.stitched.summary, done.stitched.told, done.directory)
+        report_stitching(done.stitched, done.directory, json=json)
         return
     for found in done.stations:
         report(found.summary, found.directory, json=json)
