@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from seams import NONE, Noise, Seam, misses, seam
 
-from tjscan.errors import TubesNotFound
+from tjscan.errors import GrooveNotFound, TubesNotFound
 from tjscan.frames import Array, inverse, pose, rotation_angle
+from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
 from tjscan.scanning.correction import correct
 from tjscan.scanning.guard import check_set_point
@@ -247,3 +248,36 @@ def test_two_sections_of_which_one_was_misread_lead_nowhere_wild() -> None:
         seen = [scans[0], replace(scans[1], groove=wrong)]
         ahead = smooth_predictor(world.plan)(seen, 0.02)
         check_set_point(ahead, Stride(seen[1], ahead.T_b_t[:3, 3], 0.02), world.plan)
+
+
+def test_whatever_the_sections_say_there_is_a_set_point_the_guard_lets_pass_or_case_3() -> None:
+    rng, world = np.random.default_rng(5), seam(noise=Noise())
+    scans = walk_of(world, 0.03, 5)
+    predictor = smooth_predictor(replace(world.plan, skip=SKIP))
+    for _ in range(40):
+        size = 10 ** rng.uniform(-3, -0.7)
+        seen = [
+            replace(scan, groove=section_from_points(points))
+            for scan in scans
+            if has_section(points := scan.groove.points_s + size * noise_in_plane(rng))
+        ]
+        if len(seen) < 2:
+            continue
+        ahead = predictor(seen, 0.04)
+        assert np.isfinite(ahead.T_b_t).all()
+        if ahead.covariance is not None:
+            check_set_point(ahead, Stride(seen[-1], ahead.T_b_t[:3, 3], 0.04), world.plan)
+            values = np.linalg.eigvalsh(ahead.covariance)
+            assert values.min() > -1e-9 * values.max()
+
+
+def noise_in_plane(rng: np.random.Generator) -> Array:
+    return np.asarray(rng.standard_normal((5, 3)) * (1, 0, 1))
+
+
+def has_section(points: Array) -> bool:
+    try:
+        section_from_points(points)
+    except GrooveNotFound:
+        return False
+    return True
