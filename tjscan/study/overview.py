@@ -28,9 +28,9 @@ SHOWN: Final[dict[str, Callable[[Group], float]]] = {
 def told_by(rows: Sequence[Row]) -> list[str]:
     """The keys that an overview tells of; of keys that always go together, the first."""
     keys, shown = varied(rows), []
-    seen: set[tuple[tuple[int, ...], ...]] = set()
+    seen: set[frozenset[tuple[int, ...]]] = set()
     for key in keys:
-        parts = tuple(tuple(row.index for row in g.rows) for g in by_value(rows, key).values())
+        parts = frozenset(tuple(row.index for row in g.rows) for g in by_value(rows, key).values())
         if key != SEED and parts not in seen:
             seen.add(parts)
             shown.append(key)
