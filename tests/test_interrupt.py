@@ -15,7 +15,7 @@ from cells import FAULTLESS, PAPER, Notes, scan_example
 from command import tjscan
 
 from tjscan.errors import Interrupted
-from tjscan.recording.messages import EVENT, SECTION
+from tjscan.recording.messages import EVENT, PROFILE, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
 from tjscan.scanning.progress import StopReason
@@ -25,7 +25,7 @@ from tjscan.scanning.stopping import StopRequest
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
 
-SHORT = ["--scan.length-mm", "240"]
+SHORT = ["--scan.step-mm", "80", "--scan.length-mm", "400"]
 OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))] + SHORT
 
 
@@ -52,27 +52,23 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 Scanning = tuple["subprocess.Popen[str]", IO[str], Path]
 
 
+def profiles_in(recording: Path) -> int:
+    """How many profiles are on disk; the fifth is the prediction view of section 3."""
+    if not recording.exists():
+        return 0
+    return sum(topic == PROFILE for topic, _ in read_messages(recording))
+
+
 @pytest.fixture
 def scanning(tmp_path: Path) -> Iterator[Scanning]:
     """A scan in a process of its own, in real time, that has found some sections."""
     run = tmp_path / "run"
     command = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
-    options = [
-        "--realtime",
-        "--arm.speed-mm-s",
-        "1200",
-        "--arm.acceleration-mm-s2",
-        "5000",
-        "--out",
-        str(run),
-        *OPTIONS,
-    ]
+    # Slow enough for two signals to come while the correction of section 3 is under way.
+    options = ["--realtime", "--arm.speed-mm-s", "150", "--out", str(run), *OPTIONS]
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        recording = run / "scan.mcap"
-        while process.poll() is None and not (
-            recording.exists() and recording.stat().st_size > 120_000
-        ):
+        while process.poll() is None and profiles_in(run / "scan.mcap") < 5:
             os.sched_yield()
         try:
             yield process, process.stderr, run
