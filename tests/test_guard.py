@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.errors import SetPointRefused
 from tjscan.frames import Array, inverse, pose, rot_x, rotation_angle
-from tjscan.scanning.guard import BESIDE, FARTHEST, check_set_point
+from tjscan.scanning.checks.guard import BESIDE, FARTHEST, check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.remedies import LARGEST_SHIFT, TURN, Nudge

@@ -14,8 +14,8 @@ from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.result.summary import step_lengths
+from tjscan.scanning.checks.plausible import check_side
 from tjscan.scanning.merged import AGREEING, merge
-from tjscan.scanning.plausible import check_side
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.remedies import MISSING
 from tjscan.scanning.scan import Substep

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seams import Noise, seam
 
-from tjscan.scanning.kriging import Kriging
-from tjscan.scanning.seam import Walls, fit_seam
+from tjscan.scanning.seam.fit import Walls, fit_seam
+from tjscan.scanning.seam.kriging import Kriging
+from tjscan.scanning.seam.track import MOST_SECTIONS, track_of
 from tjscan.scanning.target import Direction
-from tjscan.scanning.track import MOST_SECTIONS, track_of
 
 PLACES = np.linspace(-0.2, 0.0, 9)
 

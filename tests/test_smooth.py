@@ -14,8 +14,8 @@ from tjscan.errors import GrooveNotFound, TubesNotFound
 from tjscan.frames import Array, inverse, pose, rotation_angle
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
+from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.correction import correct
-from tjscan.scanning.guard import check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import SetPoint

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from tjscan.frames import Array
-from tjscan.scanning.ahead import SHAPE_SPREAD, SHAPE_WAVE
-from tjscan.scanning.kriging import Kriging
 from tjscan.scanning.scan import Scan
-from tjscan.scanning.seam import fit_seam
+from tjscan.scanning.seam.ahead import SHAPE_SPREAD, SHAPE_WAVE
+from tjscan.scanning.seam.fit import fit_seam
+from tjscan.scanning.seam.kriging import Kriging
+from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
 from tjscan.scanning.set_point import StepRule
-from tjscan.scanning.track import MOST_SECTIONS, Track, track_of
 
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""

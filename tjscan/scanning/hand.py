@@ -12,12 +12,12 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.fresh import check_fresh
-from tjscan.scanning.guard import check_set_point
+from tjscan.scanning.checks.fresh import check_fresh
+from tjscan.scanning.checks.guard import check_set_point
+from tjscan.scanning.checks.plausible import check_agreement, check_measures, check_side, check_step
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.merged import merge
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.plausible import check_agreement, check_measures, check_side, check_step
 from tjscan.scanning.remedies import FEW, MERGED, MISSING, others, takes
 from tjscan.scanning.scan import Scan, Substep, View
 from tjscan.scanning.set_point import SetPoint

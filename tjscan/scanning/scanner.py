@@ -20,12 +20,12 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
+from tjscan.scanning.checks.plausible import check_measures
 from tjscan.scanning.correction import correct
 from tjscan.scanning.hand import Hand
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.plausible import check_measures
 from tjscan.scanning.progress import StopReason, finished, groove_length
 from tjscan.scanning.remedies import climb
 from tjscan.scanning.scan import Scan, Substep, View

@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.errors import SetPointRefused, TubesNotFound
 from tjscan.frames import Array, pose
-from tjscan.scanning.ahead import Ahead
-from tjscan.scanning.guard import check_set_point
+from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.scan import Scan
-from tjscan.scanning.seam import fit_seam
+from tjscan.scanning.seam.ahead import Ahead
+from tjscan.scanning.seam.fit import fit_seam
+from tjscan.scanning.seam.track import Track, track_of
 from tjscan.scanning.set_point import Predictor, SetPoint
 from tjscan.scanning.stride import Stride
 from tjscan.scanning.target import Direction
-from tjscan.scanning.track import Track, track_of
 
 ROUNDS: Final = 30
 STILL: Final = 1e-7

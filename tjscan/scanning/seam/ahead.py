@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.frames import Array, cross, inverse, unit
 from tjscan.scanning.correction import correct
-from tjscan.scanning.kriging import Kriging
-from tjscan.scanning.seam import Seam, Walls
-from tjscan.scanning.track import Track
+from tjscan.scanning.seam.fit import Seam, Walls
+from tjscan.scanning.seam.kriging import Kriging
+from tjscan.scanning.seam.track import Track
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
 """How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""

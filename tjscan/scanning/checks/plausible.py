@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.errors import GrooveNotFound
 from tjscan.frames import Array, unit
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.guard import turned
+from tjscan.scanning.checks.guard import turned
 from tjscan.scanning.scan import Scan, Substep
 from tjscan.scanning.stride import TIGHTEST, Stride
 

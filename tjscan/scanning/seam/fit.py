@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.frames import Array, cross, readonly, unit
-from tjscan.scanning.kriging import matern
-from tjscan.scanning.track import Track
+from tjscan.scanning.seam.kriging import matern
+from tjscan.scanning.seam.track import Track
 
 BRACE_RADIUS: Final = (0.2, 0.7)
 """Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""

@@ -1,0 +1,1 @@
+"""What is refused: set-points, profiles and sections that cannot be meant."""
