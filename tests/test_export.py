@@ -15,9 +15,13 @@ from command import tjscan
 from tjscan.errors import ConfigurationError
 from tjscan.export.document import GrooveDocument, document_of
 from tjscan.export.files import to_csv, to_json, to_ply
+from tjscan.export.surfaces import direction_along
 from tjscan.frames import Array
+from tjscan.joint.edges import feature_edges
+from tjscan.joint.file import read_joint
 from tjscan.result.sections import read_sections, write_sections
 
+CAD = Path(__file__).parent.parent / "cad"
 SCHEMA = Path(__file__).parent.parent / "docs" / "export.schema.json"
 
 OFF_INSIDE = np.radians(0.1)
@@ -66,6 +70,25 @@ def test_directions_are_those_of_the_joint(job: Path, tmp_path: Path) -> None:
     assert (np.cross(points[:, 2], tangent)[:, 2] > 0).all()
     np.testing.assert_allclose(np.sum(tangent * bevel, axis=1), 0, atol=1e-9)
     assert (np.sum(bevel * (p4 - points[:, 2]), axis=1) > 0).all()  # out of the steel
+
+
+@pytest.mark.parametrize(
+    ("step", "inside", "at_ends"), [(5e-3, 0.3, 1.1), (20e-3, 0.3, 1.1), (80e-3, 1.2, 5.0)]
+)
+def test_nine_directions_of_ten_are_as_right_as_promised(
+    step: float, inside: float, at_ends: float
+) -> None:
+    line = feature_edges(read_joint(CAD / "tjoint-600x457.toml")).p3.points_j
+    along = np.concatenate(([0.0], np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum()))
+    truth = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+    rng, off = np.random.default_rng(3), []
+    for start in rng.uniform(0, 0.5 * along[-1], 40):
+        at = np.searchsorted(along, np.arange(start, start + 0.4 * along[-1], step))
+        seen = line[at] + rng.normal(scale=50e-6, size=(len(at), 3))
+        directions = truth[at] / np.linalg.norm(truth[at], axis=1, keepdims=True)
+        off.append(np.degrees(between(directions, direction_along(seen, directions))))
+    assert np.percentile(np.concatenate([one[2:-2] for one in off]), 90) < inside
+    assert np.percentile([one[[0, -1]] for one in off], 90) < at_ends
 
 
 def test_vectors_have_length_one(run: Path) -> None:

@@ -210,7 +210,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     write_summary(directory / "summary.json", summarise_stations(parts, sections, "j"))
     station = ToldStation(
         name="left & <b>",
-        source="nowhere",
+        source="left & <b>",
         position_mm=(1.0, 2.0, 3.0),
         euler_zyx_deg=(0.0, 0.0, 0.0),
         sigma_position_mm=(0.01, 0.02, 0.03),
@@ -251,7 +251,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         out_of_round_mm=0.02,
         loop_gap_before_mm=0.037,
         loop_gap_after_mm=0.007,
-        stations=(station, replace(station, name="right")),
+        stations=(station, replace(station, name="right", source="right")),
         overlaps=(overlap,),
     )
     write_stations(directory / "stations.json", told)

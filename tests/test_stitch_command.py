@@ -40,6 +40,8 @@ def test_two_runs_become_one_groove(
     assert told["stitching"]["covered_deg"] == pytest.approx(360)
     assert told["stitching"]["loop_gap_after_mm"] < 0.1
     assert told["summary"]["corner_error_mm"]["mean"] < 0.1
+    whole_turn = told["summary"]["sections"] * told["summary"]["step_mm"]["mean"]
+    assert told["summary"]["groove_length_mm"] == pytest.approx(whole_turn)  # the last step, too
     assert json.loads((out / "stations.json").read_text()) == told["stitching"]
     for name in ("groove.ply", "scan.png", "stitch.png", "report.html"):
         assert (out / name).stat().st_size > 1000
@@ -50,6 +52,19 @@ def test_two_runs_become_one_groove(
     assert tjscan("stitch", out, "--out", tmp_path / "again") == 0
     assert read_sections(tmp_path / "again" / "sections.csv")[0].azimuth == sections[0].azimuth
     assert tjscan("compare", out, out / "joint.toml", "--tolerance-mm", 0.3) == 0
+
+
+def test_a_result_can_be_moved_and_reported_from_anywhere(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(runs)
+    assert tjscan("stitch", "left", "right", "--out", tmp_path / "first") == 0
+    moved = (tmp_path / "first").rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path)
+    assert tjscan("report", "moved") == 0
+    assert "are not there any more" not in (moved / "report.html").read_text(encoding="utf-8")
+    told = json.loads((moved / "stations.json").read_text())
+    assert [one["source"] for one in told["stations"]] == ["left", "right"]
 
 
 def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_path: Path) -> None:

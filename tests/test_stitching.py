@@ -237,11 +237,11 @@ def test_sections_come_by_azimuth_each_place_once_and_fused_ones_are_surer() -> 
 
 def test_what_is_told_is_in_millimetres_and_degrees() -> None:
     stitched, _ = simulated(PAPERS, LEFT_RIGHT)
-    told = tell(stitched, {"left": "runs/left"})
+    told = tell(stitched, {"left": "left"})
     assert told.brace_diameter_mm == pytest.approx(457.2, abs=0.3)
     assert told.angle_deg == pytest.approx(90, abs=0.05)
     left, right = told.stations
-    assert left.source == "runs/left"
+    assert left.source == "left"
     assert left.nominal_off_mm == pytest.approx(0, abs=1e-9)
     assert 1 < right.nominal_off_mm < 60  # 10 mm, and 2° over more than a metre
     assert 0.1 < right.nominal_off_deg < 4.1
@@ -315,6 +315,33 @@ def test_stations_need_names_of_their_own_and_company() -> None:
         stitch([exact("left", -15, 195)])
     with pytest.raises(ConfigurationError, match="2 stations are called left"):
         stitch([exact("left", -15, 195), exact("left", 167, 377)])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_nominal_pose_too_far_off_to_tell_the_side_is_refused(seed: int) -> None:
+    (left, right), _ = two()
+    stitched = stitch([left, right])
+    rng = np.random.default_rng(seed)
+    for turn, refused in ((20.0, False), (100.0, True)):
+        axis = rng.standard_normal(3)
+        off = Rotation.from_rotvec(np.radians(turn) * axis / np.linalg.norm(axis)).as_matrix()
+        away = right.T_w_b[:3, 3] + rng.uniform(-0.05, 0.05, 3)
+        doubtful = [left, replace(right, T_w_b=pose(off @ right.T_w_b[:3, :3], away))]
+        if refused:
+            with pytest.raises(StitchingRefused, match="nominal poses disagree") as caught:
+                stitch(doubtful)
+            assert "stations left and right" in str(caught.value)
+        else:
+            same(stitched, stitch(doubtful), np.eye(4))
+
+
+def test_a_recording_given_twice_is_refused_under_any_name() -> None:
+    (left, right), _ = two()
+    with pytest.raises(ConfigurationError, match="left and other hold the same recording"):
+        stitch([left, right, replace(left, name="other")])
+    part = replace(left, name="part", sections=left.sections[:9], looks=left.looks[:9])
+    with pytest.raises(ConfigurationError, match="same recording"):
+        stitch([left, part])
 
 
 def test_an_uncertain_arm_leaves_an_overlap_too_uncertain() -> None:

@@ -171,10 +171,19 @@ def _gather(directory: Path, read: Sequence[StationRun]) -> None:
     """Put copies beside the result of what it was made of, where that lies elsewhere."""
     with drafted(directory) as draft:
         for one in read:
-            if one.directory.resolve().parent != directory.resolve():
+            if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
         if (joint := _common_joint(read)) is not None and not (directory / JOINT).exists():
             shutil.copyfile(joint, draft / JOINT)
+
+
+def _lies_in(directory: Path, one: StationRun) -> bool:
+    return one.directory.resolve().parent == directory.resolve()
+
+
+def _folder(directory: Path, one: StationRun) -> str:
+    """What a station's run is called inside the result, wherever that is moved to."""
+    return one.directory.resolve().name if _lies_in(directory, one) else one.station.name
 
 
 def _common_joint(read: Sequence[StationRun]) -> Path | None:
@@ -193,8 +202,9 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         stitched.sections,
         "j",
         None if joint is None else corner_errors(corners, feature_edges(joint)),
+        closed=stitched.closed,
     )
-    told = tell(stitched, {one.station.name: str(one.directory) for one in read})
+    told = tell(stitched, {one.station.name: _folder(directory, one) for one in read})
     frames = [ResultFrame(inverse(one.T_j_b)) for one in stitched.stations]
     points = np.concatenate(
         [
@@ -220,5 +230,4 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         write_stations(draft / STATIONS, told)
         write_picture(draft / PICTURE, draw_stitching(stitched.draft))
     write_results(directory, stitched.sections, points, summary, picture)
-    write_report(directory)
     return StitchedRun(summary, told, stitched)

@@ -31,13 +31,19 @@ def report_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
 
 
 def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
+    first = told.stations[0]
     for one in told.stations:
         start, end = one.azimuth_deg
+        off = (
+            ""
+            if one is first
+            else f"; seen from {first.name}, its base stands {one.nominal_off_mm:.0f} mm and "
+            f"{one.nominal_off_deg:.1f}° from where it was meant to"
+        )
         yield (
             f"station {one.name}",
             f"{one.sections} sections from {start:.0f}° to {end:.0f}°, groove placed to "
-            f"{one.sigma_groove_mm:.3f} mm, nominal off by {one.nominal_off_mm:.1f} mm and "
-            f"{one.nominal_off_deg:.2f}°",
+            f"{one.sigma_groove_mm:.3f} mm{off}",
         )
     for edge in told.overlaps:
         yield (

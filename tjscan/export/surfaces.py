@@ -30,8 +30,8 @@ FADING: Final = 0.4
 """Standard deviation of the neighbours' weights, in reaches: the near ones tell more.
 
 On the edge of a 457 mm brace on a 600 mm leg, noise of 0.05 mm included, nine directions of ten
-are then right to 0.2° inside the chain and 1.1° at its ends for steps of 5 to 40 mm; for steps
-of 80 mm to 1.2° and 2.8°.
+are then right to 0.3° inside the chain and 1.1° at its ends for steps of 5 to 40 mm; for steps
+of 80 mm to 1.2° and 5°.
 """
 
 
@@ -71,7 +71,7 @@ def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
     frames = np.array([section.T_r_g[:3, :3] for section in sections])
     x, y, z = (frames[:, :, i] for i in range(3))
     edges = np.array([section.points[1:4] for section in sections])
-    along = [_along(edges[:, i], x) for i in range(3)]
+    along = [direction_along(edges[:, i], x) for i in range(3)]
     opening = np.array([section.measures[0] for section in sections])
     work = np.array([section.work_angle for section in sections])
     # From (16): gamma_1 raises the bevel over z_g, gamma_2 lowers the leg below it.
@@ -86,8 +86,8 @@ def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
     )
 
 
-def _along(points: Array, x: Array) -> Array:
-    """Directions of a line through points, shape (n, 3), on the side of `x`."""
+def direction_along(points: Array, x: Array) -> Array:
+    """Directions of a line through points, shape (n, 3), on the side of `x`, shape (n, 3)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     s = np.concatenate(([0.0], steps.cumsum()))
     gap = float(np.linalg.norm(points[-1] - points[0]))

@@ -43,15 +43,10 @@ def read_stitching(directory: Path) -> ToldStitching | None:
 
 
 def station_folders(directory: Path, told: ToldStitching | None) -> dict[str, Path]:
-    """Where the recordings of the stations are, beside the result or where they were read from."""
+    """Where the recordings of the stations are, wherever the result was moved to."""
     if told is None:
         return {}
-    return {
-        station.name: inside
-        if (inside := directory / station.name).is_dir()
-        else Path(station.source)
-        for station in told.stations
-    }
+    return {station.name: directory / station.source for station in told.stations}
 
 
 def found_rows(told: ToldStitching) -> Iterator[tuple[str, str]]:

@@ -195,6 +195,8 @@ def summarise_stations(
     sections: Sequence[MeasuredSection],
     frame: str,
     corner_error: Array | None = None,
+    *,
+    closed: bool = False,
 ) -> Summary:
     """Draw the numbers of a stitched groove from those of its stations.
 
@@ -208,9 +210,11 @@ def summarise_stations(
         Letter of their frame.
     corner_error : ndarray, optional
         As of `summarise`.
+    closed : bool
+        Whether the way round closes: a step leads from the last section to the first, too.
     """
     told = list(parts.values())
-    steps = np.diff(1e3 * lengths(sections))
+    steps = np.diff(1e3 * lengths([*sections, *sections[:1]] if closed else sections))
     complete = all(part.complete for part in told)
     bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
     reasons = dict.fromkeys(part.stopped_because for part in told)

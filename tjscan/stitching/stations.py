@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import radians
 
 import numpy as np
 
 from tjscan.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.frames import Array, readonly, unit
+from tjscan.frames import Array, readonly, rotation_angle, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, View
@@ -22,6 +23,8 @@ SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
 along ±x, else +y, else +z."""
 
+MOST_TURNED = radians(30.0)
+"""By which nominal poses may disagree; at 90° they would tell no more which side is which."""
 
 SAME_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
@@ -51,6 +54,16 @@ class Station:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_w_b", readonly(self.T_w_b))
+
+    def shares_views_with(self, other: Station) -> bool:
+        """Whether any view of both is one and the same: noise never comes twice alike."""
+        own = {_print_of(look.view) for look in self.looks}
+        return not own.isdisjoint(_print_of(look.view) for look in other.looks)
+
+
+def _print_of(view: View) -> bytes:
+    """What tells one view from all others."""
+    return view.T_b_f.tobytes() + view.profile.x_s.tobytes() + view.profile.z_s.tobytes()
 
 
 def station_of(
@@ -114,7 +127,21 @@ def sight(stations: Sequence[Station], settings: StitchSettings) -> list[Sightin
         sightings.append(Sighting(station, tubes, found))
         if len(sightings) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
+        _check_nominal(sightings[0], sightings[-1])
     return sightings
+
+
+def _check_nominal(first: Sighting, other: Sighting) -> None:
+    """Refuse nominal poses too far off to tell from which side a station looked."""
+    a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
+    if (turned := rotation_angle(a, b)) > MOST_TURNED:
+        raise StitchingRefused(
+            "nominal poses disagree",
+            f"by where their bases were meant to stand, stations {first.station.name} and "
+            f"{other.station.name} see the joint turned by {np.degrees(turned):.0f}°, "
+            f"{np.degrees(MOST_TURNED):.0f}° are allowed: which side of it each looked at can't be "
+            "told. Put euler_zyx_deg of their [[station]] right in job.toml, and stitch again",
+        )
 
 
 def _start(station: Station) -> tuple[Cylinder, Cylinder]:

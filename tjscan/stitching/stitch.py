@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import networkx as nx
 import numpy as np
@@ -16,7 +17,14 @@ from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
 from tjscan.stitching.graph import Placement, chained, gap, motion_of, solve
 from tjscan.stitching.outline import Outline, outline
-from tjscan.stitching.overlaps import Arc, Overlap, coverage, find_overlaps, section_azimuths
+from tjscan.stitching.overlaps import (
+    TURN,
+    Arc,
+    Overlap,
+    coverage,
+    find_overlaps,
+    section_azimuths,
+)
 from tjscan.stitching.registration import Registration, register
 from tjscan.stitching.settings import DEFAULT, StitchSettings
 from tjscan.stitching.stations import Sighting, Station, allowing, sight
@@ -110,6 +118,11 @@ class Stitched:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape_sigma", readonly(self.shape_sigma))
 
+    @property
+    def closed(self) -> bool:
+        """Whether the sections go all the way round, without a gap."""
+        return self.covered > TURN - 1e-9
+
 
 def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> Stitched:
     """Make one groove of what several stations saw of one joint.
@@ -127,10 +140,10 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
         If a station does not see the joint, or an overlap that is needed can't hold two stations
         together. It carries a `Draft` of what there was until then.
     ConfigurationError
-        If there are fewer than two stations, or two of one name.
+        If there are fewer than two stations, or two of one name or of one recording.
     """
     stations = sorted(stations, key=lambda station: station.name)
-    _check_names(stations)
+    _check_apart(stations)
     sightings = sight(stations, settings)
     azimuths = [section_azimuths(sighting) for sighting in sightings]
     overlaps = find_overlaps(azimuths)
@@ -212,12 +225,18 @@ def settle(
         allowance *= 2
 
 
-def _check_names(stations: Sequence[Station]) -> None:
+def _check_apart(stations: Sequence[Station]) -> None:
+    """Refuse what is no two stations: nothing could be learnt of one laid on itself."""
     if len(stations) < 2:
         raise ConfigurationError("stitching takes two stations or more")
     name, count = Counter(station.name for station in stations).most_common(1)[0]
     if count > 1:
         raise ConfigurationError(f"{count} stations are called {name}: give each its own name")
+    for one, other in combinations(stations, 2):
+        if one.shares_views_with(other):
+            raise ConfigurationError(
+                f"stations {one.name} and {other.name} hold the same recording: leave one out"
+            )
 
 
 def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:

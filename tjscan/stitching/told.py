@@ -23,7 +23,7 @@ class ToldStation:
     Parameters
     ----------
     name, source : str
-        Which, and the run directory that it was read from.
+        Which, and its run directory, seen from that of the stitched run.
     position_mm, euler_zyx_deg : tuple of float
         Its base in frame j.
     sigma_position_mm, sigma_rotation_deg : tuple of float
@@ -140,7 +140,7 @@ class ToldStitching:
 
 
 def tell(stitched: Stitched, sources: Mapping[str, str]) -> ToldStitching:
-    """Tell a stitching in the units of files; `sources` maps station names to run directories."""
+    """Tell a stitching in the units of files; `sources` maps stations' names to their `source`."""
     brace, leg, angle, offset = stitched.shape.array
     spread = stitched.shape_sigma
     first = stitched.stations[0]
