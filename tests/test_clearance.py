@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from tjscan.cell import clearance_of, mount_of, open_cell
 from tjscan.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
-from tjscan.frames import Array, pose, rot_y, transform
+from tjscan.frames import Array, pose, rot_y, rot_z, transform
 from tjscan.job import read_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
-from tjscan.robot.cleared import ClearedArm
+from tjscan.robot.cleared import SWEEP, ClearedArm
 from tjscan.robot.collision import SEEN, CollisionModel, check_links
 from tjscan.robot.kinematics import MODELS, Kinematics
 from tjscan.robot.path import joint_waypoints, linear_waypoints
@@ -320,6 +320,18 @@ def test_where_the_nearest_configuration_is_blocked_another_one_is_taken() -> No
     np.testing.assert_allclose(reached.T_b_f, goal, atol=1e-8)
     assert np.abs(reached.q - nearest).max() > 0.5
     assert min(np.abs(reached.q - q).max() for q in others) < 1e-6
+
+
+def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -> None:
+    q = np.array(HOME)
+    q[5] = kinematics().upper[5] - 0.01
+    goal = kinematics().forward(q) @ pose(rot_z(0.05))
+    spy = Spy(SimulatedArm(kinematics(), q))
+    with ClearedArm(spy, clearance(), np.eye(4)) as arm:
+        assert np.abs(arm.way(q, goal, straight=False).legs[-1].q - q).max() > SWEEP
+        with pytest.raises(PoseUnreachable, match="would turn by"):
+            arm.move_joint(goal, near=q)
+    assert spy.told == []
 
 
 def test_without_lifts_there_is_no_detour() -> None:

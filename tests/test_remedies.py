@@ -55,6 +55,28 @@ def test_up_to_five_bad_profiles_in_a_row_cost_no_section(fault: Fault) -> None:
     assert {name for name, _ in notes.events} == {"taken again", "stop"}
 
 
+@pytest.mark.parametrize("back", [1, 2, 3, 4])
+def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> None:
+    given: list[Profile] = []
+
+    def out_of_a_ring(now: Profile, before: Profile) -> Profile:
+        return replace(given[-back], time=now.time)
+
+    class Remembering(FaultyLaser):
+        def capture(self) -> Profile:
+            given.append(super().capture())
+            return given[-1]
+
+    failing = range(SIDE_VIEW, SIDE_VIEW + MISSING)
+    result = scan_example(
+        SHORT,
+        through=lambda laser: Remembering(laser, lambda k: out_of_a_ring if k in failing else None),
+    )
+    assert result.stop is StopReason.SECTIONS
+    assert result.tally == Tally(taken_again=MISSING)
+    assert example_corner_errors(result).max() < TRUE_CORNER
+
+
 def test_a_third_of_all_points_anywhere_cost_no_section() -> None:
     fault = spurious(0.3, 5)
     result = scan_with(lambda k: fault)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from cells import FAULTLESS, PAPER, calibration_file
 from command import tjscan
+from mcap.writer import CompressionType, Writer
 
 from tjscan.errors import RecordingError
 from tjscan.files import sole_writer
@@ -92,6 +93,42 @@ def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) 
     assert tjscan("scan", "--resume", run) == 0
     assert [file.name for file in parts(run)] == ["scan.mcap", "scan-2.mcap", "scan-3.mcap"]
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+@pytest.mark.parametrize("recorded", [None, 0, 5, 100], ids=str)
+def test_a_scan_that_was_killed_as_it_began_to_record_begins_again(
+    whole: Path, tmp_path: Path, recorded: int | None
+) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    for name in ("job.toml", "joint.toml"):
+        shutil.copyfile(whole / name, run / name)
+    if recorded is not None:
+        (run / "scan.mcap").write_bytes((whole / "scan.mcap").read_bytes()[:recorded])
+    assert tjscan("scan", "--resume", run) == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+def test_a_run_whose_recording_is_gone_does_not_go_on(whole: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(whole, tmp_path / "run")
+    (run / "scan.mcap").unlink()
+    assert tjscan("scan", "--resume", run) == 2
+    assert not (run / "scan.mcap").exists()
+
+
+def test_a_recording_of_another_program_is_not_gone_on_with(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    with (run / "scan.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, use_chunking=False)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("Imu", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/imu", "json", schema), 0, b"{}", 0)
+        writer.finish()
+    assert tjscan("scan", "--resume", run) == 1
+    assert "no scan of this program made it" in " ".join(capsys.readouterr().err.split())
+    assert len(parts(run)) == 1
 
 
 def test_a_joint_that_moved_is_not_scanned_on(

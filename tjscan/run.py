@@ -11,7 +11,13 @@ import numpy as np
 
 from tjscan.cell import Cell, mount_of, open_cell
 from tjscan.config import naming
-from tjscan.errors import ConfigurationError, Interrupted, TjscanError, words_of
+from tjscan.errors import (
+    ConfigurationError,
+    Interrupted,
+    RecordingError,
+    TjscanError,
+    words_of,
+)
 from tjscan.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
@@ -20,11 +26,11 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.recording.origin import Origin, changes
-from tjscan.recording.reader import read_origin, read_progress
-from tjscan.recording.writer import Recording, next_part
+from tjscan.recording.reader import read_messages, read_origin, read_progress
+from tjscan.recording.writer import Recording, next_part, parts
 from tjscan.report.write import write_report
 from tjscan.result.calibration import calibration_name
-from tjscan.result.directory import COPIES, JOB, make_directory, origin_of
+from tjscan.result.directory import COPIES, JOB, is_untouched, make_directory, origin_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
 from tjscan.result.write import write_scan
@@ -260,9 +266,11 @@ def resume_job(
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
         origin = origin_of(directory, job)
-        changed = check_origin(directory, origin)
-        done = read_progress(directory, reader_of(job))
-        left = done.views[-1] if done.views else None
+        changed, done = [], None
+        if not is_untouched(directory):  # else it ended before it began to record
+            changed = check_origin(directory, origin)
+            done = read_progress(directory, reader_of(job))
+        left = done.views[-1] if done and done.views else None
         cell = open_cell(job, mount.T_f_s, joint and joint[1], left)
         with Recording(next_part(directory), origin) as recording:
             journal = Journals(recording, watch)
@@ -302,9 +310,18 @@ def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
     ------
     ConfigurationError
         If something else changed: job, joint, calibration or the arm's model were edited.
+    RecordingError
+        If the recording does not say what it was made with: another program made it.
     """
     before = read_origin(directory)
-    changed = [] if before is None else list(changes(before, now))
+    if before is None:
+        if any(True for file in parts(directory) for _ in read_messages(file)):
+            raise RecordingError(
+                f"{directory}: its recording does not say what it was made with; no scan of this "
+                "program made it. Start a new scan"
+            )
+        return []
+    changed = list(changes(before, now))
     for key, what in changed:
         if not key.startswith(RESUMABLE):
             raise ConfigurationError(

@@ -16,7 +16,7 @@ from tjscan.errors import ConfigurationError, RecordingError, StitchingRefused, 
 from tjscan.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
 from tjscan.recording.reader import read_progress
-from tjscan.result.directory import COPIES, JOB, make_directory
+from tjscan.result.directory import COPIES, JOB, is_untouched, make_directory
 from tjscan.result.summary import Summary, read_summary
 from tjscan.run import (
     cell_of,
@@ -236,7 +236,8 @@ def _scan(
 ) -> None:
     single = job.at(station.name)
     if (station.directory / JOB).is_file():
-        if len(read_progress(station.directory, reader_of(single)).sections) >= 2:
+        begun = not is_untouched(station.directory)
+        if begun and len(read_progress(station.directory, reader_of(single)).sections) >= 2:
             resume_job(station.directory, overrides, journal, stop)
             return
         # Nothing to go on from: its start poses may have been taught anew since.

@@ -61,6 +61,11 @@ def make_directory(
         (draft / JOB).write_text(_text(job, draft), encoding="utf-8")
 
 
+def is_untouched(directory: Path) -> bool:
+    """Whether a run directory was made and nothing was recorded in it yet."""
+    return all(file.name in COPIES or file.name.startswith(DRAFT) for file in directory.iterdir())
+
+
 def origin_of(directory: Path, job: CellFile) -> Origin:
     """What a run directory's recording is made with: a job as it now is, and the files it names.
 

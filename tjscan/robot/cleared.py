@@ -24,6 +24,10 @@ SAME_CONFIGURATION: Final = 0.1
 """Radians a joint may end from where it was planned: far more than a calibrated arm differs from
 its nominal model, far less than another configuration does."""
 
+SWEEP: Final = np.pi / 2
+"""Radians a joint may turn on a move that was to end near where the joints are told to stay: where
+one runs into its limit, the same pose a whole turn away is not near."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leg:
@@ -204,7 +208,9 @@ class ClearedArm:
             Of the direct path, if no other way keeps clear either.
         """
         if near is not None:
-            return Way(self._into(q, T_b_f, near))
+            legs = self._into(q, T_b_f, near)
+            _check_near(legs[-1], near)
+            return Way(legs)
         try:
             return Way((self._leg(q, T_b_f, straight=straight),))
         except PathBlocked as blocked:
@@ -276,6 +282,18 @@ class ClearedArm:
 
 def _tell_nobody(words: str) -> None:
     """Tell nobody."""
+
+
+def _check_near(leg: Leg, near: Array) -> None:
+    """Refuse a move that is short for the flange and long for a joint."""
+    away = np.abs(leg.q - near)
+    if away.max() > SWEEP:
+        i = int(away.argmax())
+        raise PoseUnreachable(
+            f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "
+            "can't stay as they are. Start from another configuration or move the base.",
+            leg.T_b_f,
+        )
 
 
 def _check_configuration(state: ArmState, leg: Leg) -> None:

@@ -12,7 +12,7 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.checks.fresh import check_fresh
+from tjscan.scanning.checks.fresh import Seen
 from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.checks.plausible import check_agreement, check_measures, check_side, check_step
 from tjscan.scanning.journal import Journal
@@ -47,13 +47,15 @@ class Hand:
     ) -> None:
         self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
         self._read, self._plan, self._journal, self._stop = read, plan, journal, stop
-        self._fresh: View | None = None
+        self._seen = Seen()
         self.views: list[View] = []
         self.tally = Tally()
 
     def remember(self, views: Iterable[View], tally: Tally) -> None:
         """Go on from what was done before."""
         self.views, self.tally = list(views), tally
+        for view in self.views:
+            self._seen.add(view)
 
     def note(self, event: Event, detail: str) -> None:
         """Tell the journal of an event, and count it."""
@@ -185,7 +187,7 @@ class Hand:
         profile = self._capture(index, substep, state)
         T_b_s = state.T_b_f @ self._T_f_s
         view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._fresh = view
+        self._seen.add(view)
         return self._keep(view)
 
     def _keep(self, view: View) -> View:
@@ -200,7 +202,7 @@ class Hand:
             self._stop.check()
             try:
                 profile = self._laser.capture()
-                check_fresh(profile, state, self._fresh)
+                self._seen.check(profile, state)
                 return profile
             except LaserFault as error:
                 missed += 1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Final
 
 import numpy as np
 
 from tjscan.errors import LaserFault
+from tjscan.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.scan import View
@@ -15,38 +17,43 @@ MOVED: Final = 1e-4
 """Metres, or entries of a rotation: a hand that moved further sees another profile."""
 
 
-def check_fresh(profile: Profile, state: ArmState, before: View | None) -> None:
-    """Refuse a profile that is late or frozen.
+class Seen:
+    """Every profile that was good, told apart by its bits, and where it was taken."""
 
-    Parameters
-    ----------
-    profile : Profile
-        As it came.
-    state : ArmState
-        Where the arm came to rest before.
-    before : View, optional
-        The last profile that was good.
+    def __init__(self) -> None:
+        self._places: dict[bytes, Array] = {}
 
-    Raises
-    ------
-    LaserFault
-        If it was taken before the arm came to rest (where the sensor tells the time), or is the
-        same to the last bit as that of another place: no sensor measures the same noise twice.
-    """
-    if 0.0 < profile.time < state.time:
-        raise LaserFault(
-            f"the profile is late: it was taken {1e3 * (state.time - profile.time):.0f} ms before "
-            "the arm came to rest"
-        )
-    if before is None or not _same(profile, before.profile):
-        return
-    if np.abs(state.T_b_f - before.T_b_f).max() > MOVED:
-        raise LaserFault("the profile is frozen: it is the one of the place before")
+    def add(self, view: View) -> None:
+        """Remember a profile; one without a point tells nothing."""
+        if view.profile.valid.any():
+            self._places.setdefault(_bits(view.profile), view.T_b_f)
+
+    def check(self, profile: Profile, state: ArmState) -> None:
+        """Refuse a profile that is late or frozen.
+
+        Parameters
+        ----------
+        profile : Profile
+            As it came.
+        state : ArmState
+            Where the arm came to rest before.
+
+        Raises
+        ------
+        LaserFault
+            If it was taken before the arm came to rest (where the sensor tells the time), or is
+            the same to the last bit as one of another place, however long ago: no sensor measures
+            the same noise twice.
+        """
+        if 0.0 < profile.time < state.time:
+            raise LaserFault(
+                f"the profile is late: it was taken {1e3 * (state.time - profile.time):.0f} ms "
+                "before the arm came to rest"
+            )
+        place = self._places.get(_bits(profile))
+        if place is not None and np.abs(state.T_b_f - place).max() > MOVED:
+            raise LaserFault("the profile is frozen: it is one of a place before")
 
 
-def _same(one: Profile, other: Profile) -> bool:
-    return (
-        one.z_s.tobytes() == other.z_s.tobytes()
-        and one.x_s.tobytes() == other.x_s.tobytes()
-        and bool(one.valid.any())
-    )
+def _bits(profile: Profile) -> bytes:
+    return sha256(profile.z_s.tobytes() + profile.x_s.tobytes()).digest()
