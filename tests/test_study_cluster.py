@@ -10,8 +10,9 @@ with warnings.catch_warnings():
     distributed = pytest.importorskip("distributed")
 
 from cells import PAPER
+from study_work import once
 
-from tjscan.errors import ConfigurationError
+from tjscan.errors import ClusterFault, ConfigurationError
 from tjscan.study.cluster import ClusterScheduler
 from tjscan.study.file import StudyFile
 from tjscan.study.grid import tasks_of
@@ -53,3 +54,35 @@ def test_a_scheduler_that_is_not_there_is_told_of(monkeypatch: pytest.MonkeyPatc
     scheduler = ClusterScheduler("tcp://127.0.0.1:1")
     with pytest.raises(ConfigurationError, match="no scheduler answers"):
         list(scheduler(run_task, ()))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_goes_away_is_told_of_and_what_is_done_was_given() -> None:
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+    )
+    with cluster:
+        ended = ClusterScheduler(cluster.scheduler_address)(once, (0, 1))
+        assert next(ended) == Done(0, 0)
+        cluster.close(timeout=5)
+        with pytest.raises(ClusterFault, match="--resume"):
+            next(ended)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tjscan.study.cluster.PATIENCE", 2.0)
+    with (
+        distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster,
+        pytest.raises(ClusterFault, match="no worker has joined"),
+    ):
+        list(ClusterScheduler(cluster.scheduler_address)(once, (0,)))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_workers_with_another_version_are_refused(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tjscan.study.cluster.__version__", "0.0.7")
+    with pytest.raises(ClusterFault, match=r"this machine 0\.0\.7"):
+        list(ClusterScheduler(address)(once, (0,)))

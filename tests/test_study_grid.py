@@ -148,3 +148,5 @@ def test_what_can_not_be_is_refused_by_key_before_anything_runs(
     assert words in str(refused.value)
     assert key is None or (refused.value.key or "").startswith(key)
     assert refused.value.file is not None
+    # Who swept the key has to mend it: the job that it replaces is not to blame.
+    assert refused.value.file.name == tables.get("job", "study.toml")

@@ -299,6 +299,10 @@ class StitchingRefused(TjscanError):
         super().__init__(f"stitching refused ({reason}): {evidence}")
 
 
+class ClusterFault(TjscanError):
+    """A cluster can't run a study, or can't any more; what is done of it is kept."""
+
+
 class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 

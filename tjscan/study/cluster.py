@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Final, TypeVar
+from importlib.metadata import version as installed
+from typing import Any, Final, TypeVar
 
-from tjscan.errors import ConfigurationError
+from tjscan import __version__
+from tjscan.errors import ClusterFault, ConfigurationError
 from tjscan.study.schedule import Done, Lost
 
 T = TypeVar("T")
@@ -39,6 +41,8 @@ class ClusterScheduler:
         ------
         ConfigurationError
             If dask.distributed is not installed, or no scheduler answers.
+        ClusterFault
+            If no worker joins, one has another tjscan, or the scheduler is gone before the end.
         """
         try:
             from distributed import Client, KilledWorker, as_completed
@@ -54,12 +58,44 @@ class ClusterScheduler:
                 "scheduler`, and workers with `dask worker ADDRESS --nthreads 1`"
             ) from None
         with client:
+            _check_workers(client)
             futures = {client.submit(work, task, pure=False): task for task in tasks}
             for future in as_completed(futures):
                 task = futures.pop(future)
-                fault = future.exception()
+                fault = future.exception() if future.status == "error" else None
                 if isinstance(fault, KilledWorker):
                     yield Lost(task, f"worker after worker died under it: {fault}")
+                elif fault is not None:
+                    raise ClusterFault(f"a worker of {self.address} failed: {fault!r}")
+                elif future.status != "finished":
+                    raise ClusterFault(
+                        f"the scheduler at {self.address} is gone; start one again, and go on "
+                        "with --resume"
+                    )
                 else:
                     yield Done(task, future.result())
                 future.release()
+
+
+def _check_workers(client: Any) -> None:
+    """Refuse a cluster without workers, or whose workers have another tjscan than this one.
+
+    Raises
+    ------
+    ClusterFault
+        If so.
+    """
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise ClusterFault(
+            f"no worker has joined the scheduler within {PATIENCE:g} s; start one with `dask "
+            "worker ADDRESS --nthreads 1`, and go on with --resume"
+        ) from None
+    for worker, found in client.run(installed, "tjscan", on_error="return").items():
+        if found != __version__:
+            other = found if isinstance(found, str) else "not at all"
+            raise ClusterFault(
+                f"the worker {worker} has tjscan {other}, this machine {__version__}: the same "
+                "version everywhere makes the same rows; then go on with --resume"
+            )

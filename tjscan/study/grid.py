@@ -65,7 +65,7 @@ def tasks_of(study: StudyFile, study_file: Path) -> tuple[Task, ...]:
 
 def _task(index: int, varied: dict[str, Any], file: Path, keys: dict[str, Any]) -> Task:
     job_keys, joint_keys, rules = _sorted_out(keys)
-    job = read_job(file, job_keys)
+    job = _job(file, job_keys)
     if job.joint is None or job.simulation is None or job.arm.driver != "simulated":
         raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
     if job.station:
@@ -77,6 +77,17 @@ def _task(index: int, varied: dict[str, Any], file: Path, keys: dict[str, Any]) 
         changed["calibration"] = {"T_f_s_mm": pose_to_rows(T_f_s)}
     data = job.model_dump(mode="json", exclude_none=True) | changed
     return Task.of(index, _cells(varied | followed), validate(JobFile, data), joint)
+
+
+def _job(file: Path, keys: dict[str, Any]) -> JobFile:
+    """A job with the study's keys; what is wrong with one of these is the study's to mend."""
+    try:
+        return read_job(file, keys)
+    except ConfigurationError as error:
+        blamed = error.key or ""
+        if any(key == blamed or key.startswith(f"{blamed}.") for key in keys):
+            raise ConfigurationError(error.message, key=error.key) from None
+        raise
 
 
 def _sorted_out(keys: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], RuleTable]:
