@@ -22,6 +22,7 @@ from tjscan.report.design import designed_measures
 from tjscan.report.findings import findings
 from tjscan.report.material import gather
 from tjscan.report.page import render
+from tjscan.report.stations import read_stitching
 from tjscan.report.write import write_report
 from tjscan.result.sections import IN_FILE, read_sections, write_sections
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
@@ -189,6 +190,12 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     text = Page((again / "report.html").read_text(encoding="utf-8")).text
     assert "corners to reference cloud" in text
     assert tjscan("report", tmp_path) == 2
+    before = (again / "report.html").read_bytes()
+    for tolerance in ("0", "-1", "nan", "inf"):
+        assert tjscan("report", again, "--tolerance-mm", tolerance) == 2
+    (again / "joint.toml").unlink()
+    assert tjscan("report", again, "--tolerance-mm", "1") == 2  # of which joint?
+    assert (again / "report.html").read_bytes() == before
     with pytest.raises(ConfigurationError, match="no finished run"):
         gather(tmp_path / "none")
 
@@ -274,6 +281,17 @@ def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
     ):
         assert words in found.text
     assert found.tags.count("img") == 6
+
+
+def test_a_loop_that_no_overlap_closes_is_told(stitched: Path) -> None:
+    told = read_stitching(stitched)
+    assert told is not None
+    write_stations(
+        stitched / "stations.json",
+        replace(told, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
+    )
+    text = Page(write_report(stitched).read_text(encoding="utf-8")).text
+    assert "no overlap closes the way round" in text
 
 
 def test_a_damaged_stations_file_is_refused(stitched: Path) -> None:

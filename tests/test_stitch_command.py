@@ -92,6 +92,7 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1
     said = capsys.readouterr().err
     assert "stitching refused (" in said
+    assert "scan again. " in " ".join(said.split())
     assert "stitch.png shows it" in said
     assert [file.name for file in out.iterdir()] == ["stitch.png"]
 
@@ -107,5 +108,13 @@ def test_what_is_no_run_of_a_station_is_refused_by_name(
     assert "--resume" in capsys.readouterr().err
     assert tjscan("stitch", runs / "left", "--out", tmp_path / "out") == 2
     assert "two stations or more" in capsys.readouterr().err
+    assert tjscan("stitch", runs / "left", runs / "left", "--out", tmp_path / "out") == 2
+    assert "leave one out" in capsys.readouterr().err
+    for option in ("--repeatability-mm", "--repeatability-deg", "--out-of-round-mm"):
+        for value in ("0", "-1", "nan", "inf", "1000"):
+            words = ("stitch", runs / "left", runs / "right", option, value)
+            assert tjscan(*words, "--out", tmp_path / "out") == 2
+            assert f"{option}: must be" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
     assert tjscan("stitch", runs / "left", runs / "right", "--out", runs) == 2
     assert "is not empty" in capsys.readouterr().err

@@ -309,7 +309,8 @@ class RecordingError(TjscanError):
 
 def words_of(error: BaseException) -> str:
     """What an error says, and what was noted of it since."""
-    return " ".join((str(error), *getattr(error, "__notes__", ())))
+    sentences = (str(error), *getattr(error, "__notes__", ()))
+    return ". ".join(words.removesuffix(".") for words in sentences)
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,7 @@ def stitch_runs(
         If one can't be read, or the result can't be written.
     """
     read = [read_station(run) for run in station_directories(runs)]
+    _check_names(read)
     try:
         stitched = stitch([one.station for one in read], settings)
     except StitchingRefused as error:
@@ -117,6 +119,16 @@ def stitch_runs(
     done = _write(directory, read, stitched)
     write_report(directory)
     return done
+
+
+def _check_names(read: Sequence[StationRun]) -> None:
+    for one, other in combinations(read, 2):
+        if one.station.name == other.station.name:
+            raise ConfigurationError(
+                f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
+                f"where they are two, call one otherwise in its {JOB}",
+                file=other.directory,
+            )
 
 
 def station_directories(runs: Sequence[Path]) -> list[Path]:

@@ -39,7 +39,7 @@ def stitch(
     from tjscan.errors import ConfigurationError
     from tjscan.result.directory import default_directory
     from tjscan.stitch_run import stitch_runs
-    from tjscan.stitching.settings import StitchSettings
+    from tjscan.stitching.settings import DEFAULT, StitchSettings
     from tjscan.tubes.walls import Repeatability
 
     directory = out or default_directory(Path("stitched"))
@@ -47,13 +47,13 @@ def stitch(
         raise ConfigurationError(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
-    for name, value in (
-        ("repeatability-mm", repeatability_mm),
-        ("repeatability-deg", repeatability_deg),
-        ("out-of-round-mm", out_of_round_mm),
+    for name, value, most in (
+        ("repeatability-mm", repeatability_mm, 5.0),
+        ("repeatability-deg", repeatability_deg, 1.0),
+        ("out-of-round-mm", out_of_round_mm, 1e3 * DEFAULT.most_out_of_round),
     ):
-        if not value > 0:
-            raise ConfigurationError("must be more than 0", key=f"--{name}")
+        if not 0 < value <= most:
+            raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")
     done = stitch_runs(
         (run, *runs),
         directory,

@@ -12,7 +12,7 @@ from rich.table import Table
 from tjscan.cli.console import say, stderr
 from tjscan.result.summary import Summary
 from tjscan.stitch_run import StitchedRun
-from tjscan.stitching.told import ToldStitching
+from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 
 NOTED_MM = 0.05
 """Tubes less out of round are not worth a word."""
@@ -56,6 +56,8 @@ def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
             "loop gap",
             f"{told.loop_gap_before_mm:.3f} mm, closed {told.loop_gap_after_mm:.3f} mm",
         )
+    else:
+        yield "loop", LOOP_OPEN
     yield "covered", f"{told.covered_deg:.0f}°, {summary.sections} sections"
     yield (
         "diameters",

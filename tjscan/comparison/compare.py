@@ -108,6 +108,12 @@ class Comparison:
         return all(d.statistics.p95 <= limit for d in corners or self.deviations)
 
 
+def check_tolerance(tolerance: float | None) -> None:
+    """Refuse a tolerance that nothing could keep, or everything; ConfigurationError says so."""
+    if tolerance is not None and not 0 < tolerance < np.inf:
+        raise ConfigurationError("a tolerance is larger than zero", key="tolerance-mm")
+
+
 def compare(
     measured: Shape, reference: Shape, align: Align = "none", tolerance: float | None = None
 ) -> Comparison:
@@ -133,8 +139,7 @@ def compare(
     ComparisonRefused
         If the points do not hold an alignment.
     """
-    if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ConfigurationError("a tolerance is larger than zero", key="tolerance-mm")
+    check_tolerance(tolerance)
     if measured.points is None:
         raise ConfigurationError(
             f"{measured.name} holds no points: what is measured is a run directory or a cloud"

@@ -9,13 +9,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from tjscan.config import FileModel
-from tjscan.errors import ConfigurationError
 from tjscan.export.surfaces import surfaces_of
 from tjscan.frames import Array
 from tjscan.result.frame import FRAME_WORDS
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths, read_sections
-from tjscan.result.summary import read_summary
+from tjscan.result.shapes import SECTIONS, finished_summary
 
 VERSION: Final = 1
 PER_METRE: Final = {"mm": 1e3, "m": 1.0}
@@ -104,10 +103,8 @@ def document_of(directory: Path, units: Length = "mm") -> GrooveDocument:
     ConfigurationError
         If the directory holds no finished run, or fewer than two sections.
     """
-    if not directory.is_dir():
-        raise ConfigurationError("there is no such run directory", file=directory)
-    summary = read_summary(directory / "summary.json")
-    sections = read_sections(directory / "sections.csv")
+    summary = finished_summary(directory)
+    sections = read_sections(directory / SECTIONS)
     return to_document(
         sections,
         run=directory.resolve().name,

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.file import CalibrationFile, read_calibration
-from tjscan.comparison.compare import Align, Comparison, compare
+from tjscan.comparison.compare import Align, Comparison, check_tolerance, compare
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import Told
 from tjscan.errors import ComparisonRefused, ConfigurationError
@@ -138,6 +138,7 @@ def gather(
     ConfigurationError
         If there is no finished run, or the reference can't be read.
     """
+    check_tolerance(tolerance)
     shape = read_run_shape(directory)  # which holds a section or more
     summary = read_summary(directory / SUMMARY)
     sections = read_sections(directory / SECTIONS)
@@ -176,6 +177,10 @@ def _compared(
     if other is not None:
         same = shape.stated.frame == other.stated.frame and not shape.in_own_joint
         return compare(shape, other, "none" if same else "joint", tolerance), ()
+    if joint is None and tolerance is not None:
+        raise ConfigurationError(
+            "there is nothing to compare with: name a --reference", key="tolerance-mm"
+        )
     if joint is None:
         return None, ()
     # A stitched run's frame j is made of its own tubes: which way x points may be left to choose.

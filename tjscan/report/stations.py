@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tjscan.errors import ConfigurationError
 from tjscan.report.picture import Picture
-from tjscan.stitching.told import ToldStitching
+from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 
 STATIONS: Final = "stations.json"
 PICTURE: Final = "stitch.png"
@@ -107,6 +107,8 @@ def stitching_findings(told: ToldStitching) -> Iterator[str]:
     """What to know of the stitching."""
     if told.covered_deg < 360 - 0.5:
         yield f"The stations cover {told.covered_deg:.0f}° without a gap, not all of the joint."
+    elif told.loop_gap_after_mm is None:
+        yield f"All of it was seen, but {LOOP_OPEN}."
     for one in told.overlaps:
         if one.misfit > UNFIT:
             yield (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,7 @@ from tjscan.errors import ConfigurationError
 from tjscan.files import check_inside
 from tjscan.frames import readonly
 from tjscan.result.sections import read_sections
-from tjscan.result.summary import read_summary
+from tjscan.result.summary import Summary, read_summary
 
 CLOUD: Final = "groove.ply"
 SECTIONS: Final = "sections.csv"
@@ -39,8 +40,27 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
     if path.is_dir():
         return read_run_shape(path)
     if path.name == CLOUD and (path.parent / SUMMARY).is_file():
-        told = Told("mm", read_summary(path.parent / SUMMARY).frame)
+        frame = read_summary(path.parent / SUMMARY).frame
+        shape = read_file(path, Told("mm", frame))
+        return replace(shape, stated=Stated("mm", f"the {SUMMARY} beside it", frame))
     return read_file(path, told)
+
+
+def finished_summary(directory: Path) -> Summary:
+    """The summary of a finished run, of one scan or stitched.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds no finished run, or files that lead out of it.
+    """
+    check_inside(directory, SUMMARY, SECTIONS, CLOUD)
+    if not (directory / SUMMARY).is_file():
+        hint = ""
+        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
+            hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
+        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}{hint}", file=directory)
+    return read_summary(directory / SUMMARY)
 
 
 def read_run_shape(directory: Path) -> Shape:
@@ -51,13 +71,7 @@ def read_run_shape(directory: Path) -> Shape:
     ConfigurationError
         If the directory holds no finished run, or its files are damaged.
     """
-    check_inside(directory, SUMMARY, SECTIONS, CLOUD)
-    if not (directory / SUMMARY).is_file():
-        hint = ""
-        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
-            hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
-        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}{hint}", file=directory)
-    summary = read_summary(directory / SUMMARY)
+    summary = finished_summary(directory)
     frame = summary.frame
     sections = read_sections(directory / SECTIONS)
     if not sections:

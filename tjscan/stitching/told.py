@@ -6,12 +6,18 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from tjscan.frames import inverse, rotation_angle, to_euler_zyx
 from tjscan.stitching.registration import Registration, place_covariance
 from tjscan.stitching.stitch import PlacedStation, Stitched
+
+LOOP_OPEN: Final = (
+    "no overlap closes the way round, so that nothing tells how well its two ends meet"
+)
+"""What is told where there is no loop gap."""
 
 Triple = tuple[float, float, float]
 
