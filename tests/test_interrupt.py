@@ -2,10 +2,12 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -15,7 +17,7 @@ from cells import FAULTLESS, PAPER, Notes, scan_example
 from command import tjscan
 
 from tjscan.errors import Interrupted
-from tjscan.recording.messages import EVENT, PROFILE, SECTION
+from tjscan.recording.messages import EVENT, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
 from tjscan.scanning.progress import StopReason
@@ -25,8 +27,12 @@ from tjscan.scanning.stopping import StopRequest
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
 
-SHORT = ["--scan.step-mm", "80", "--scan.length-mm", "400"]
-OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))] + SHORT
+OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))]
+ALL = ["--scan.sections", "16"]
+
+LEISURELY, CRAWLING = 100, 1
+"""Millimetres per second: at the one some ten seconds of scan are left, at the other minutes of
+every section. Whatever else the machine does, a key is pressed before they are over."""
 
 
 def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
@@ -42,38 +48,41 @@ def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that ended at its fourth section; the arm stands there."""
+    run = tmp_path_factory.mktemp("runs") / "begun"
+    assert tjscan("scan", PAPER, "--out", run, "--scan.sections", "4", *OPTIONS) == 0
+    (run / "summary.json").unlink()
+    return run
+
+
+@pytest.fixture(scope="module")
+def whole(begun: Path, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     """Sections of a run that nothing interrupted."""
-    run = tmp_path_factory.mktemp("runs") / "whole"
-    assert tjscan("scan", PAPER, "--out", run, *OPTIONS) == 0
+    run = shutil.copytree(begun, tmp_path_factory.mktemp("runs") / "whole")
+    assert tjscan("scan", "--resume", run, *ALL) == 0
     return recorded(run)[0]
 
 
-Scanning = tuple["subprocess.Popen[str]", IO[str], Path]
-
-
-def profiles_in(recording: Path) -> int:
-    """How many profiles are on disk; the fifth is the prediction view of section 3."""
-    if not recording.exists():
-        return 0
-    return sum(topic == PROFILE for topic, _ in read_messages(recording))
-
-
-@pytest.fixture
-def scanning(tmp_path: Path) -> Iterator[Scanning]:
-    """A scan in a process of its own, in real time, that has found some sections."""
-    run = tmp_path / "run"
-    command = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
-    # Slow enough for two signals to come while the correction of section 3 is under way.
-    options = ["--realtime", "--arm.speed-mm-s", "150", "--out", str(run), *OPTIONS]
+@contextmanager
+def scanning(run: Path, speed: int) -> Iterator[tuple["subprocess.Popen[str]", IO[str]]]:
+    """A process that goes on with a scan in real time."""
+    command = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", "--resume"]
+    options = [str(run), "--realtime", "--arm.speed-mm-s", str(speed), *ALL]
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        while process.poll() is None and profiles_in(run / "scan.mcap") < 5:
+        while process.poll() is None and "resumed" not in events_in(run / "scan-2.mcap"):
             os.sched_yield()
         try:
-            yield process, process.stderr, run
+            yield process, process.stderr
         finally:
             process.kill()
+
+
+def events_in(recording: Path) -> list[str]:
+    if not recording.exists():
+        return []
+    return [message["name"] for topic, message in read_messages(recording) if topic == EVENT]
 
 
 def press(process: "subprocess.Popen[str]", told: IO[str]) -> None:
@@ -85,36 +94,40 @@ def press(process: "subprocess.Popen[str]", told: IO[str]) -> None:
     raise AssertionError
 
 
-def test_ctrl_c_once_ends_the_scan_after_its_section(whole: np.ndarray, scanning: Scanning) -> None:
-    process, told, run = scanning
-    press(process, told)
-    process.communicate()
+def test_ctrl_c_once_ends_the_scan_after_its_section(
+    begun: Path, whole: np.ndarray, tmp_path: Path
+) -> None:
+    run = shutil.copytree(begun, tmp_path / "run")
+    with scanning(run, LEISURELY) as (process, told):
+        press(process, told)
+        process.communicate()
     assert process.returncode == 130
     sections, events = recorded(run)
     assert events[-2:] == ["stop requested", "stop"]
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     assert summary["stopped_because"] == "stop requested"
     assert not summary["complete"]
-    assert 2 < summary["sections"] == len(sections) < len(whole)
-    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    assert 4 < summary["sections"] == len(sections) < len(whole)
+    assert tjscan("scan", "--resume", run, *ALL) == 0
     np.testing.assert_allclose(recorded(run)[0], whole, atol=SAME)
 
 
 def test_ctrl_c_twice_stops_the_arm_and_all_is_recorded(
-    whole: np.ndarray, scanning: Scanning
+    begun: Path, whole: np.ndarray, tmp_path: Path
 ) -> None:
-    process, told, run = scanning
-    press(process, told)
-    process.send_signal(signal.SIGINT)
-    rest = process.communicate()[1]
+    run = shutil.copytree(begun, tmp_path / "run")
+    with scanning(run, CRAWLING) as (process, told):
+        press(process, told)
+        process.send_signal(signal.SIGINT)
+        rest = process.communicate()[1]
     assert process.returncode == 130
     assert "interrupted" in rest
     assert "Traceback" not in rest
     sections, events = recorded(run)
     assert events[-1] == "interrupted"
-    assert 2 <= len(sections) < len(whole)
+    assert len(sections) == 4
     assert not (run / "summary.json").exists()
-    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    assert tjscan("scan", "--resume", run, *ALL) == 0
     np.testing.assert_allclose(recorded(run)[0], whole, atol=SAME)
 
 
