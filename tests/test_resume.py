@@ -252,6 +252,48 @@ def test_what_a_dead_process_left_in_the_making_is_swept_away(tmp_path: Path) ->
     assert not list(run.glob(".partial*"))
 
 
+@pytest.mark.parametrize("moment", [2, 4, 6, 7])
+def test_a_scan_killed_between_two_renames_goes_on(
+    whole: Path, tmp_path: Path, moment: int
+) -> None:
+    run = tmp_path / "run"
+    script = (
+        "import os, signal, sys\n"
+        "from itertools import count\n"
+        "from pathlib import Path\n"
+        "from tjscan.cli import main\n"
+        "replace, numbers = Path.replace, count(1)\n"
+        "def kill(*paths):\n"
+        f"    if next(numbers) == {moment}:\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+        "    return replace(*paths)\n"
+        "Path.replace = kill\n"
+        "main(sys.argv[1:])\n"
+    )
+    options = ["scan", str(PAPER), "--out", str(run), "--scan.sections", "3", *OPTIONS]
+    killed = subprocess.run([sys.executable, "-c", script, *options], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    finished = (run / "summary.json").exists()
+    assert all((run / name).exists() for name in ("sections.csv", "groove.ply")) or not finished
+    again = ["scan", "--resume", str(run)] if (run / "job.toml").exists() else options
+    assert tjscan(*again) == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole)[:3], atol=SAME)
+    assert not list(run.glob(".partial*"))
+
+
+def test_a_run_in_the_making_belongs_to_who_makes_it(tmp_path: Path) -> None:
+    with sole_writer(tmp_path):
+        assert tjscan("scan", PAPER, "--out", tmp_path, "--scan.sections", "3") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_no_scan_left_are_not_written_over(tmp_path: Path) -> None:
+    own = tmp_path / "joint.toml"
+    own.write_text("my own", encoding="utf-8")
+    assert tjscan("scan", PAPER, "--out", tmp_path, "--scan.sections", "3") == 2
+    assert own.read_text(encoding="utf-8") == "my own"
+
+
 def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:
     with (
         sole_writer(tmp_path),

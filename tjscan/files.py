@@ -72,7 +72,17 @@ def check_inside(directory: Path, *names: str) -> None:
 def sole_writer(directory: Path) -> Iterator[None]:
     """Keep every other process from measuring into a directory while the block runs.
 
-    Drafts that a dead process left there are swept away.
+    Drafts that a dead process left there are swept away. Raises as `locked` does.
+    """
+    with locked(directory):
+        for draft in directory.glob(f"{DRAFT}*"):  # of a process that died
+            shutil.rmtree(draft, ignore_errors=True)
+        yield
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Hold the lock of a directory while the block runs.
 
     Raises
     ------
@@ -86,23 +96,32 @@ def sole_writer(directory: Path) -> Iterator[None]:
     try:
         # The system lets go of the lock when the process ends, however it ends.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        for draft in directory.glob(f"{DRAFT}*"):  # of a process that died
-            shutil.rmtree(draft, ignore_errors=True)
+    except OSError as error:
+        os.close(handle)
+        if isinstance(error, BlockingIOError):
+            raise RecordingError(
+                f"{directory}: another process is recording there; wait for it to end"
+            ) from None
+        raise RecordingError(f"{directory}: can't be locked: {error.strerror}") from error
+    try:
         yield
-    except BlockingIOError:
-        raise RecordingError(
-            f"{directory}: another process is recording there; wait for it to end"
-        ) from None
     finally:
         os.close(handle)
 
 
 @contextmanager
-def drafted(directory: Path) -> Iterator[Path]:
+def drafted(directory: Path, *, last: str = "") -> Iterator[Path]:
     """Give a draft folder whose files move into `directory` when the block succeeds.
 
     No file is replaced before all of them are on the disk. Where a link stands in the place of
     one, the link is replaced, and what it leads to stays as it is.
+
+    Parameters
+    ----------
+    directory : Path
+        Made where it is not there.
+    last : str
+        The file that is moved last: where it is, all are.
 
     Raises
     ------
@@ -116,7 +135,7 @@ def drafted(directory: Path) -> Iterator[Path]:
             yield draft
             for file in draft.iterdir():
                 _bring_to_disk(file)
-            for file in draft.iterdir():
+            for file in sorted(draft.iterdir(), key=lambda file: file.name == last):
                 file.replace(directory / file.name)
             _bring_to_disk(directory)
     except OSError as error:

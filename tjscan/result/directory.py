@@ -10,7 +10,7 @@ from typing import Final
 import tomli_w
 
 from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import DRAFT, drafted
+from tjscan.files import DRAFT, drafted, locked
 from tjscan.job import CalibrationTable, CellFile
 from tjscan.recording.origin import Origin, digest
 
@@ -44,14 +44,10 @@ def make_directory(
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        if any(not file.name.startswith(DRAFT) for file in directory.iterdir()):
-            raise ConfigurationError(
-                "is not empty; a run never overwrites another. Choose another --out",
-                file=directory,
-            )
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with drafted(directory) as draft:
+    with locked(directory), drafted(directory, last=JOB) as draft:
+        _check_empty(directory, draft)
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
         if calibration is not None:
@@ -59,6 +55,17 @@ def make_directory(
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
         (draft / JOB).write_text(_text(job, draft), encoding="utf-8")
+
+
+def _check_empty(directory: Path, draft: Path) -> None:
+    """Refuse a directory that holds anything but what one killed in the making of it left."""
+    names = {file.name for file in directory.iterdir()} - {draft.name}
+    files = {name for name in names if not name.startswith(DRAFT)}
+    half_made = files < names and files <= {*COPIES} - {JOB}
+    if files and not half_made:
+        raise ConfigurationError(
+            "is not empty; a run never overwrites another. Choose another --out", file=directory
+        )
 
 
 def is_untouched(directory: Path) -> bool:

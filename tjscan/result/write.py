@@ -19,6 +19,7 @@ from tjscan.result.measured import MeasuredSection, measure_all
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.sections import write_sections
+from tjscan.result.shapes import SUMMARY
 from tjscan.result.summary import Summary, summarise, write_summary
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scanner import ScanResult
@@ -51,11 +52,11 @@ def write_results(
     RecordingError
         If a file can't be written.
     """
-    with drafted(directory) as draft:
+    with drafted(directory, last=SUMMARY) as draft:
         write_sections(draft / "sections.csv", sections)
         write_cloud(draft / "groove.ply", points)
         write_picture(draft / "scan.png", picture)
-        write_summary(draft / "summary.json", summary)
+        write_summary(draft / SUMMARY, summary)
 
 
 def write_scan(
