@@ -310,6 +310,15 @@ def test_a_station_that_sees_too_little_of_the_tubes_is_refused_by_name() -> Non
     assert "station right, 3 sections" in str(error)
 
 
+@pytest.mark.parametrize("count", range(5))
+def test_a_station_that_found_all_but_nothing_is_refused_by_name(count: int) -> None:
+    right = exact("right", 167, 377)
+    cut = replace(right, sections=right.sections[:count], looks=right.looks[:count])
+    error = refusal([exact("left", -15, 195), cut])
+    assert error.reason == "joint not found"
+    assert f"station right, {count} sections" in str(error)
+
+
 def test_stations_need_names_of_their_own_and_company() -> None:
     with pytest.raises(ConfigurationError, match="two stations or more"):
         stitch([exact("left", -15, 195)])

@@ -26,6 +26,9 @@ along ±x, else +y, else +z."""
 MOST_TURNED = radians(30.0)
 """By which nominal poses may disagree; at 90° they would tell no more which side is which."""
 
+FEWEST = 4
+"""Sections that tell roughly where the tubes are."""
+
 SAME_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
@@ -117,7 +120,8 @@ def sight(stations: Sequence[Station], settings: StitchSettings) -> list[Sightin
     side_w = SIDE_W
     for station in stations:
         try:
-            tubes = fit_tubes(wall_points(station.looks), settings.repeatability, *_start(station))
+            brace, leg = _start(station)
+            tubes = fit_tubes(wall_points(station.looks), settings.repeatability, brace, leg)
             found = joint_frame(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
             raise StitchingRefused(
@@ -148,8 +152,8 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < 4:
-        raise TubesNotFound(f"{len(corners)} sections are too few")
+    if len(corners) < FEWEST:
+        raise TubesNotFound(f"they are too few, {FEWEST} at least are needed: scan further")
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []
