@@ -1,6 +1,8 @@
 """What was recorded is read again, from a whole file and from one that was cut."""
 
 import json
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import pytest
 from tjscan.errors import ConfigurationError, RecordingError
 from tjscan.frames import from_euler_zyx
 from tjscan.laser.profile import Profile
-from tjscan.recording.messages import EVENT, SCHEMAS, TOPICS
+from tjscan.recording.messages import EVENT, PROFILE, SCHEMAS, TOPICS
 from tjscan.recording.reader import read_messages, read_views
 from tjscan.recording.writer import Recording
 from tjscan.scanning.scan import Substep, View
@@ -66,6 +68,21 @@ def test_events_come_back_and_every_message_has_time_and_frame(tmp_path: Path) -
     assert messages[-1][0] == EVENT
     assert messages[-1][1]["detail"] == "enough"
     assert all({"timestamp", "frame_id"} <= message.keys() for _, message in messages)
+
+
+@pytest.mark.parametrize("days", [0, 40])
+def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
+    began = time.time()
+    with Recording(tmp_path / "scan.mcap") as recording:
+        for i in range(3):
+            recording.view(replace(view(i), time=86400.0 * days + i))
+    stamps = [
+        content["timestamp"]["sec"] + 1e-9 * content["timestamp"]["nsec"]
+        for topic, content in read_messages(tmp_path / "scan.mcap")
+        if topic == PROFILE
+    ]
+    assert began - 1 < stamps[0] <= time.time() + 1
+    np.testing.assert_allclose(np.diff(stamps), 1.0, atol=1e-6)
 
 
 def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> None:

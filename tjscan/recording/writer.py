@@ -80,6 +80,7 @@ class Recording:
             self._writer.add_metadata(ORIGIN, self._origin.metadata)
         self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
         self._start_ns, self._arm_time = time.time_ns(), 0.0
+        self._arm_start: float | None = None
         self._stream.flush()
         return self
 
@@ -99,7 +100,9 @@ class Recording:
 
     def view(self, view: View) -> None:
         """Write the flange pose and the raw profile, before anybody tries to read it."""
-        self._arm_time = view.time
+        if self._arm_start is None:  # a real arm's clock began when it was switched on
+            self._arm_start = view.time
+        self._arm_time = view.time - self._arm_start
         self._write(FLANGE, flange_message(view))
         self._write(PROFILE, profile_message(view))
 
@@ -118,7 +121,7 @@ class Recording:
         return int(self._writer.register_channel(topic, "json", schema_id))
 
     def _write(self, topic: str, message: dict[str, Any]) -> None:
-        """Append a message, stamped with the start of the recording plus the arm's clock."""
+        """Append a message, stamped with the start plus what passed on the arm's clock."""
         now = self._start_ns + round(1e9 * self._arm_time)
         sec, nsec = divmod(now, 10**9)
         data = json.dumps({"timestamp": {"sec": sec, "nsec": nsec}, **message}).encode()
