@@ -1,6 +1,7 @@
 """Laws of a running study: the same table wherever it runs, and nothing lost on the way."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -8,15 +9,18 @@ import pytest
 import tomli_w
 from cells import PAPER
 from command import tjscan
+from matplotlib.colors import to_rgba
 from study_work import double_or_die, threads
 
 from tjscan.run import run_job
 from tjscan.scanning.journal import Journals
+from tjscan.study.figures import COLOURS, OTHER, draw_effort
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
 from tjscan.study.local import LocalScheduler
 from tjscan.study.one import run_task
-from tjscan.study.row import LOST_WORKER, Row
+from tjscan.study.paper import CASE, STEP
+from tjscan.study.row import LOST_WORKER, Measured, Row
 from tjscan.study.run import run_study
 from tjscan.study.schedule import Done, Lost
 from tjscan.study.store import ROWS, make_study, read_rows
@@ -190,3 +194,21 @@ def test_the_command_writes_tables_pictures_and_a_report(study: Path, tmp_path: 
 def test_a_dry_run_makes_nothing(study: Path, tmp_path: Path) -> None:
     assert tjscan("study", study, "--out", tmp_path / "s", "--dry-run") == 0
     assert not (tmp_path / "s").exists()
+
+
+def test_a_prediction_keeps_its_colour_and_what_is_not_complete_is_marked(
+    rows: tuple[Row, ...],
+) -> None:
+    template = next(row for row in rows if row.measured.complete)
+    shown = [
+        replace(template, inputs={CASE: case, STEP: 20.0}) for case in (3, "smooth", "another")
+    ]
+    shown[1] = replace(shown[1], measured=Measured(False, "lost", "lost"))
+    axes = draw_effort(shown).axes[0]
+    assert {bar.get_facecolor() for bar in axes.patches} >= {to_rgba(COLOURS[3]), to_rgba(OTHER)}
+    crosses = [line for line in axes.lines if line.get_marker() == "x"]
+    assert [line.get_color() for line in crosses] == [COLOURS["smooth"]]
+    legend = axes.get_legend()
+    assert legend is not None
+    words = [text.get_text() for text in legend.get_texts()]
+    assert {"case 3", "smooth", "no complete scan"} <= set(words)

@@ -22,8 +22,17 @@ from tjscan.study.paper import (
 from tjscan.study.row import Measured, Row
 from tjscan.study.task import Value
 
-COLOURS: Final = ("#1f77b4", "#ff7f0e", "#2ca02c", "#9467bd", "#111111", "#8c564b")
-"""The paper's blue, orange, green and purple; then more."""
+COLOURS: Final[dict[Value | None, str]] = {
+    1: "#1f77b4",
+    2: "#ff7f0e",
+    3: "#2ca02c",
+    4: "#9467bd",
+    "smooth": "#111111",
+}
+"""The paper's blue, orange, green and purple, whatever else a study holds; and one more."""
+
+OTHER: Final = "#8c564b"
+"""Of what is none of these."""
 
 PATH_STEP_MM: Final = 50.0
 """The step whose paths the paper shows (Fig. 12)."""
@@ -63,13 +72,20 @@ class Chart:
         below: Callable[[Measured], float | None] | None = None,
         spread: Callable[[Measured], float | None] | None = None,
     ) -> None:
-        """Draw a bar for each, light up to what is `below`, with the mean spread as a line."""
-        for i, case in enumerate(self.cases):
+        """Draw a bar for each, light up to what is `below`, with the mean spread as a line.
+
+        Where no scan is complete there is a cross.
+        """
+        for case in self.cases:
             for step in self.steps:
                 found = self.at(case, step)
-                if found is None or not found.complete:
+                if found is None:
                     continue
-                x, top, colour = self.place(case, step), found.mean(value), COLOURS[i]
+                x, colour = self.place(case, step), COLOURS.get(case, OTHER)
+                if not found.complete:
+                    axes.plot(x, 0.0, "x", color=colour, markersize=6, clip_on=False, zorder=3)
+                    continue
+                top = found.mean(value)
                 foot = 0.0 if below is None else found.mean(below)
                 common: dict[str, Any] = {"width": 0.95 * WIDTH / len(self.cases)}
                 if below is not None:
@@ -82,12 +98,19 @@ class Chart:
 
     def legend(self, axes: Any, *more: Any) -> None:
         """Say which colour is which prediction."""
+        from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
         known = [
-            Patch(color=COLOURS[i], label=f"case {case}" if isinstance(case, int) else str(case))
-            for i, case in enumerate(self.cases)
+            Patch(
+                color=COLOURS.get(case, OTHER),
+                label=f"case {case}" if isinstance(case, int) else str(case),
+            )
+            for case in self.cases
         ]
+        if not all(members.complete for members in self.groups.values()):
+            look: dict[str, Any] = {"color": "grey", "marker": "x", "linestyle": ""}
+            more = (*more, Line2D([], [], label="no complete scan", **look))
         axes.legend(handles=[*known, *more], fontsize="small")
 
     def papers(self, axes: Any, bars: Sequence[Bar]) -> None:
@@ -105,15 +128,16 @@ def draw_steps(rows: Sequence[Row]) -> Figure:
     chart.bars(length, lambda m: m.step_mean_mm, spread=lambda m: m.step_std_mm)
     length.set_ylabel("mean step / mm (line: standard deviation)")
     chart.bars(error, lambda m: m.step_error_percent)
-    for i, case in enumerate(chart.cases):
+    for case in chart.cases:
         if isinstance(case, int) and (largest := LARGEST_STEP_ERROR_PERCENT.get(case)):
             for sign in (-1, 1):
-                line = {"color": COLOURS[i], "linestyle": ":", "linewidth": 1}
+                line = {"color": COLOURS[case], "linestyle": ":", "linewidth": 1}
                 error.axhline(sign * largest, **line)
     error.set_ylabel("mean step error / % (dotted: the paper's largest)")
     error.set_yscale("symlog", linthresh=1.0)
-    ticks = (-10, -5, -2, -1, -0.5, 0, 0.5, 1, 2, 5, 10)
+    ticks = (-20, -10, -5, -2, -1, -0.5, 0, 0.5, 1, 2, 5, 10, 20)
     error.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    error.set_ylim(min(-30.0, error.get_ylim()[0]), max(30.0, error.get_ylim()[1]))
     chart.legend(length)
     return figure
 
@@ -140,12 +164,13 @@ def draw_paths(rows: Sequence[Row]) -> Figure:
     chart, figure = Chart(rows), _figure(12, 4.5)
     step = min(chart.steps, key=lambda s: abs(s - PATH_STEP_MM))
     distance, height = figure.subplots(1, 2)
-    for i, case in enumerate(chart.cases):
+    for case in chart.cases:
         found = chart.at(case, step)
         if found is None or not found.complete:
             continue
         azimuth, rho, z = np.array(found.complete[0].path).T
-        look: dict[str, Any] = {"color": COLOURS[i], "linewidth": 1, "marker": ".", "markersize": 4}
+        look: dict[str, Any] = {"color": COLOURS.get(case, OTHER), "linewidth": 1}
+        look |= {"marker": ".", "markersize": 4}
         distance.plot(azimuth, rho, **look)
         height.plot(azimuth, z, **look)
     for axes, name in ((distance, "distance from the brace's axis"), (height, "height")):
