@@ -49,6 +49,12 @@ def test_no_monster_passes(T_b_t: Array, T_s_t: Array) -> None:
             check_set_point(to, STRIDE, PLAN)
 
 
+def test_a_step_of_no_length_leads_nowhere() -> None:
+    for length in (np.nan, -PLAN.step, 0.0):
+        with pytest.raises(SetPointRefused):
+            check_set_point(GOOD, Stride(LAST, STRIDE.p_b_ahead, length), PLAN)
+
+
 @settings(max_examples=300)
 @given(arrays(np.float64, 6, elements=small), arrays(np.float64, 6, elements=small), small)
 def test_what_passes_leads_no_further_than_the_step_allows(

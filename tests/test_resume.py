@@ -233,6 +233,16 @@ def test_a_run_with_links_out_of_it_does_not_go_on(
     assert elsewhere.read_bytes() == before
 
 
+def test_nothing_is_recorded_through_a_link_that_leads_nowhere_yet(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, elsewhere = cut(whole, tmp_path / "cut", 0.5), tmp_path / "elsewhere.mcap"
+    (run / "scan-2.mcap").symlink_to(elsewhere)
+    assert tjscan("scan", "--resume", run) == 2
+    assert "leads out of" in " ".join(capsys.readouterr().err.split())
+    assert not elsewhere.exists()
+
+
 def test_results_replace_a_link_and_leave_alone_what_it_leads_to(
     whole: Path, tmp_path: Path
 ) -> None:

@@ -39,7 +39,7 @@ def parts(directory: Path) -> list[Path]:
     """
     first = directory / "scan.mcap"
     others = (directory / f"scan-{number}.mcap" for number in count(2))
-    found = [first, *takewhile(Path.exists, others)]
+    found = [first, *takewhile(os.path.lexists, others)]
     check_inside(directory, *(file.name for file in found))
     return found
 

@@ -45,7 +45,7 @@ def check_set_point(to: SetPoint, stride: Stride, plan: ScanPlan) -> None:
     p_b = to.T_b_t[:3, 3]
     starts = (stride.start_b, stride.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
-    if away > FARTHEST * stride.length:
+    if not away <= FARTHEST * stride.length:  # a length that is no number allows none
         raise SetPointRefused(
             f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * stride.length:.1f} mm"
