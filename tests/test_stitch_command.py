@@ -97,6 +97,20 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     assert [file.name for file in out.iterdir()] == ["stitch.png"]
 
 
+def test_a_recording_cut_short_since_is_refused_by_name(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = shutil.copytree(runs / "left", tmp_path / "left")
+    whole = (cut / "scan.mcap").read_bytes()
+    for size in (0, len(whole) // 2):
+        (cut / "scan.mcap").write_bytes(whole[:size])
+        assert tjscan("stitch", cut, runs / "right", "--out", tmp_path / "out") == 1
+        assert tjscan("report", cut) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert said.count("cut short or damaged since") == 2
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_no_run_of_a_station_is_refused_by_name(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

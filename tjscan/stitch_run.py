@@ -26,7 +26,7 @@ from tjscan.result.directory import JOB, JOINT
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
-from tjscan.result.summary import Summary, read_summary, summarise_stations
+from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
 from tjscan.result.write import write_results
 from tjscan.run import joint_of, reader_of
 from tjscan.stitching.draft import Draft
@@ -160,10 +160,12 @@ def read_station(directory: Path) -> StationRun:
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
+    summary = read_summary(directory / SUMMARY)
+    check_recorded(directory, summary, len(done.sections))
     return StationRun(
         directory,
         station_of(name, job.T_w_b, done.sections, done.views, read),
-        read_summary(directory / SUMMARY),
+        summary,
         joint and joint[1],
     )
 

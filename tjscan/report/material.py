@@ -24,7 +24,7 @@ from tjscan.result.directory import CALIBRATION, JOB, JOINT
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import read_sections
 from tjscan.result.shapes import SECTIONS, SUMMARY, read_run_shape, read_shape
-from tjscan.result.summary import Summary, read_summary
+from tjscan.result.summary import Summary, check_recorded, read_summary
 from tjscan.stitching.told import ToldStitching
 
 RECORDING: Final = "scan.mcap"
@@ -195,6 +195,6 @@ def _place(name: str, directory: Path) -> Place:
     file = directory / CALIBRATION
     calibration = read_calibration(file) if file.is_file() else None
     job = read_job(directory / JOB)
-    return Place(
-        name, directory, job, calibration, read_log(directory), read_summary(directory / SUMMARY)
-    )
+    log, summary = read_log(directory), read_summary(directory / SUMMARY)
+    check_recorded(directory, summary, len(log.sections))
+    return Place(name, directory, job, calibration, log, summary)

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.errors import ConfigurationError
+from tjscan.errors import ConfigurationError, RecordingError
 from tjscan.files import check_size
 from tjscan.frames import Array, rotation_angle
 from tjscan.result.frame import ResultFrame
@@ -278,6 +278,21 @@ def read_summary(file: Path) -> Summary:
         raise ConfigurationError(
             f"is no summary of a scan: {first['msg']}", file=file, key=key
         ) from None
+
+
+def check_recorded(directory: Path, summary: Summary, sections: int) -> None:
+    """Refuse a recording that was cut short since its scan was summarised.
+
+    Raises
+    ------
+    RecordingError
+        If it holds fewer sections than the summary tells of.
+    """
+    if sections < summary.sections:
+        raise RecordingError(
+            f"{directory}: its recording holds {sections} sections, its summary tells of "
+            f"{summary.sections}: it was cut short or damaged since. Put back a copy of it"
+        )
 
 
 def to_json(summary: Summary) -> str:
