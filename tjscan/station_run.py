@@ -16,7 +16,7 @@ from tjscan.errors import ConfigurationError, RecordingError, StitchingRefused, 
 from tjscan.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
 from tjscan.recording.reader import read_progress
-from tjscan.result.directory import COPIES, JOB, is_untouched, make_directory
+from tjscan.result.directory import COPIES, JOB, SUMMARY, is_untouched, make_directory
 from tjscan.result.summary import Summary, read_summary
 from tjscan.run import (
     cell_of,
@@ -30,7 +30,7 @@ from tjscan.run import (
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.stitch_run import SUMMARY, StitchedRun, stitch_runs
+from tjscan.stitch_run import StitchedRun, stitch_runs
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""

@@ -22,7 +22,7 @@ from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.report.write import write_report
 from tjscan.result.cloud import groove_points
-from tjscan.result.directory import JOB, JOINT
+from tjscan.result.directory import JOB, JOINT, SUMMARY
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
@@ -36,7 +36,7 @@ from tjscan.stitching.stations import Station, station_of
 from tjscan.stitching.stitch import Stitched, stitch
 from tjscan.stitching.told import ToldStitching, tell, write_stations
 
-SUMMARY, PICTURE, STATIONS = "summary.json", "stitch.png", "stations.json"
+PICTURE, STATIONS = "stitch.png", "stations.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,11 @@ from pydantic import Field, model_validator
 from tjscan.config import FileModel
 from tjscan.export.surfaces import surfaces_of
 from tjscan.frames import Array
+from tjscan.result.directory import SECTIONS
 from tjscan.result.frame import FRAME_WORDS
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths, read_sections
-from tjscan.result.shapes import SECTIONS, finished_summary
+from tjscan.result.shapes import finished_summary
 
 VERSION: Final = 1
 PER_METRE: Final = {"mm": 1e3, "m": 1.0}

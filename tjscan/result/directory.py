@@ -18,6 +18,9 @@ JOB: Final = "job.toml"
 JOINT: Final = "joint.toml"
 CALIBRATION: Final = "calibration.toml"
 URDF: Final = "arm.urdf"
+SECTIONS: Final = "sections.csv"
+CLOUD: Final = "groove.ply"
+SUMMARY: Final = "summary.json"
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -14,12 +13,9 @@ from tjscan.comparison.sidecar import Told
 from tjscan.errors import ConfigurationError
 from tjscan.files import check_inside
 from tjscan.frames import readonly
+from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
 from tjscan.result.sections import read_sections
 from tjscan.result.summary import Summary, read_summary
-
-CLOUD: Final = "groove.ply"
-SECTIONS: Final = "sections.csv"
-SUMMARY: Final = "summary.json"
 
 
 def read_shape(path: Path, told: Told | None = None) -> Shape:

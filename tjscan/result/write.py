@@ -14,12 +14,12 @@ from tjscan.frames import Array, transform
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.cloud import groove_points, write_cloud
+from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
 from tjscan.result.frame import ResultFrame
 from tjscan.result.measured import MeasuredSection, measure_all
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.sections import write_sections
-from tjscan.result.shapes import SUMMARY
 from tjscan.result.summary import Summary, summarise, write_summary
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scanner import ScanResult
@@ -53,8 +53,8 @@ def write_results(
         If a file can't be written.
     """
     with drafted(directory, last=SUMMARY) as draft:
-        write_sections(draft / "sections.csv", sections)
-        write_cloud(draft / "groove.ply", points)
+        write_sections(draft / SECTIONS, sections)
+        write_cloud(draft / CLOUD, points)
         write_picture(draft / "scan.png", picture)
         write_summary(draft / SUMMARY, summary)
 
