@@ -36,7 +36,7 @@ class Row:
     @property
     def holds(self) -> bool:
         """Whether the bar is met."""
-        return self.at_least <= self.measured <= self.limit
+        return bool(self.at_least <= self.measured <= self.limit)
 
     @property
     def bound(self) -> str:
