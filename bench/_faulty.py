@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Final, Literal, Self
+from typing import Final, Literal
 
 import numpy as np
 from _corpus import EXAMPLES
+from _sensors import Fault, FaultyLaser, frozen, missing
 
 from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
-from tjscan.errors import LaserFault, TjscanError
+from tjscan.errors import TjscanError
 from tjscan.frames import transform
 from tjscan.job import read_job
 from tjscan.joint.edges import feature_edges
-from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
 from tjscan.run import joint_of, plan_of, scan_in
@@ -34,61 +33,20 @@ Kind = Literal["missing", "spurious", "frozen"]
 KINDS: Final[tuple[Kind, ...]] = ("missing", "spurious", "frozen")
 
 
-class FaultyLaser:
-    """A laser of which some profiles in a row are bad.
+def strewn(seed: int) -> Fault:
+    """A share of the points lies anywhere in the window that the rest spans."""
+    rng = np.random.default_rng(seed)
 
-    Parameters
-    ----------
-    laser : LineLaser
-        A good one.
-    kind : str
-        What is wrong with them.
-    first, count : int
-        The first of them, and how many.
-    seed : int
-        Of the strays.
-    """
-
-    def __init__(self, laser: LineLaser, kind: Kind, first: int, count: int, seed: int) -> None:
-        self._laser, self._kind, self._bad = laser, kind, range(first, first + count)
-        self._rng = np.random.default_rng(seed)
-        self._captures, self._last = 0, None
-
-    _last: Profile | None
-
-    def __enter__(self) -> Self:
-        self._laser.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._laser.__exit__(kind, error, trace)
-
-    def capture(self) -> Profile:
-        """A profile, a bad one or none."""
-        bad = self._captures in self._bad
-        self._captures += 1
-        if bad and self._kind == "missing":
-            raise LaserFault("no profile came in time")
-        profile = self._laser.capture()
-        if bad and self._kind == "frozen" and self._last is not None:
-            return replace(self._last, time=profile.time)
-        self._last = profile
-        return self._strewn(profile) if bad and self._kind == "spurious" else profile
-
-    def _strewn(self, profile: Profile) -> Profile:
-        """A share of the points lies anywhere in the window that the rest spans."""
-        x, z = np.array(profile.x_s), np.array(profile.z_s)
-        strays = np.flatnonzero(self._rng.random(len(x)) < SPURIOUS)
-        z[strays] = self._rng.uniform(0.19, 0.29, len(strays))
+    def fault(now: Profile, before: Profile) -> Profile:
+        x, z = np.array(now.x_s), np.array(now.z_s)
+        strays = np.flatnonzero(rng.random(len(x)) < SPURIOUS)
+        z[strays] = rng.uniform(0.19, 0.29, len(strays))
         # Along its own ray a point that is nearer lies nearer to the middle, too.
         half = np.linspace(-0.188, 0.188, len(x))
         x[strays] = np.tan(half[strays]) * (z[strays] + 0.028)
-        return replace(profile, x_s=x, z_s=z)
+        return replace(now, x_s=x, z_s=z)
+
+    return fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +84,9 @@ def faulty_scan(seed: int) -> FaultyScan:
     job = read_job(JOB, {"simulation.seed": 1000 + seed})
     joint = joint_of(job, JOB)
     cell = open_cell(job, mount_of(job, JOB).T_f_s, joint and joint[1])
-    cell = replace(cell, laser=FaultyLaser(cell.laser, kind, first, count, seed))
+    fault = {"missing": missing, "frozen": frozen, "spurious": strewn(seed)}[kind]
+    bad = range(first, first + count)
+    cell = replace(cell, laser=FaultyLaser(cell.laser, lambda k: fault if k in bad else None))
     try:
         result = scan_in(cell, job, Journals())
     except TjscanError as error:

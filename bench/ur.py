@@ -135,6 +135,8 @@ def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int)
             known = True  # the fault came after the last move
         except ArmFault as error:
             known = type(error) in ENDS_IN.values()
+            if not known:
+                print(f"{fault}: ended in {error!r}", file=sys.stderr)
         timer.join()
         file = Path(folder) / "run" / "scan.mcap"
         return known and sum(1 for _ in read_messages(file)) >= 0

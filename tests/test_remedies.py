@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from _sensors import Fault, FaultyLaser, empty, frozen, late, missing, spurious
 from cells import FAULTLESS, Notes, example_corner_errors, reading_fails_at, scan_example
-from faulty import Fault, FaultyLaser, empty, frozen, late, missing, spurious
 
 from tjscan.errors import GrooveNotFound, LaserFault
 from tjscan.frames import pose, rot_y
