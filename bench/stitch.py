@@ -31,6 +31,9 @@ NOMINAL_ERRORS: Final = (10e-3, np.radians(2.0))
 HALF_TURN: Final = np.diag((-1.0, -1.0, 1.0, 1.0))
 """An upright joint looks the same from behind."""
 
+MOST_AT_BASE_MM: Final = 0.15
+"""At the base's own origin, 1.1 m from all that was measured, 0.005° are 0.1 mm."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scanned:
@@ -159,9 +162,8 @@ def measure() -> list[Row]:
         Row(
             "the same pose told at the base, over a metre away",
             max(e.base for e in errors),
-            np.inf,
+            MOST_AT_BASE_MM,
             "mm",
-            at_least=0,
         ),
         Row("tjscan scan of the whole joint, with report", seconds if told else np.nan, 90, "s"),
     ]
