@@ -25,7 +25,7 @@ from tjscan.calibration.recorded import read_points, read_poses
 from tjscan.calibration.shot import Shot
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import Told
-from tjscan.config import validate
+from tjscan.core.config import validate
 from tjscan.groove.find import DEFAULT
 from tjscan.job import read_calibration_job, read_job
 from tjscan.joint.export import write_joint
@@ -41,7 +41,7 @@ from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
-from tjscan.run import run_job
+from tjscan.runs.scan import run_job
 from tjscan.scanning.scan import Scan, View
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of

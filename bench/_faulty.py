@@ -10,15 +10,15 @@ import numpy as np
 from _corpus import EXAMPLES
 from _sensors import Fault, FaultyLaser, frozen, missing
 
-from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
-from tjscan.errors import TjscanError
-from tjscan.frames import transform
+from tjscan.core.errors import TjscanError
+from tjscan.core.frames import transform
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
-from tjscan.run import joint_of, plan_of, scan_in
+from tjscan.runs.scan import joint_of, plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import complete
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from tjscan.errors import TjscanError
+from tjscan.core.errors import TjscanError
 
 NUMBER: Final = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 ODD_NUMBERS: Final = (

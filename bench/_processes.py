@@ -16,8 +16,8 @@ from typing import Any, Final
 import numpy as np
 from _corpus import EXAMPLES
 
-from tjscan.errors import TjscanError
-from tjscan.frames import Array
+from tjscan.core.errors import TjscanError
+from tjscan.core.frames import Array
 from tjscan.recording.messages import SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts

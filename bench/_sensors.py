@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.errors import LaserFault
+from tjscan.core.errors import LaserFault
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 

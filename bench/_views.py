@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array, inverse, pose, rot_x, rot_y, rot_z, transform, unit
+from tjscan.core.frames import Array, inverse, pose, rot_x, rot_y, rot_z, transform, unit
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.mesh import build_mesh

@@ -14,11 +14,11 @@ from typing import Any, Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.cell import mount_of, open_cell
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.robot.cleared import ClearedArm
-from tjscan.run import joint_of, scan_in
+from tjscan.runs.scan import joint_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.scan import View
 

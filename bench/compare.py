@@ -19,7 +19,7 @@ import trimesh
 from _table import Row, main
 
 from tjscan.comparison.surface import SurfaceDistance
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh
 

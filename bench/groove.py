@@ -19,8 +19,8 @@ import numpy as np
 from _table import Row, main
 from _views import Stage, View, bound, profile_of, sight_of, view
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition

@@ -29,13 +29,13 @@ from tjscan.calibration.shot import Shot
 from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
-from tjscan.calibration_run import start_calibration
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, from_rounded, inverse, pose
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, from_rounded, inverse, pose
 from tjscan.job import read_calibration_job, read_job
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
-from tjscan.run import run_job
+from tjscan.runs.calibrate import start_calibration
+from tjscan.runs.scan import run_job
 from tjscan.scanning.journal import Journals
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"

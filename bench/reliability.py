@@ -29,13 +29,13 @@ from _fuzz import Reader, Tally, fuzz, section_ends
 from _processes import SAME_MM, Outcome, killed, on_a_small_disk, unbroken, without_room
 from _table import Row, main
 
-from tjscan.cell import mount_of, open_cell
-from tjscan.errors import TjscanError
-from tjscan.frames import Array
+from tjscan.core.errors import TjscanError
+from tjscan.core.frames import Array
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.recording.reader import read_recorded
 from tjscan.recording.writer import Recording
-from tjscan.run import joint_of, scan_in
+from tjscan.runs.scan import joint_of, scan_in
 from tjscan.scanning.scan import Scan, View
 
 WORKERS: Final = 2

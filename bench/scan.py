@@ -15,14 +15,14 @@ from typing import Any, Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
-from tjscan.frames import transform
+from tjscan.core.frames import transform
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary, summarise
-from tjscan.run import joint_of, plan_of, scan_in
+from tjscan.runs.scan import joint_of, plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import StopReason
 

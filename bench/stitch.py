@@ -14,13 +14,13 @@ import numpy as np
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
-from tjscan.cell import mount_of, open_cell
 from tjscan.comparison.distance import corner_errors
-from tjscan.errors import StitchingRefused
-from tjscan.frames import Array, inverse, pose, rotation_angle, unit
+from tjscan.core.errors import StitchingRefused
+from tjscan.core.frames import Array, inverse, pose, rotation_angle, unit
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
-from tjscan.run import joint_of, reader_of, scan_in
+from tjscan.runs.scan import joint_of, reader_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.stitching.stations import Station, station_of
 from tjscan.stitching.stitch import Stitched, stitch

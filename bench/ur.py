@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.cell import mount_of, open_cell
-from tjscan.errors import (
+from tjscan.core.errors import (
     ArmFault,
     ArmLinkLost,
     ArmNotPowered,
@@ -27,15 +26,16 @@ from tjscan.errors import (
     ProtectiveStop,
     TargetRefused,
 )
-from tjscan.frames import Array, pose
+from tjscan.core.frames import Array, pose
 from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
 from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.run import joint_of, run_job, scan_in
+from tjscan.runs.scan import joint_of, run_job, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.scanner import ScanResult
 

@@ -22,8 +22,8 @@ from tjscan.calibration.design import (
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import Window
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, inverse, readonly, unit
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, inverse, readonly, unit
 
 MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""

@@ -20,8 +20,8 @@ from tjscan.calibration.consensus import (
     settle,
 )
 from tjscan.calibration.noise import NoiseModel
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 20

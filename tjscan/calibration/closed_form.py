@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.plucker import Plane, skew
-from tjscan.frames import Array, pose, readonly
+from tjscan.core.frames import Array, pose, readonly
 
 DECISIVE: Final = 0.3
 """One sign's residual below this share of the other's decides between them."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 SCORED: Final = 96
 """Points at which a hypothesis is scored: enough to rank, few enough to be quick."""

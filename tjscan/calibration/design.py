@@ -14,7 +14,7 @@ from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.refine import inverse_information
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import Window, see_plane
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 Reachable = Callable[[Array], bool]
 """Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""

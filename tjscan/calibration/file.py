@@ -14,10 +14,10 @@ from pydantic import AfterValidator, Field, model_validator
 from tjscan.calibration.hand_eye import HandEye, Residual
 from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
 from tjscan.calibration.verify import Verification
-from tjscan.config import FileModel, read_toml, validate
-from tjscan.errors import ConfigurationError
-from tjscan.files import drafted
-from tjscan.frames import Array, from_rounded
+from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import drafted
+from tjscan.core.frames import Array, from_rounded
 
 Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Rows = tuple[Row4, Row4, Row4, Row4]

@@ -27,8 +27,8 @@ from tjscan.calibration.snooping import agrees, drop_bad
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
 from tjscan.calibration.targets import PlaneTarget, SphereTarget
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, readonly, transform
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly, transform
 
 FEWEST: Final = 5
 """Eq. (20) needs five lines in general position."""

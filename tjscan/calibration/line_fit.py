@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tjscan.calibration.consensus import ROUGHEST, SCORED, TRIM, Mask, best, draws, evenly, settle
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Line, line_through
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 20

@@ -15,9 +15,9 @@ from typing import Any, Final, Self
 import numpy as np
 
 from tjscan.calibration.shot import Shot
-from tjscan.errors import RecordingError
-from tjscan.files import check_size
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import RecordingError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, readonly
 from tjscan.laser.profile import Profile
 
 MOST_BYTES: Final = 100_000_000

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, unit
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, unit
 
 LEAST_TURN: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""

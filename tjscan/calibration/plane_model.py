@@ -12,7 +12,7 @@ from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.model import Linearised
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import PlaneTarget
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

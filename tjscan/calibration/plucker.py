@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 
 def skew(v: ArrayLike) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.shot import Shot
-from tjscan.errors import ConfigurationError
-from tjscan.files import check_size
-from tjscan.frames import Array, pose
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, pose
 from tjscan.laser.files import GROUPS, UNITS
 from tjscan.laser.profile import Profile
 

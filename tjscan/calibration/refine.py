@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.model import Linearised, Model
-from tjscan.frames import Array, pose, readonly
+from tjscan.core.frames import Array, pose, readonly
 
 REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""

@@ -17,8 +17,8 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.shot import line_samples
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, pose, readonly, rot_x, rot_z, transform
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, pose, readonly, rot_x, rot_z, transform
 
 INSET: Final = 0.02
 """Metres that touched places keep from the board's edges: it stands only about where stated."""

@@ -10,8 +10,8 @@ from tjscan.calibration.circle_fit import fit_circle
 from tjscan.calibration.hand_eye import ArcSample, LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly
 from tjscan.laser.profile import Profile
 
 

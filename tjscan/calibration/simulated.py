@@ -11,8 +11,8 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Plane, transform_plane
 from tjscan.calibration.session import square_poses
 from tjscan.calibration.window import Window
-from tjscan.errors import PoseUnreachable
-from tjscan.frames import Array, inverse, pose
+from tjscan.core.errors import PoseUnreachable
+from tjscan.core.frames import Array, inverse, pose
 from tjscan.laser.faults import speckle
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from tjscan.calibration.model import Model
 from tjscan.calibration.refine import Estimate, Mask, deletions, refine
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 FALSE_ALARM: Final = 1e-3
 """Probability to blame any profile, or the noise model, where all are as good as stated."""

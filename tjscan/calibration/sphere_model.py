@@ -12,7 +12,7 @@ from tjscan.calibration.model import Linearised
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import skew
 from tjscan.calibration.targets import SphereTarget
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

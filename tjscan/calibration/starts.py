@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.closed_form import LineBundle, in_front, rotation_matrix_A, rotations
 from tjscan.calibration.plucker import Plane
 from tjscan.calibration.sphere_model import SphereModel
-from tjscan.frames import Array, pose
+from tjscan.core.frames import Array, pose
 
 NORMALS: Final = 300
 """Directions tried for an unknown normal: one in every 8°."""

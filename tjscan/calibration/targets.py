@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from tjscan.calibration.plucker import Plane, plane_through
-from tjscan.errors import CalibrationRefused
-from tjscan.frames import Array, readonly, unit
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly, unit
 
 FEWEST_TOUCHES: Final = 3
 SLIMMEST: Final = 0.1

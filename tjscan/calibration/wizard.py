@@ -26,8 +26,8 @@ from tjscan.calibration.session import (
 from tjscan.calibration.shot import Shot, line_samples
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
 from tjscan.calibration.verify import Verification, verify
-from tjscan.errors import CalibrationRefused, PoseUnreachable
-from tjscan.frames import Array, rotation_angle
+from tjscan.core.errors import CalibrationRefused, PoseUnreachable
+from tjscan.core.frames import Array, rotation_angle
 from tjscan.laser.line_laser import LineLaser
 from tjscan.robot.arm import Arm
 

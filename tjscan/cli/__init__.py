@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError
 
 from tjscan import __version__
-from tjscan.errors import (
+from tjscan.core.errors import (
     ArmFault,
     ConfigurationError,
     Interrupted,

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tjscan.cli.recorded_options import RecordedOptions, written
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 
 
 def calibrate(
@@ -53,13 +53,13 @@ def calibrate(
             raise ConfigurationError("--unattended has no meaning for recorded profiles")
         calibrate_recorded(recorded, out, json=json)
         return
-    from tjscan.calibration_run import resume_calibration, start_calibration
     from tjscan.cli.calibration_words import report_calibration
     from tjscan.cli.operators import AtTerminal, Unattended
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.config import naming
+    from tjscan.core.config import naming
     from tjscan.job import read_calibration_job
     from tjscan.result.directory import default_directory
+    from tjscan.runs.calibrate import resume_calibration, start_calibration
 
     operator = Unattended() if unattended else AtTerminal()
     if resume is not None:

@@ -18,9 +18,9 @@ from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, sta
 from tjscan.cli.calibration_words import report_calibration
 from tjscan.cli.console import say
 from tjscan.cli.recorded_options import RecordedOptions, written
-from tjscan.config import validate
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array
+from tjscan.core.config import validate
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.result.directory import CALIBRATION, default_directory
 

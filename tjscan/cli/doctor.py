@@ -29,7 +29,7 @@ def doctor(
 
     from tjscan.cli import exit_code
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.doctor import examine
+    from tjscan.runs.doctor import examine
 
     findings = []
     for finding in examine(job, parse_overrides(overrides), station):

@@ -60,9 +60,9 @@ def groove(
     from json import dumps
 
     from tjscan.cli.console import say, show_readings
-    from tjscan.config import validate
-    from tjscan.errors import ConfigurationError
-    from tjscan.files import drafted
+    from tjscan.core.config import validate
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.core.files import drafted
     from tjscan.job import ReadingTable, read_job
     from tjscan.laser.files import ProfileFormat, ProfileTable, read_profiles
     from tjscan.recording.reader import read_run

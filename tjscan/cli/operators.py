@@ -10,7 +10,7 @@ import questionary
 from tjscan.calibration.operator import Nobody, Question
 from tjscan.calibration.session import Progress
 from tjscan.cli.console import say
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 
 
 class Unattended(Nobody):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 
 
 def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def reprocess(
     from tjscan.cli.console import report, say
     from tjscan.cli.overrides import parse_overrides
     from tjscan.cli.stitching_words import report_stitching
-    from tjscan.reprocessing import reprocess as read_again
+    from tjscan.runs.reprocess import reprocess as read_again
 
     done = read_again(run, parse_overrides(overrides), out)
     for found in done.stations:

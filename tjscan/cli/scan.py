@@ -48,11 +48,11 @@ def scan(
     from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
     from tjscan.cli.overrides import parse_overrides
     from tjscan.cli.scan_stations import scan_stations
-    from tjscan.config import naming
-    from tjscan.errors import ConfigurationError
+    from tjscan.core.config import naming
+    from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_job
     from tjscan.result.directory import JOB, default_directory
-    from tjscan.run import check_job, plan_of, resume_job, run_job
+    from tjscan.runs.scan import check_job, plan_of, resume_job, run_job
 
     keys = parse_overrides(overrides)
     if realtime:

@@ -15,15 +15,15 @@ from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
 from tjscan.cli.operators import AtTerminal
 from tjscan.cli.stitching_words import report_stitching
 from tjscan.job import JobFile
-from tjscan.scanning.journal import Journal
-from tjscan.scanning.plan import ScanPlan
-from tjscan.station_run import (
+from tjscan.runs.stations import (
     Attendant,
     StationScan,
     resume_stations,
     run_stations,
     stitch_stations,
 )
+from tjscan.scanning.journal import Journal
+from tjscan.scanning.plan import ScanPlan
 
 
 def scan_stations(

@@ -36,11 +36,11 @@ def stitch(
     from math import radians
 
     from tjscan.cli.stitching_words import report_stitching
-    from tjscan.errors import ConfigurationError
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.joint.tubes.walls import Repeatability
     from tjscan.result.directory import default_directory
-    from tjscan.stitch_run import stitch_runs
+    from tjscan.runs.stitch import stitch_runs
     from tjscan.stitching.settings import DEFAULT, StitchSettings
-    from tjscan.tubes.walls import Repeatability
 
     directory = out or default_directory(Path("stitched"))
     if directory.exists() and any(directory.iterdir()):

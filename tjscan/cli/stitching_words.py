@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tjscan.cli.console import say, stderr
 from tjscan.result.summary import Summary
-from tjscan.stitch_run import StitchedRun
+from tjscan.runs.stitch import StitchedRun
 from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 
 NOTED_MM = 0.05

@@ -35,10 +35,10 @@ def teach(
 
     from tjscan.cli.console import say
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.config import naming
+    from tjscan.core.config import naming
     from tjscan.job import read_job
     from tjscan.result.readings import measures
-    from tjscan.teaching import teach_pose
+    from tjscan.runs.teach import teach_pose
 
     with naming(job):
         here = read_job(job, parse_overrides(overrides)).at(station)

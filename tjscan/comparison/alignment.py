@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from tjscan.comparison.surface import SurfaceDistance
-from tjscan.errors import ComparisonRefused
-from tjscan.frames import Array, pose, readonly, rotation_angle, transform
+from tjscan.core.errors import ComparisonRefused
+from tjscan.core.frames import Array, pose, readonly, rotation_angle, transform
 
 MOST_POINTS: Final = 30_000
 """Points that are aligned; more would tell no more about six numbers."""

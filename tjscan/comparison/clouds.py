@@ -16,9 +16,9 @@ import numpy as np
 from tjscan.comparison.pcd import read_pcd
 from tjscan.comparison.shapes import Mesh, Shape, Stated
 from tjscan.comparison.sidecar import Told, read_sidecar, sidecar_of, state
-from tjscan.errors import ConfigurationError, nearest
-from tjscan.files import check_size
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, readonly
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint

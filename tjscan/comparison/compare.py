@@ -18,8 +18,8 @@ from tjscan.comparison.distance import (
 from tjscan.comparison.joint_alignment import align_joints
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.surface import SurfaceDistance
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, readonly
 
 Align = Literal["none", "joint", "icp"]
 

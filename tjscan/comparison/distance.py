@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from scipy.spatial import KDTree
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.joint.edges import FeatureEdges
 
 

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
 
 Ids = NDArray[np.intp]
 

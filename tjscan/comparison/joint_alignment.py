@@ -12,10 +12,10 @@ from tjscan.comparison.alignment import LEAST_FITNESS, NOISE_FLOOR, REACH, Align
 from tjscan.comparison.distance import cloud_distances
 from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.comparison.surface import SurfaceDistance
-from tjscan.errors import ComparisonRefused, TubesNotFound
-from tjscan.frames import Array, inverse, pose, rot_z, rotation_angle, transform
-from tjscan.tubes.find import find_tubes
-from tjscan.tubes.frame import JointFrame, joint_frame
+from tjscan.core.errors import ComparisonRefused, TubesNotFound
+from tjscan.core.frames import Array, inverse, pose, rot_z, rotation_angle, transform
+from tjscan.joint.tubes.find import find_tubes
+from tjscan.joint.tubes.frame import JointFrame, joint_frame
 
 SAMPLES: Final = 40_000
 """Points drawn on a mesh to find its tubes in."""

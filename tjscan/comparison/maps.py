@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
 from tjscan.comparison.compare import Comparison, Deviation
-from tjscan.errors import ConfigurationError
-from tjscan.files import drafted
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import drafted
+from tjscan.core.frames import Array
 
 BINS: Final = (180, 110)
 """Most cells of the map, over the azimuths shown and along the section."""

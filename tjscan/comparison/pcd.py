@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 KINDS: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},

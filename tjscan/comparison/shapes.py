@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.comparison.facets import Ids
-from tjscan.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly, transform
 from tjscan.joint.edges import FeatureEdges
 
 

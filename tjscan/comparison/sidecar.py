@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.comparison.shapes import Stated
-from tjscan.config import validate
-from tjscan.errors import ConfigurationError
-from tjscan.files import check_size
+from tjscan.core.config import validate
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import check_size
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
 from tjscan.laser.files import UNITS

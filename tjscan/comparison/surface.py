@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.comparison.facets import INTERIOR, Facets, Ids
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
 
 CHUNK: Final = 32_768
 """Points at once: what they need then fits a processor's cache."""

@@ -8,9 +8,9 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from tjscan.config import FileModel
+from tjscan.core.config import FileModel
+from tjscan.core.frames import Array
 from tjscan.export.surfaces import surfaces_of
-from tjscan.frames import Array
 from tjscan.result.directory import SECTIONS
 from tjscan.result.frame import FRAME_WORDS
 from tjscan.result.measured import MeasuredSection

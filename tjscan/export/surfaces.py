@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, readonly
 from tjscan.result.measured import MeasuredSection
 
 WINDOW: Final = 60e-3

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import from_rounded, inverse, pose, transform
 from tjscan.export.document import GrooveDocument
-from tjscan.frames import from_rounded, inverse, pose, transform
 
 ROOTS = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Literal
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import drafted
 from tjscan.export.document import Length, document_of
 from tjscan.export.files import FORMATS
 from tjscan.export.weldx import write_weldx
-from tjscan.files import drafted
 
 Format = Literal["csv", "ply", "json", "weldx"]
 

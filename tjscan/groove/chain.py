@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve
 from tjscan.groove.effort import Effort
 from tjscan.groove.models import GrooveModel, Side, Turn

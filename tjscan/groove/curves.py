@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 STEEPEST: Final = 0.7
 """Largest slope over its chord that a side may have where it meets its neighbour."""

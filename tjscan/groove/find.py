@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
 from tjscan.groove.outline import check_certainty, find_outline, locate
 from tjscan.groove.refinement import Outline

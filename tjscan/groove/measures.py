@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 TINY: Final = 1e-12
 """Metres: a narrower root has no direction."""

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.fft import next_fast_len
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.segments import Index
 
 LONGEST: Final = 24

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.chain import (
     DISTINCT,
     IN_FRONT,

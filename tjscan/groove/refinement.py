@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve, meet
 from tjscan.groove.models import Side
 from tjscan.groove.noise import (

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array, readonly, unit
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, readonly, unit
 from tjscan.groove.measures import measured
 
 PARALLEL: Final = 1e-3

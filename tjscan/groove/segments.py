@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.effort import Effort
 
 Index = NDArray[np.intp]

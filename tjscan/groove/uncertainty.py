@@ -7,7 +7,7 @@ from math import hypot
 import numpy as np
 from scipy.special import expit
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.models import GrooveModel
 from tjscan.groove.noise import Correlation, correlated_sums
 from tjscan.groove.refinement import (

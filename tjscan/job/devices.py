@@ -7,8 +7,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from tjscan.calibration.file import PoseRows, rows_to_pose
-from tjscan.config import FileModel
-from tjscan.frames import Array
+from tjscan.core.config import FileModel
+from tjscan.core.frames import Array
 from tjscan.job.fields import Vector3
 
 

@@ -7,8 +7,8 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from tjscan.config import FileModel
-from tjscan.frames import Array, from_euler_zyx
+from tjscan.core.config import FileModel
+from tjscan.core.frames import Array, from_euler_zyx
 
 FARTHEST_MM: Final = 1e5
 """A hundred metres: nothing in a cell is further."""

@@ -7,9 +7,9 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from tjscan.config import FileModel
-from tjscan.errors import ConfigurationError, nearest
-from tjscan.frames import Array
+from tjscan.core.config import FileModel
+from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.frames import Array
 from tjscan.job.devices import ArmTable, CalibrationTable, LaserTable
 from tjscan.job.fields import PoseTable
 from tjscan.job.scan import GrooveTable, ScanTable

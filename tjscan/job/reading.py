@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from tjscan.config import naming, read_toml, validate
-from tjscan.errors import ConfigurationError
+from tjscan.core.config import naming, read_toml, validate
+from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, CellFile, JobFile
 from tjscan.job.station import folded
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from tjscan.config import FileModel
+from tjscan.core.config import FileModel
 from tjscan.groove.models import MODELS
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.job.fields import PoseTable

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from tjscan.calibration.file import PoseRows
-from tjscan.config import FileModel
+from tjscan.core.config import FileModel
 from tjscan.job.fields import Fraction, JointAngle, PoseTable
 from tjscan.job.station import NamedPoseTable
 

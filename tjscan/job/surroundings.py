@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from tjscan.calibration.file import NoiseTable
-from tjscan.config import FileModel
-from tjscan.frames import Array
+from tjscan.core.config import FileModel
+from tjscan.core.frames import Array
 from tjscan.job.fields import Length, Lengths, PoseTable, Vector3
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial, tangential
 

@@ -6,7 +6,7 @@ from typing import Final, NoReturn
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 from tjscan.joint.bevel import BevelSections, bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j

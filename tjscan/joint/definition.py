@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j

@@ -8,9 +8,9 @@ from typing import Literal, Self
 
 import numpy as np
 
-from tjscan.config import FileModel
-from tjscan.files import drafted
-from tjscan.frames import Array
+from tjscan.core.config import FileModel
+from tjscan.core.files import drafted
+from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges

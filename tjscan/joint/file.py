@@ -8,8 +8,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, Strict
 
-from tjscan.config import FileModel, read_toml, validate
-from tjscan.errors import ConfigurationError
+from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.errors import ConfigurationError
 from tjscan.joint.checks import check
 from tjscan.joint.definition import JointDefinition
 

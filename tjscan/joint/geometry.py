@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 
 def in_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:

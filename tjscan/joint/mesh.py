@@ -9,8 +9,8 @@ import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, tangential

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Sight
 

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError, nearest
-from tjscan.files import check_size
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
 UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}

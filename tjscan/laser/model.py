@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, Final, Self
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 
 STANDARD_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""

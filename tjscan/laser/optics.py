@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly, transform
 from tjscan.laser.model import LaserModel
 
 LIFT: Final = 10e-6

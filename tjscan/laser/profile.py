@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
-from tjscan.errors import LaserFault
+from tjscan.core.errors import LaserFault
 from tjscan.laser.profile import Profile
 
 

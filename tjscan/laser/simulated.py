@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.errors import LaserFault
-from tjscan.frames import Array
+from tjscan.core.errors import LaserFault
+from tjscan.core.frames import Array
 from tjscan.laser.faults import SimulatedPoints, Streams, disturb
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface, fan, look

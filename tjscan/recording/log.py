@@ -9,8 +9,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tjscan.errors import RecordingError
-from tjscan.frames import Array
+from tjscan.core.errors import RecordingError
+from tjscan.core.frames import Array
 from tjscan.recording.messages import EVENT, SECTION, to_pose
 from tjscan.recording.reader import UNREADABLE, read_with_views
 from tjscan.recording.writer import parts

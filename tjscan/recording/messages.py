@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, pose
+from tjscan.core.frames import Array, pose
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, Substep, View
 

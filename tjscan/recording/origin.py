@@ -9,7 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, Self
 
-from tjscan.errors import RecordingError
+from tjscan.core.errors import RecordingError
 
 ORIGIN: Final = "tjscan.origin"
 """Name of the metadata record at the head of a recording."""

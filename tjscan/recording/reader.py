@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from mcap.records import Channel, Message, Metadata
 
-from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import check_size
-from tjscan.frames import Array, inverse
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.messages import EVENT, FLANGE, PROFILE, SECTION, read_view, to_pose

@@ -12,8 +12,8 @@ from typing import Any, Self
 
 from mcap.writer import CompressionType, Writer
 
-from tjscan.errors import RecordingError
-from tjscan.files import check_inside
+from tjscan.core.errors import RecordingError
+from tjscan.core.files import check_inside
 from tjscan.recording.messages import (
     EVENT,
     FLANGE,

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.report.design import designed_measures
 from tjscan.report.material import Material
 from tjscan.report.picture import Picture, inlined, sheet

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array, inverse, transform, unit
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, inverse, transform, unit
 from tjscan.groove.section import section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges

@@ -13,8 +13,8 @@ from tjscan.calibration.file import CalibrationFile, read_calibration
 from tjscan.comparison.compare import Align, Comparison, check_tolerance, compare
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import Told
-from tjscan.errors import ComparisonRefused, ConfigurationError
-from tjscan.frames import Array
+from tjscan.core.errors import ComparisonRefused, ConfigurationError
+from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint

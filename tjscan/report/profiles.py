@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.find import find_outline
 from tjscan.laser.profile import Profile
 from tjscan.report.material import Material, Place

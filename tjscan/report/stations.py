@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 from tjscan.report.picture import Picture
 from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 

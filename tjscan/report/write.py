@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from tjscan.comparison.sidecar import Told
-from tjscan.files import drafted
+from tjscan.core.files import drafted
 from tjscan.report.material import gather
 from tjscan.report.page import render
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.frames import Array, transform
+from tjscan.core.frames import Array, transform
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 

@@ -9,8 +9,8 @@ from typing import Final
 
 import tomli_w
 
-from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import DRAFT, drafted, locked
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import DRAFT, drafted, locked
 from tjscan.job import CalibrationTable, CellFile
 from tjscan.recording.origin import Origin, digest
 

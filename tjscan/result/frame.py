@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, inverse
+from tjscan.core.frames import Array, inverse
 
 FRAME_WORDS: Final = {
     "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly, transform
 from tjscan.result.frame import ResultFrame
 from tjscan.scanning.scan import Scan
 

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.errors import RecordingError
-from tjscan.frames import Array
+from tjscan.core.errors import RecordingError
+from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import IN_FILE, MEASURES, lengths

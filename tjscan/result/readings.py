@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.find import GrooveSettings, find_groove, find_outline
 from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection

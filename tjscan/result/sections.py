@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import ConfigurationError
-from tjscan.files import check_size
-from tjscan.frames import Array, pose
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, pose
 from tjscan.result.measured import MeasuredSection
 
 MEASURES: Final = ("groove_angle", "root_width", "depth", "area")

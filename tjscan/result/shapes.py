@@ -10,9 +10,9 @@ import numpy as np
 from tjscan.comparison.clouds import read_shape as read_file
 from tjscan.comparison.shapes import Shape, Stated
 from tjscan.comparison.sidecar import Told
-from tjscan.errors import ConfigurationError
-from tjscan.files import check_inside
-from tjscan.frames import readonly
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import check_inside
+from tjscan.core.frames import readonly
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
 from tjscan.result.sections import read_sections
 from tjscan.result.summary import Summary, read_summary

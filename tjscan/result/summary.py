@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import check_size
-from tjscan.frames import Array, rotation_angle
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, rotation_angle
 from tjscan.result.frame import ResultFrame
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths

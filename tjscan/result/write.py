@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tjscan.comparison.distance import corner_errors
-from tjscan.files import drafted
-from tjscan.frames import Array, transform
+from tjscan.core.files import drafted
+from tjscan.core.frames import Array, transform
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.cloud import groove_points, write_cloud

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False)

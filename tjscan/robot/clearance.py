@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.errors import ConfigurationError, PathBlocked, PoseUnreachable
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError, PathBlocked, PoseUnreachable
+from tjscan.core.frames import Array
 from tjscan.robot.collision import CollisionModel, Pair
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import joint_waypoints, linear_waypoints

@@ -11,8 +11,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.errors import ArmFault, PathBlocked, PoseUnreachable
-from tjscan.frames import Array
+from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
+from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm, ArmState, Identified, Identity
 from tjscan.robot.clearance import Clearance
 from tjscan.robot.latch import StopLatch

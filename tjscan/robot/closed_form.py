@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, pose, rot_x, rot_z
+from tjscan.core.frames import Array, pose, rot_x, rot_z
 
 ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""

@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from tjscan.errors import ConfigurationError, nearest
-from tjscan.frames import Array
+from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Chain, Kinematics
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 

@@ -20,9 +20,9 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
-from tjscan.errors import ConfigurationError, PoseUnreachable, nearest
-from tjscan.files import check_size
-from tjscan.frames import Array, from_rounded, inverse, readonly
+from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array, from_rounded, inverse, readonly
 from tjscan.robot.closed_form import UrGeometry, configurations
 from tjscan.robot.models.generate import ARMS
 

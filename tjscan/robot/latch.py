@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tjscan.errors import ArmFault
+from tjscan.core.errors import ArmFault
 
 
 class StopLatch:

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, readonly
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, readonly
 
 SAMPLES_PER_WAYPOINT: Final = 4
 """Between waypoints the derivatives of the spline are looked at this often."""

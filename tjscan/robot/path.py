@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import PoseUnreachable
-from tjscan.frames import Array, rotation_angle
+from tjscan.core.errors import PoseUnreachable
+from tjscan.core.frames import Array, rotation_angle
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
 from tjscan.robot.motion import JointPath, MotionLimits, timed
 

@@ -8,8 +8,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.errors import ArmFault, LaserFault, ViewNotRecorded
-from tjscan.frames import Array
+from tjscan.core.errors import ArmFault, LaserFault, ViewNotRecorded
+from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 
 SAME: Final = 1e-6

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import ArmFault
+from tjscan.core.errors import ArmFault
 from tjscan.robot.arm import Arm, ArmState
 
 STILL: Final = 2e-4

@@ -11,8 +11,8 @@ from typing import Final, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import ArmFault, ConfigurationError
-from tjscan.frames import Array, pose, readonly
+from tjscan.core.errors import ArmFault, ConfigurationError
+from tjscan.core.frames import Array, pose, readonly
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.latch import StopLatch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 
 @dataclass(frozen=True, slots=True)

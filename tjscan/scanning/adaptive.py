@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.seam.ahead import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.fit import fit_seam

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.frames import Array, cross, pose, unit
+from tjscan.core.frames import Array, cross, pose, unit
 
 
 def correct(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:

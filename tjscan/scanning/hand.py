@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
-from tjscan.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
-from tjscan.frames import Array, inverse
+from tjscan.core.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
+from tjscan.core.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.scanning.adaptive import Adaptive
 from tjscan.scanning.prediction import Prediction
 from tjscan.scanning.skip import Skip

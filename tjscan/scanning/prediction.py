@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from tjscan.frames import Array, pose, unit
+from tjscan.core.frames import Array, pose, unit
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import Predictor, SetPoint
 from tjscan.scanning.target import R_REVERSED, Direction

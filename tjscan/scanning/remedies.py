@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
-from tjscan.frames import Array, inverse, pose, rot_x
+from tjscan.core.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
+from tjscan.core.frames import Array, inverse, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import SetPoint

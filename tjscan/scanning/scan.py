@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.frames import Array, transform
+from tjscan.core.frames import Array, transform
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tjscan.errors import (
+from tjscan.core.errors import (
     ConfigurationError,
     GrooveNotFound,
     JointMoved,
@@ -15,7 +15,7 @@ from tjscan.errors import (
     SetPointRefused,
     StartSeesNoGroove,
 )
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile

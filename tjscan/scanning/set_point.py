@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 from tjscan.scanning.scan import Scan
 
 

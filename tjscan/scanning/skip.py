@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse
+from tjscan.core.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.scan import Scan
 from tjscan.scanning.set_point import SetPoint

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.errors import SetPointRefused, TubesNotFound
-from tjscan.frames import Array, pose
+from tjscan.core.errors import SetPointRefused, TubesNotFound
+from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from tjscan.errors import Interrupted
+from tjscan.core.errors import Interrupted
 
 
 class StopRequest:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.scanning.scan import Scan, Substep
 
 TIGHTEST: Final = 0.04

@@ -7,7 +7,7 @@ from math import pi
 
 from numpy.typing import ArrayLike
 
-from tjscan.frames import Array, pose, rot_x, rot_y, rot_z
+from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z
 
 
 class Direction(StrEnum):

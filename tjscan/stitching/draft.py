@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.stitching.overlaps import Overlap, arc_of
 from tjscan.stitching.registration import Registration
 

@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse, pose, rot_z, transform
+from tjscan.core.frames import Array, inverse, pose, rot_z, transform
 from tjscan.joint.geometry import LegSurface, in_j
+from tjscan.joint.tubes.frame import JointShape
+from tjscan.joint.tubes.walls import Repeatability
 from tjscan.result.frame import ResultFrame
 from tjscan.result.measured import MeasuredSection, measure
 from tjscan.stitching.outline import WIDEST
@@ -18,8 +20,6 @@ from tjscan.stitching.overlaps import TURN
 from tjscan.stitching.registration import place_covariance
 from tjscan.stitching.smooth import SmoothValue
 from tjscan.stitching.stations import Station
-from tjscan.tubes.frame import JointShape
-from tjscan.tubes.walls import Repeatability
 
 ONE_PLACE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""

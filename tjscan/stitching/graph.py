@@ -16,9 +16,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse, pose, readonly, transform
+from tjscan.core.frames import Array, inverse, pose, readonly, transform
+from tjscan.joint.tubes.frame import JointFrame, JointShape
 from tjscan.stitching.registration import Registration
-from tjscan.tubes.frame import JointFrame, JointShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)

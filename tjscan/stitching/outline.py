@@ -15,13 +15,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.errors import StitchingRefused
-from tjscan.frames import Array, pose, readonly, transform
+from tjscan.core.errors import StitchingRefused
+from tjscan.core.frames import Array, pose, readonly, transform
 from tjscan.joint.geometry import LegSurface
+from tjscan.joint.tubes.frame import JointShape
+from tjscan.joint.tubes.walls import Repeatability
 from tjscan.scanning.scan import Scan
 from tjscan.stitching.sides import side_nodes
-from tjscan.tubes.frame import JointShape
-from tjscan.tubes.walls import Repeatability
 
 VALUES: Final = 10
 LEVER: Final = 0.02

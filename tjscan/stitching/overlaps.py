@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, inverse, transform
+from tjscan.core.frames import Array, inverse, transform
 from tjscan.stitching.stations import Sighting
 
 TURN: Final = 2 * pi

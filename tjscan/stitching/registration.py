@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, pose, readonly, unit
+from tjscan.core.frames import Array, pose, readonly, unit
 from tjscan.stitching.outline import CORNER_VALUES, VALUES, Outline
 from tjscan.stitching.overlaps import Overlap
 from tjscan.stitching.smooth import likeness, likeness_slope

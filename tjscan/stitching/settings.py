@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import radians
 
-from tjscan.tubes.walls import Repeatability
+from tjscan.joint.tubes.walls import Repeatability
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from tjscan.frames import Array, transform
+from tjscan.core.frames import Array, transform
+from tjscan.joint.tubes.walls import WallPoints
 from tjscan.scanning.scan import Scan
-from tjscan.tubes.walls import WallPoints
 
 NODES: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side tells."""

@@ -9,7 +9,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 
 SMOOTH: Final = radians(30.0)
 """Azimuth over which the section of a groove changes its shape."""

@@ -8,16 +8,16 @@ from math import radians
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.frames import Array, readonly, rotation_angle, unit
+from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
+from tjscan.core.frames import Array, readonly, rotation_angle, unit
 from tjscan.groove.section import GrooveSection
+from tjscan.joint.tubes.cylinder import Cylinder, cylinder_through
+from tjscan.joint.tubes.fit import Tubes, fit_tubes
+from tjscan.joint.tubes.frame import JointFrame, joint_frame
 from tjscan.laser.profile import Profile
 from tjscan.scanning.scan import Scan, View
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import wall_points
-from tjscan.tubes.cylinder import Cylinder, cylinder_through
-from tjscan.tubes.fit import Tubes, fit_tubes
-from tjscan.tubes.frame import JointFrame, joint_frame
 
 SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies

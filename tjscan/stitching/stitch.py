@@ -10,8 +10,9 @@ from itertools import combinations
 import networkx as nx
 import numpy as np
 
-from tjscan.errors import ConfigurationError, StitchingRefused
-from tjscan.frames import Array, inverse, readonly
+from tjscan.core.errors import ConfigurationError, StitchingRefused
+from tjscan.core.frames import Array, inverse, readonly
+from tjscan.joint.tubes.frame import JointShape
 from tjscan.result.measured import MeasuredSection
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
@@ -28,7 +29,6 @@ from tjscan.stitching.overlaps import (
 from tjscan.stitching.registration import Registration, register
 from tjscan.stitching.settings import DEFAULT, StitchSettings
 from tjscan.stitching.stations import Sighting, Station, allowing, sight
-from tjscan.tubes.frame import JointShape
 
 ROUNDS = 6
 """Times that a station is laid on another anew where it began far off."""

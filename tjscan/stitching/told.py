@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import inverse, rotation_angle, to_euler_zyx
+from tjscan.core.frames import inverse, rotation_angle, to_euler_zyx
 from tjscan.stitching.registration import Registration, place_covariance
 from tjscan.stitching.stitch import PlacedStation, Stitched
 

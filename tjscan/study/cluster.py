@@ -7,7 +7,7 @@ from importlib.metadata import version as installed
 from typing import Any, Final, TypeVar
 
 from tjscan import __version__
-from tjscan.errors import ClusterFault, ConfigurationError
+from tjscan.core.errors import ClusterFault, ConfigurationError
 from tjscan.study.schedule import Done, Lost
 
 T = TypeVar("T")

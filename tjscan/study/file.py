@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from tjscan.config import FileModel, read_toml, validate
-from tjscan.errors import ConfigurationError
+from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.errors import ConfigurationError
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]

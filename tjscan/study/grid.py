@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.calibration.file import pose_to_rows
-from tjscan.cell import mount_of
-from tjscan.config import naming, read_toml, validate
-from tjscan.errors import ConfigurationError, nearest
-from tjscan.frames import Array
+from tjscan.core.config import naming, read_toml, validate
+from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.frames import Array
 from tjscan.job import JobFile, JointTable, read_job
+from tjscan.job.cell import mount_of
 from tjscan.joint.file import JointFile
 from tjscan.study.file import StudyFile
 from tjscan.study.rules import RuleTable, ruled_joint

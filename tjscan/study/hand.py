@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, inverse, pose, transform, unit
+from tjscan.core.frames import Array, inverse, pose, transform, unit
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, tangential

@@ -9,15 +9,15 @@ from time import perf_counter
 import numpy as np
 
 from tjscan.calibration.file import rows_to_pose
-from tjscan.cell import open_cell
 from tjscan.comparison.distance import corner_errors
-from tjscan.errors import ConfigurationError, TjscanError
-from tjscan.frames import Array, rotation_angle, transform
+from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.core.frames import Array, rotation_angle, transform
+from tjscan.job.cell import open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary, summarise
-from tjscan.run import plan_of, scan_in
+from tjscan.runs.scan import plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.scan import Substep

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from tjscan.config import FileModel
+from tjscan.core.config import FileModel
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.checks import AZIMUTHS
 from tjscan.joint.definition import JointDefinition

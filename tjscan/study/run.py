@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tjscan.files import drafted, sole_writer
+from tjscan.core.files import drafted, sole_writer
 from tjscan.study.one import run_task
 from tjscan.study.report import write_report
 from tjscan.study.row import LOST_WORKER, Row

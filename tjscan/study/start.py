@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from tjscan.calibration.file import rows_to_pose
-from tjscan.errors import ConfigurationError
-from tjscan.frames import Array, inverse, to_euler_zyx
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, inverse, to_euler_zyx
 from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
-from tjscan.run import plan_of
+from tjscan.runs.scan import plan_of
 from tjscan.study.hand import Hand, carried, centred, random_of, taught_views
 from tjscan.study.rules import RuleTable
 from tjscan.study.task import canonical

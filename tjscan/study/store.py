@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Protocol
 
-from tjscan.errors import ConfigurationError, RecordingError
-from tjscan.files import check_size, drafted
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import check_size, drafted
 from tjscan.study.row import Row
 from tjscan.study.task import Task
 

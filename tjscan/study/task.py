@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Self
 
 from tjscan import __version__
-from tjscan.config import validate
+from tjscan.core.config import validate
 from tjscan.job import JobFile
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault, Order
 from tjscan.robot.loopback.motion import Motion, pose_of, values_of

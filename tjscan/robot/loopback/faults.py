@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.errors import ConfigurationError, nearest
+from tjscan.core.errors import ConfigurationError, nearest
 
 
 class Fault(StrEnum):

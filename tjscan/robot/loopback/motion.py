@@ -9,7 +9,7 @@ from typing import Final, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, pose
+from tjscan.core.frames import Array, pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits, timed
 from tjscan.robot.path import FEWEST, JOINT_SPACING, linear_path

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Self
 
-from tjscan.errors import ArmNotReached, ArmSilent
+from tjscan.core.errors import ArmNotReached, ArmSilent
 
 PATIENCE: Final = 60.0
 """Seconds to wait for a line; a busy machine takes its time."""

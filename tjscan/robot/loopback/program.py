@@ -11,8 +11,8 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.errors import PoseUnreachable
-from tjscan.frames import Array, inverse
+from tjscan.core.errors import PoseUnreachable
+from tjscan.core.frames import Array, inverse
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.motion import (
     Motion,

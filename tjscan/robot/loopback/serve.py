@@ -10,8 +10,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from tjscan.config import naming
-from tjscan.errors import ConfigurationError
+from tjscan.core.config import naming
+from tjscan.core.errors import ConfigurationError
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import Controller
 from tjscan.robot.loopback.server import Server, check_address

@@ -12,7 +12,7 @@ from ipaddress import AddressValueError, IPv4Address
 from threading import Thread
 from typing import Any, Final
 
-from tjscan.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError
 from tjscan.robot.loopback.controller import Controller
 from tjscan.robot.loopback.dashboard import GREETING, Dashboard
 from tjscan.robot.loopback.faults import parse_order

@@ -14,8 +14,8 @@ from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
 
-from tjscan.errors import ArmFault
-from tjscan.frames import Array
+from tjscan.core.errors import ArmFault
+from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.latch import StopLatch

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import (
+from tjscan.core.errors import (
     ArmBusy,
     ArmFault,
     ArmNotReached,
@@ -18,7 +18,7 @@ from tjscan.errors import (
     ProgramStopped,
     RegistersInUse,
 )
-from tjscan.frames import Array, inverse
+from tjscan.core.frames import Array, inverse
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import fault_of, start_fault

@@ -9,7 +9,7 @@ import socket
 from types import TracebackType
 from typing import Final, Self
 
-from tjscan.errors import ArmFault, ArmNotReached, ArmSilent
+from tjscan.core.errors import ArmFault, ArmNotReached, ArmSilent
 
 PORT: Final = 29999
 

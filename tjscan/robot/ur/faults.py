@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from tjscan.errors import (
+from tjscan.core.errors import (
     ArmFault,
     ArmLinkLost,
     ArmNotPowered,

@@ -11,7 +11,7 @@ import time
 from multiprocessing.connection import Connection
 from typing import Final, TypeVar
 
-from tjscan.errors import ArmLinkLost, ArmSilent, MoveUnfollowed
+from tjscan.core.errors import ArmLinkLost, ArmSilent, MoveUnfollowed
 from tjscan.robot.ur.words import FORSAKEN, Answer, Request
 
 QUICK: Final = 3.0

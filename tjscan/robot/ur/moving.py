@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import ArmFault, ArmSilent, PoseMissed, ProgramStopped, TargetRefused
-from tjscan.frames import Array, rotation_angle
+from tjscan.core.errors import ArmFault, ArmSilent, PoseMissed, ProgramStopped, TargetRefused
+from tjscan.core.frames import Array, rotation_angle
 from tjscan.robot.arm import ArmState
 from tjscan.robot.latch import StopLatch
 from tjscan.robot.ur.orders import MoveOrder

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import TargetRefused
-from tjscan.frames import Array
+from tjscan.core.errors import TargetRefused
+from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointPath
 from tjscan.robot.ur.session import Session

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, pose
+from tjscan.core.frames import Array, pose
 
 
 def pose_of(values: tuple[float, ...] | list[float]) -> Array:

@@ -8,8 +8,8 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from tjscan.errors import ArmFault, ArmLinkLost, ArmSilent, ProgramStopped
-from tjscan.frames import Array, inverse
+from tjscan.core.errors import ArmFault, ArmLinkLost, ArmSilent, ProgramStopped
+from tjscan.core.frames import Array, inverse
 from tjscan.robot.arm import ArmState
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import (

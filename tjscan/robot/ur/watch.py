@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from tjscan.errors import ArmSilent
+from tjscan.core.errors import ArmSilent
 from tjscan.robot.ur.words import Snapshot
 
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import LaserFault
-from tjscan.frames import Array
+from tjscan.core.errors import LaserFault
+from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.scan import View

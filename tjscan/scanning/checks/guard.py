@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import SetPointRefused
-from tjscan.frames import Array, inverse
+from tjscan.core.errors import SetPointRefused
+from tjscan.core.frames import Array, inverse
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stride import Stride

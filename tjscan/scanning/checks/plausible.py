@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.errors import GrooveNotFound
-from tjscan.frames import Array, unit
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.checks.guard import turned
 from tjscan.scanning.scan import Scan, Substep

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.frames import Array, cross, inverse, unit
+from tjscan.core.frames import Array, cross, inverse, unit
 from tjscan.scanning.correction import correct
 from tjscan.scanning.seam.fit import Seam, Walls
 from tjscan.scanning.seam.kriging import Kriging

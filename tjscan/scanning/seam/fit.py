@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, cross, readonly, unit
+from tjscan.core.frames import Array, cross, readonly, unit
 from tjscan.scanning.seam.kriging import matern
 from tjscan.scanning.seam.track import Track
 

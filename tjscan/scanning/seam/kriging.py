@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tjscan.frames import Array
+from tjscan.core.frames import Array
 
 
 def matern(between: Array, amplitude: float, length: float) -> Array:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.frames import Array, readonly
+from tjscan.core.frames import Array, readonly
 from tjscan.scanning.scan import Scan
 
 MOST_SECTIONS: Final = 30

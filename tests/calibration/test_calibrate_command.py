@@ -1,0 +1,276 @@
+"""``tjscan calibrate`` on recorded profiles: what it reads, writes, refuses and ends with."""
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibration_stage import (
+    HAND,
+    MM,
+    PLACES,
+    PLANE,
+    T_F_S,
+    circle,
+    error,
+    looking,
+    raised,
+    shots,
+    varied,
+)
+from command import tjscan
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.file import read_calibration
+from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
+
+OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
+KNOWN = ["--plane=" + ",".join(str(v) for v in (*PLANE.u, 1e3 * PLANE.u0))]
+GOOD = (0.5 * MM, np.radians(0.1))
+"""Bounds on position and rotation: several times what twelve lines leave uncertain."""
+
+
+def write_rows(file: Path, header: Sequence[str], rows: Sequence[Sequence[object]]) -> Path:
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(header)
+        writer.writerows(rows)
+    return file
+
+
+def write_lines(folder: Path, profiles: Sequence[Profile]) -> Path:
+    rows = [
+        (i, 1e3 * x, 1e3 * z)
+        for i, profile in enumerate(profiles, start=1)
+        for x, z in zip(profile.x_s, profile.z_s, strict=True)
+    ]
+    return write_rows(folder / "lines.csv", ("profile", "x_mm", "z_mm"), rows)
+
+
+NOTATIONS: dict[str, tuple[tuple[str, ...], Callable[[Rotation], Array]]] = {
+    "quaternion": (("qx", "qy", "qz", "qw"), lambda R: R.as_quat()),
+    "rotation vector": (("rx_rad", "ry_rad", "rz_rad"), lambda R: R.as_rotvec()),
+    "Euler angles": (("a_deg", "b_deg", "c_deg"), lambda R: R.as_euler("ZYX", degrees=True)),
+}
+
+
+def write_poses(folder: Path, poses: Array, notation: str = "quaternion") -> Path:
+    names, write = NOTATIONS[notation]
+    rows = [
+        (i, *(1e3 * T[:3, 3]), *write(Rotation.from_matrix(T[:3, :3])))
+        for i, T in enumerate(poses, start=1)
+    ]
+    return write_rows(folder / "poses.csv", ("profile", "x_mm", "y_mm", "z_mm", *names), rows)
+
+
+def record(folder: Path, poses: Array, seed: int = 0) -> list[object]:
+    """Options that name the files of a recording."""
+    profiles = shots(poses, HAND, np.random.default_rng(seed))
+    lines, places = write_lines(folder, profiles), write_poses(folder, poses)
+    return ["--lines", lines, "--poses", places]
+
+
+def test_all_notations_of_a_pose_give_the_same_calibration(tmp_path: Path) -> None:
+    poses, found = circle(30), []
+    record(tmp_path, poses)
+    for notation in NOTATIONS:
+        places = write_poses(tmp_path, poses, notation)
+        out = tmp_path / notation
+        code = tjscan(
+            "calibrate", "--lines", tmp_path / "lines.csv", "--poses", places, *KNOWN, "--out", out
+        )
+        assert code == 0
+        found.append(read_calibration(out / "calibration.toml").T_f_s)
+    for T_f_s in found[1:]:
+        np.testing.assert_allclose(T_f_s, found[0], atol=1e-9)
+    off = error(found[0])
+    assert np.linalg.norm(off[:3]) < GOOD[0]
+    assert np.linalg.norm(off[3:]) < GOOD[1]
+
+
+@pytest.mark.parametrize("target", ["plane", "touched", "unknown plane"])
+def test_a_board_is_stated_touched_or_unknown(tmp_path: Path, target: str) -> None:
+    touched = HAND.touches(PLACES, np.random.default_rng(7))
+    write_rows(tmp_path / "touched.csv", ("x_mm", "y_mm", "z_mm"), (1e3 * touched).tolist())
+    options: dict[str, list[object]] = {
+        "plane": [*KNOWN],
+        "touched": ["--touched", tmp_path / "touched.csv"],
+        "unknown plane": ["--unknown-plane"],
+    }
+    files = record(tmp_path, varied(np.random.default_rng(3), 14))
+    devices = ["--arm-id", "ur10e", "--laser-id", "simulated"]
+    code = tjscan("calibrate", *files, *options[target], *devices, "--out", tmp_path / "run")
+    assert code == 0
+    found = read_calibration(tmp_path / "run" / "calibration.toml", arm="ur10e", laser="simulated")
+    assert np.linalg.norm(error(found.T_f_s)[:3]) < 2 * GOOD[0]
+    assert found.method == ("plane unknown" if target == "unknown plane" else "plane touched")
+
+
+def test_poses_and_rows_of_a_matrix_go_together_by_their_order(tmp_path: Path) -> None:
+    """A matrix has columns a pitch apart: lines are cut at them."""
+    poses, pitch = varied(np.random.default_rng(3), 12), 0.4 * MM
+    x = pitch * (np.arange(120) - 59.5)
+    rows = []
+    for profile in shots(poses, HAND, np.random.default_rng(0)):
+        seen = profile.points_s
+        z = np.interp(x, seen[:, 0], seen[:, 2], left=np.nan, right=np.nan)
+        rows.append([f"{1e3 * value:.4f}" if np.isfinite(value) else "-1" for value in z])
+    lines = tmp_path / "lines.csv"
+    lines.write_text("\n".join(",".join(row) for row in rows), encoding="utf-8")
+    places = write_poses(tmp_path, poses)
+    form = ["--units", "mm", "--pitch", "0.4", "--invalid=-1"]
+    options = ["--lines", lines, "--poses", places, *form, *KNOWN, "--out", tmp_path / "run"]
+    assert tjscan("calibrate", *options) == 0
+    found = read_calibration(tmp_path / "run" / "calibration.toml")
+    assert np.linalg.norm(error(found.T_f_s)[:3]) < GOOD[0]
+
+
+def test_json_tells_it_all_and_words_name_the_bad_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profiles = shots(circle(30), HAND, np.random.default_rng(0))
+    profiles[4] = raised(profiles[4], 2 * MM)
+    profiles[7] = Profile(profiles[7].x_s, np.full(len(profiles[7]), np.nan))
+    lines, places = write_lines(tmp_path, profiles), write_poses(tmp_path, circle(30))
+    files = ["--lines", lines, "--poses", places]
+    assert tjscan("calibrate", *files, *KNOWN, "--json", "--out", tmp_path / "run") == 0
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    np.testing.assert_allclose(np.array(found["T_f_s_mm"])[:3, 3], 1e3 * T_F_S[:3, 3], atol=0.5)
+    assert [r["name"] for r in found["residuals"] if not r["used"]] == ["profile 5"]
+    words = " ".join(told.err.split())
+    assert "contradicting the others: profile 5" in words
+    assert "profile 8 is left out: no line seen" in words
+    assert "--arm-id" in words
+
+
+def test_a_missing_motion_is_named_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = np.stack([looking(0, a) for a in np.linspace(-30, 30, 10)])
+    files = record(tmp_path, poses)
+    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 1
+    told = " ".join(capsys.readouterr().err.split())
+    assert "turns about one axis only" in told
+    assert "missing: tilt about" in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_four_lines_are_too_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = record(tmp_path, circle(30, 4))
+    assert tjscan("calibrate", *files, "--unknown-plane", "--out", tmp_path / "run") == 1
+    assert "too few lines" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], ["one of --plane", "found: none"]),
+        ([*KNOWN, "--unknown-plane"], ["found: --plane, --unknown-plane"]),
+        (["--plane", "1,2,3"], ["--plane", "no plane A,B,C,D"]),
+        (["--plane", "0,0,0,1"], ["--plane", "normal"]),
+        (["--sphere-radius-mm", "0"], ["positive radius"]),
+        ([*KNOWN, "--range-mm", "0"], ["range_mm", "greater than 0"]),
+        ([*KNOWN, "--touched", "nosuch.csv"], ["found: --plane, --touched"]),
+        (["--touched", "nosuch.csv"], ["nosuch.csv", "no such file"]),
+        ([*KNOWN, "--poses", "nosuch.csv"], ["nosuch.csv", "no such file"]),
+        ([*KNOWN, "--lines", "nosuch.csv"], ["nosuch.csv", "no such file"]),
+        ([*KNOWN, "--unattended"], ["--unattended has no meaning"]),
+        ([*KNOWN, "--board.lines", "6"], ["--board.lines"]),
+        ([*KNOWN, "--resume", "runs/x"], ["either a job file, or --resume"]),
+        (["job.toml", *KNOWN], ["either a job file, or --resume"]),
+    ],
+)
+def test_options_that_do_not_fit_together_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: list[str]
+) -> None:
+    files = record(tmp_path, circle(30, 5))
+    kept = [f for i, f in enumerate(files) if files[i - i % 2] not in options]
+    assert tjscan("calibrate", *options, *kept, "--out", tmp_path / "run") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    for word in words:
+        assert word in told
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("options", [[], ["--lines", "l.csv"], ["--poses", "p.csv"]])
+def test_something_to_calibrate_is_needed(options: list[str]) -> None:
+    assert tjscan("calibrate", *options) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("x_mm", "x", "no columns x_mm"),
+        ("qw", "w", "columns of one orientation"),
+        ("qx", "a_deg", "columns of one orientation"),
+        ("profile", "number", None),
+        ("\n1,", "\n77,", "number 1, 77 has a profile or a pose, but not both"),
+        ("\n1,", "\n2,", "profile 2 stands there twice"),
+        ("\n1,", "\n1,1,", "9 columns, the header 8"),
+        ("\n1,", "\n1,nan", "pose 1:"),
+        ("\n1,", "\n1,x", "pose 1:"),
+    ],
+)
+def test_poses_that_are_none_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: str | None
+) -> None:
+    files = record(tmp_path, circle(30))
+    poses = tmp_path / "poses.csv"
+    text = poses.read_text(encoding="utf-8").replace("\r\n", "\n")
+    assert old in text
+    poses.write_text(text.replace(old, new, 1), encoding="utf-8")
+    code = tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run")
+    assert code == (0 if words is None else 2)
+    if words is not None:
+        told = " ".join(capsys.readouterr().err.split())
+        assert words in told
+        assert "poses.csv" in told
+
+
+def test_a_quaternion_that_is_none_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = write_lines(tmp_path, shots(circle(30), HAND, np.random.default_rng(0)))
+    header = ("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
+    poses = write_rows(tmp_path / "poses.csv", header, [(0, 0, 0, 0, 0, 0, 2)] * 12)
+    assert tjscan("calibrate", "--lines", lines, "--poses", poses, *KNOWN) == 2
+    assert "length 2.000, not 1" in capsys.readouterr().err
+
+
+def test_a_calibration_is_never_overwritten(tmp_path: Path) -> None:
+    files = record(tmp_path, circle(30))
+    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 0
+    before = (tmp_path / "run" / "calibration.toml").read_bytes()
+    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 2
+    assert (tmp_path / "run" / "calibration.toml").read_bytes() == before
+
+
+@pytest.mark.skipif(
+    not OPENLMD.is_dir(), reason=f"the recorded lines are no part of the project; none at {OPENLMD}"
+)
+@pytest.mark.parametrize(("name", "code"), [("root", 0), ("calib4", 1)])
+def test_real_lines_are_calibrated_or_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, code: int
+) -> None:
+    # There, the laser plane's axes are called x and y, and the sensor looks along x.
+    lines = np.loadtxt(OPENLMD / f"{name}_profiles.csv", delimiter=",")[:, [0, 4, 3]]
+    poses = np.loadtxt(OPENLMD / f"{name}_poses.csv", delimiter=",")
+    header = ("frame", "x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
+    files = [
+        "--lines",
+        write_rows(tmp_path / "lines.csv", ("frame", "x_mm", "z_mm"), lines.tolist()),
+        "--poses",
+        write_rows(tmp_path / "poses.csv", header, poses.tolist()),
+    ]
+    noise = ["--unknown-plane", "--range-mm", "0.15", "--correlation-columns", "60"]
+    assert tjscan("calibrate", *files, *noise, "--out", tmp_path / "run") == code
+    told = " ".join(capsys.readouterr().err.split())
+    if code == 0:
+        assert "frame 1" in told
+        assert read_calibration(tmp_path / "run" / "calibration.toml").lines == len(poses)
+    else:
+        assert "noise model can't explain" in told

@@ -1,0 +1,103 @@
+"""Laws of lines and planes, eq. (17)-(19)."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.plucker import (
+    Line,
+    Plane,
+    incidence,
+    line_through,
+    plane_through,
+    screw_matrix,
+    skew,
+    transform_line,
+    transform_plane,
+)
+from tjscan.core.frames import Array, inverse, pose, transform
+
+EXACT = 1e-12
+
+coordinates = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
+directions = coordinates.filter(lambda v: np.linalg.norm(v) > 0.1)
+poses = st.builds(
+    lambda r, p: pose(Rotation.from_rotvec(r).as_matrix(), p), coordinates, coordinates
+)
+laws = settings(max_examples=40, deadline=None)
+
+
+@laws
+@given(v=coordinates, w=coordinates)
+def test_the_skew_matrix_is_the_cross_product(v: Array, w: Array) -> None:
+    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=EXACT)
+    np.testing.assert_array_equal(skew(np.stack((v, w)))[1], skew(w))
+
+
+@laws
+@given(point=coordinates, a=directions, along=st.floats(-3, 3))
+def test_a_line_does_not_depend_on_the_point_that_names_it(
+    point: Array, a: Array, along: float
+) -> None:
+    line = line_through(point, a)
+    np.testing.assert_allclose(line_through(point + along * a, a).m, line.m, atol=1e-11)
+    assert line.a @ line.m == pytest.approx(0.0, abs=1e-11)
+    np.testing.assert_allclose(np.cross(line.nearest_point, a), line.m, atol=1e-10)
+
+
+@laws
+@given(T=poses, point=coordinates, a=directions)
+def test_the_screw_matrix_moves_lines_as_poses_move_points(
+    T: Array, point: Array, a: Array
+) -> None:
+    moved = transform_line(T, line_through(point, a))
+    by_points = line_through(transform(T, point), T[:3, :3] @ a)
+    np.testing.assert_allclose(moved.screw, by_points.screw, atol=1e-11)
+
+
+@laws
+@given(T_1=poses, T_2=poses)
+def test_screw_matrices_compose_and_invert_like_poses(T_1: Array, T_2: Array) -> None:
+    np.testing.assert_allclose(
+        screw_matrix(T_1) @ screw_matrix(T_2), screw_matrix(T_1 @ T_2), atol=1e-11
+    )
+    np.testing.assert_allclose(
+        screw_matrix(inverse(T_1)) @ screw_matrix(T_1), np.eye(6), atol=1e-11
+    )
+
+
+@laws
+@given(point=coordinates, u=directions, seed=st.integers(0, 2**32 - 1), T=poses)
+def test_a_line_in_a_plane_is_incident_in_every_frame(
+    point: Array, u: Array, seed: int, T: Array
+) -> None:
+    plane = plane_through(point, u)
+    a = np.cross(plane.u, np.random.default_rng(seed).standard_normal(3))
+    line = line_through(point, a)
+    np.testing.assert_allclose(incidence(line, plane), 0, atol=1e-11)
+    moved = incidence(transform_line(T, line), transform_plane(T, plane))
+    np.testing.assert_allclose(moved, 0, atol=1e-10)
+
+
+@laws
+@given(point=coordinates, u=directions, height=st.floats(-1, 1))
+def test_a_parallel_line_shows_its_distance(point: Array, u: Array, height: float) -> None:
+    plane = plane_through(point, u)
+    a = np.linalg.svd(plane.u[None])[2][1]
+    line = line_through(point + height * plane.u, a)
+    np.testing.assert_allclose(incidence(line, plane)[1:], -height * a, atol=1e-11)
+
+
+def test_a_line_that_crosses_is_not_incident() -> None:
+    crossing = incidence(line_through((0, 0, 0), (0, 0.6, 0.8)), Plane(np.array((0, 0, 1.0)), 0.0))
+    assert crossing[0] == pytest.approx(0.8)
+
+
+def test_lines_and_planes_are_read_only() -> None:
+    line = Line(np.array((1.0, 0, 0)), np.zeros(3))
+    with pytest.raises(ValueError, match="read-only"):
+        line.a[0] = 2
+    with pytest.raises(ValueError, match="not zero"):
+        Plane(np.zeros(3), 1.0)

@@ -1,0 +1,515 @@
+"""The wizard: nothing moves unasked, nothing measured is lost, and the truth is found."""
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from calibration_stage import MM, raised
+from cells import EXAMPLES, PAPER
+from command import tjscan
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from prompt_toolkit.application import create_app_session
+from prompt_toolkit.input import create_pipe_input
+from prompt_toolkit.output import DummyOutput
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.file import pose_to_rows, read_calibration, rows_to_pose
+from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
+from tjscan.calibration.operator import Question
+from tjscan.calibration.probe import JoggedProbe
+from tjscan.calibration.session import Progress, Task, touch_places
+from tjscan.calibration.shot import Shot
+from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.wizard import MOST_BLIND, MOST_RETOUCHES, Outcome, Wizard
+from tjscan.cli.operators import AtTerminal
+from tjscan.core.errors import CalibrationRefused, RecordingError
+from tjscan.core.frames import Array, inverse, pose
+from tjscan.job import read_calibration_job
+from tjscan.job.cell import Cell, mount_of, open_board_cell, task_of
+from tjscan.laser.profile import Profile
+from tjscan.runs.calibrate import MEASURED, resume_calibration, start_calibration
+
+JOB = EXAMPLES / "calibrate.toml"
+SHORT = {"board.touches": 4, "board.lines": 5}
+"""As few touches and lines as give a calibration that can be checked."""
+TRUTH = rows_to_pose(read_calibration_job(JOB).simulation.T_f_s_mm)  # type: ignore[union-attr, arg-type]
+
+
+class Watcher:
+    """An operator who answers by a rule and remembers what was asked and told."""
+
+    present = True
+
+    def __init__(self, answer: Callable[[Question], bool] = lambda q: q.default) -> None:
+        self._answer = answer
+        self.questions: list[Question] = []
+        self.told: list[str] = []
+        self.progress: list[Progress] = []
+
+    def confirm(self, question: Question) -> bool:
+        self.questions.append(question)
+        return self._answer(question)
+
+    def tell(self, message: str) -> None:
+        self.told.append(message)
+
+    def show(self, progress: Progress) -> None:
+        self.progress.append(progress)
+
+
+class Stage:
+    """Task and devices of the example, ready for a wizard."""
+
+    def __init__(self, folder: Path, **keys: Any) -> None:
+        job = read_calibration_job(JOB, SHORT | {k.replace("__", "."): v for k, v in keys.items()})
+        T_f_s = mount_of(job, JOB).T_f_s
+        self.task: Task = task_of(job, T_f_s)
+        self.cell: Cell
+        self.cell, self.probe = open_board_cell(job, T_f_s)
+        self.file = folder / MEASURED
+
+    def run(self, watcher: Watcher, **devices: Any) -> Outcome:
+        with Logbook(self.file) as logbook, self.cell as cell:
+            parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
+            return Wizard(self.task, cell.arm, operator=watcher, logbook=logbook, **parts).run()
+
+    def measured(self) -> Measured:
+        with Logbook(self.file) as logbook:
+            return logbook.measured
+
+
+class Knocked:
+    """The cell's laser, whose bracket moves by 2 mm after some profiles."""
+
+    def __init__(self, cell: Cell, after: int, until: int = 1000) -> None:
+        self._cell, self._after, self._until, self._count = cell, after, until, 0
+
+    def capture(self) -> Profile:
+        self._count += 1
+        profile = self._cell.laser.capture()
+        bent = self._after < self._count <= self._until
+        return raised(profile, 2 * MM) if bent else profile
+
+
+class Clumsy:
+    """The cell's probe, that slips by 3 mm at some touches."""
+
+    order = "Touch"
+
+    def __init__(self, probe: SimulatedProbe, slips: int) -> None:
+        self._probe, self._slips = probe, slips
+
+    def touch(self, place_b: Array) -> Array:
+        T_b_f = self._probe.touch(place_b)
+        self._slips -= 1
+        if self._slips >= 0:
+            T_b_f = T_b_f.copy()
+            T_b_f[2, 3] += 3 * MM
+        return T_b_f
+
+
+def off(T_f_s: Array) -> tuple[float, float]:
+    """Metres and radians from the truth."""
+    turn = Rotation.from_matrix(TRUTH[:3, :3].T @ T_f_s[:3, :3]).magnitude()
+    return float(np.linalg.norm(T_f_s[:3, 3] - TRUTH[:3, 3])), float(turn)
+
+
+def entries(directory: Path) -> list[dict[str, Any]]:
+    lines = (directory / MEASURED).read_text(encoding="utf-8").splitlines()
+    return [entry for line in lines if (entry := json.loads(line))["kind"] != "begun"]
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of the whole example, run without questions from the command line."""
+    directory = tmp_path_factory.mktemp("calibrated") / "run"
+    assert tjscan("calibrate", JOB, "--unattended", "--out", directory) == 0
+    return directory
+
+
+def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> None:
+    found = read_calibration(calibrated / "calibration.toml", arm="ur10e", laser="simulated")
+    guess = off(mount_of(read_calibration_job(JOB), JOB).T_f_s)
+    position, rotation = off(found.T_f_s)
+    assert position < 3e-3 * found.sigma_position_mm < guess[0]
+    assert rotation < 3 * np.radians(found.sigma_rotation_deg)
+    assert found.sigma_position_mm < 0.12
+    assert found.lines == 12
+    assert found.verification is not None
+    assert found.verification.misfit < found.verification.limit
+    files = {"job.toml", MEASURED, "calibration.toml"}
+    assert {file.name for file in calibrated.iterdir()} == files
+
+
+def corner_error(folder: Path, *options: object) -> float:
+    assert tjscan("scan", PAPER, "--out", folder, *options) == 0
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return float(summary["corner_error_mm"]["mean"])
+
+
+def test_a_scan_with_the_result_is_as_good_as_one_with_the_truth(
+    calibrated: Path, tmp_path: Path
+) -> None:
+    best = corner_error(tmp_path / "true")
+    found = corner_error(tmp_path / "found", "--calibration.file", calibrated / "calibration.toml")
+    guess = corner_error(
+        tmp_path / "guess",
+        "--calibration.T_f_s_mm",
+        json.dumps(read_calibration_job(JOB).calibration.T_f_s_mm),
+        "--scan.sections",
+        "5",
+    )
+    assert found <= best + 0.1
+    assert guess > best + 1  # so the calibration was worth it
+
+
+def test_a_scan_keeps_the_calibration_it_was_made_with(calibrated: Path, tmp_path: Path) -> None:
+    file = calibrated / "calibration.toml"
+    options = ["--scan.sections", "3"]
+    out = tmp_path / "run"
+    assert tjscan("scan", PAPER, "--calibration.file", file, *options, "--out", out) == 0
+    assert (out / "calibration.toml").read_bytes() == file.read_bytes()
+    assert 'file = "calibration.toml"' in (out / "job.toml").read_text(encoding="utf-8")
+    found = read_calibration(file)
+    named = json.loads((out / "summary.json").read_text(encoding="utf-8"))["calibration"]
+    assert named == f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
+    told = (out / "report.html").read_text(encoding="utf-8")
+    assert f"known to {found.sigma_position_mm:.3f} mm" in " ".join(told.split())
+    assert "was not calibrated" not in told
+    again = tmp_path / "again"
+    assert tjscan("scan", out / "job.toml", "--out", again) == 0
+    assert (again / "sections.csv").read_bytes() == (out / "sections.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("key", "device"), [("arm.id", "arm 3"), ("laser.id", "2610-100 7"), ("arm.model", "ur20")]
+)
+def test_a_scan_refuses_the_calibration_of_another_device(
+    calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, device: str
+) -> None:
+    options = ["--calibration.file", calibrated / "calibration.toml", f"--{key}", device]
+    assert tjscan("scan", PAPER, *options, "--out", tmp_path / "run") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert device in told
+    assert "calibrate again" in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_interrupted_before_every_question_it_loses_nothing_and_measures_nothing_twice(
+    tmp_path: Path,
+) -> None:
+    directory, kept, asked = tmp_path / "run", list[dict[str, Any]](), set[str]()
+    job = read_calibration_job(JOB, SHORT)
+
+    def leave_at_the_first_new_question(question: Question) -> bool:
+        if question.text in asked:
+            return question.default
+        asked.add(question.text)
+        raise KeyboardInterrupt
+
+    watcher = Watcher(leave_at_the_first_new_question)
+    with pytest.raises(KeyboardInterrupt):
+        start_calibration(job, JOB, directory, watcher)
+    while not (directory / "calibration.toml").exists():
+        before = len(asked)
+        with suppress(KeyboardInterrupt):
+            resume_calibration(directory, watcher)
+        now = entries(directory)
+        assert now[: len(kept)] == kept
+        assert len(now) <= len(kept) + 1
+        assert len(asked) > before or (directory / "calibration.toml").exists()
+        kept = now
+    assert [entry["kind"] for entry in kept] == ["touch"] * 4 + ["line"] * 5 + ["fresh"]
+    found = read_calibration(directory / "calibration.toml")
+    assert off(found.T_f_s)[0] < 4e-3 * found.sigma_position_mm
+
+
+def test_the_same_lines_give_the_same_calibration_and_no_move(
+    calibrated: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for name in ("job.toml", MEASURED):
+        (copy / name).write_bytes((calibrated / name).read_bytes())
+    watcher = Watcher()
+    resume_calibration(copy, watcher)
+    assert not any(question.moves for question in watcher.questions)
+    found, first = ((d / "calibration.toml").read_bytes() for d in (copy, calibrated))
+    assert found == first
+
+
+def test_a_guess_that_is_far_off_leads_to_the_same_place(tmp_path: Path) -> None:
+    turn = Rotation.from_rotvec(np.radians(10) * np.array((0.6, 0.8, 0.0))).as_matrix()
+    guess = pose(turn @ TRUTH[:3, :3], TRUTH[:3, 3] + 20 * MM * np.array((0.0, 0.6, -0.8)))
+    rows = [list(row) for row in pose_to_rows(guess)]
+    outcome = Stage(tmp_path, calibration__T_f_s_mm=rows, board__lines=8).run(Watcher())
+    assert off(outcome.result.T_f_s)[0] < 3 * outcome.result.uncertainty.position < 0.5 * MM
+
+
+def test_uncertainty_shrinks_from_line_to_line(tmp_path: Path) -> None:
+    watcher = Watcher()
+    Stage(tmp_path, board__lines=8).run(watcher)
+    assert [len(p.samples) for p in watcher.progress] == list(range(9))
+    course = [p.expected.position for p in watcher.progress]
+    # The geometry's foresight changes a little where the mount becomes known.
+    assert all(after < 1.02 * before for before, after in pairwise(course))
+    assert watcher.progress[4].result is None
+    assert watcher.progress[5].result is not None
+
+
+def test_nothing_moves_unless_it_is_allowed(tmp_path: Path) -> None:
+    stage, watcher = Stage(tmp_path), Watcher(lambda question: not question.moves)
+    with pytest.raises(CalibrationRefused, match="too few touched points"):
+        stage.run(watcher)
+    with stage.cell as cell:
+        assert cell.arm.state().time == 0
+    assert sum(question.moves for question in watcher.questions) == 4
+
+
+def test_what_is_declined_is_passed_over_and_not_asked_again(tmp_path: Path) -> None:
+    declined = {"place 2", "Take line 3"}
+
+    def answer(question: Question) -> bool:
+        hit = next((words for words in declined if words in question.text), None)
+        declined.discard(hit or "")
+        return question.default and hit is None
+
+    stage = Stage(tmp_path)
+    stage.run(Watcher(answer))
+    measured = stage.measured()
+    assert measured.touches[1].T_b_f is None
+    assert len(measured.shots) == 5
+    (passed,) = measured.passed
+    assert passed.reason == "declined"
+    for shot in measured.shots:
+        assert not np.allclose(shot.T_b_f, passed.T_b_f, atol=1e-3)
+
+
+def test_one_more_line_is_taken_where_the_operator_wants_it(tmp_path: Path) -> None:
+    wishes = iter([True, True, False])
+
+    def answer(question: Question) -> bool:
+        return next(wishes) if "one more line" in question.text else question.default
+
+    stage = Stage(tmp_path)
+    assert len(stage.run(Watcher(answer)).result.residuals) == 7
+
+
+def test_a_touch_that_slipped_is_found_and_taken_again(tmp_path: Path) -> None:
+    stage, watcher = Stage(tmp_path, board__touches=9), Watcher()
+    assert isinstance(stage.probe, SimulatedProbe)
+    stage.run(watcher, probe=Clumsy(stage.probe, slips=1))
+    assert any("not on one plane" in told for told in watcher.told)
+    assert [q.text for q in watcher.questions if "again" in q.text] == ["Touch place 1 again?"]
+
+
+def test_a_board_that_is_not_flat_is_refused_in_the_end(tmp_path: Path) -> None:
+    watcher = Watcher()
+    with pytest.raises(CalibrationRefused, match="not on one plane"):
+        Stage(tmp_path, board__touches=9, simulation__board__touch_mm=1.5).run(watcher)
+    assert sum("again" in question.text for question in watcher.questions) == MOST_RETOUCHES
+
+
+def test_a_line_taken_while_something_moved_is_named(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, board__lines=10)
+    result = stage.run(Watcher(), laser=Knocked(stage.cell, after=6, until=7)).result
+    assert result.bad == ("line 7",)
+
+
+def test_a_fresh_line_that_contradicts_is_refused_unless_the_operator_insists(
+    tmp_path: Path,
+) -> None:
+    stage = Stage(tmp_path, board__lines=10)
+    with pytest.raises(CalibrationRefused, match="fresh line contradicts"):
+        stage.run(Watcher(), laser=Knocked(stage.cell, after=10))
+    # What was measured is still there, and the same question is asked again.
+    insist = Watcher(lambda q: True if "contradicts" in q.text else q.default)
+    assert not stage.run(insist).verification.agrees
+    assert not any(question.moves for question in insist.questions)
+
+
+def test_a_board_that_is_never_seen_ends_it(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, laser__near_mm=600.0, laser__far_mm=610.0)
+    # The job promises a range that this sensor does not have.
+    stage.task = replace(stage.task, window=replace(stage.task.window, near=0.19, far=0.29))
+    watcher = Watcher()
+    with pytest.raises(CalibrationRefused, match=r"no line to be had.*0 points"):
+        stage.run(watcher)
+    assert sum("no line there" in told for told in watcher.told) == MOST_BLIND
+
+
+def test_a_board_out_of_reach_is_told(tmp_path: Path) -> None:
+    watcher = Watcher()
+    with pytest.raises(CalibrationRefused, match="too few touched points"):
+        Stage(tmp_path, board__position_mm=[2500.0, 0.0, 0.0]).run(watcher)
+    assert any("passed over" in told and "reach" in told for told in watcher.told)
+
+
+def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
+    stage = Stage(tmp_path)
+    hand, places = stage.probe, iter(touch_places(stage.task))
+    read: list[Array] = []
+
+    class JoggingHand:
+        """Reads the pose that the hand left the arm in."""
+
+        order = JoggedProbe(stage.cell.arm).order
+
+        def touch(self, place_b: Array) -> Array:
+            T_b_f = JoggedProbe(stage.cell.arm).touch(place_b)
+            read.append(T_b_f)
+            return T_b_f
+
+    def answer(question: Question) -> bool:
+        if question.text.startswith("Jog"):
+            stage.cell.arm.move_joint(hand.touch(next(places)))
+        return question.default
+
+    outcome = stage.run(Watcher(answer), probe=JoggingHand())
+    assert off(outcome.result.T_f_s)[0] < 4 * outcome.result.uncertainty.position
+    tips = [(T @ np.append(stage.task.tip_f, 1.0))[:3] for T in read]
+    np.testing.assert_allclose(tips, touch_places(stage.task), atol=10 * MM)
+
+
+def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    T = np.eye(4)
+    T[:3, 3] = rng.normal(size=3)
+    turned = np.diag((1.0, -1.0, -1.0, 1.0))
+    profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
+    file = tmp_path / MEASURED
+    with Logbook(file) as logbook:
+        for entry in (
+            Touch(0, T),
+            Touch(1, None),
+            Touch(0, T @ turned),
+            Line(Shot("line 1", T, profile)),
+            Passed(T, "no line"),
+            Line(Shot("fresh", T, profile), fresh=True),
+        ):
+            logbook.add(entry)
+        written = logbook.measured
+    whole = file.read_bytes()
+    file.write_bytes(whole + b'{"kind": "line", "na')
+    with Logbook(file) as logbook:
+        found = logbook.measured
+    assert file.read_bytes().startswith(whole + b'{"kind": "begun"')
+    assert found.begun == written.begun
+    assert found.touches[1].T_b_f is None
+    np.testing.assert_array_equal(found.touches[0].T_b_f, T @ turned)
+    assert [shot.name for shot in found.shots] == ["line 1"]
+    np.testing.assert_array_equal(found.shots[0].profile.z_s, profile.z_s)
+    assert [passed.reason for passed in found.passed] == ["no line"]
+    assert found.blind == 0  # whoever goes on may have changed what was wrong
+    assert found.fresh is not None
+    assert found.fresh.name == "fresh"
+
+
+@pytest.mark.parametrize("damage", ["nonsense", '{"kind": "joke"}', '{"kind": "touch"}', "[]"])
+def test_a_damaged_logbook_is_refused(tmp_path: Path, damage: str) -> None:
+    file = tmp_path / MEASURED
+    file.write_text(damage + "\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="line 1 is damaged"), Logbook(file):
+        pass
+
+
+@given(count=st.integers(3, 40))
+@settings(max_examples=20, deadline=None)
+def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
+    job = read_calibration_job(JOB, {"board.touches": count})
+    task = task_of(job, TRUTH)
+    places = touch_places(task) @ inverse(task.T_b_board)[:3, :3].T
+    places += inverse(task.T_b_board)[:3, 3]
+    assert places.shape == (count, 3)
+    assert (np.abs(places[:, :2]) < task.half_sizes).all()
+    singular = np.linalg.svd(places - places.mean(axis=0))[1]
+    assert singular[1] > 0.1
+    assert singular[2] < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"), [("\r", True), ("\x1b[B\x1b[B\r", False), ("\x1b[B\r", True)]
+)
+def test_at_the_terminal_a_move_is_allowed_or_passed_over(
+    monkeypatch: pytest.MonkeyPatch, keys: str, expected: bool
+) -> None:
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    with create_pipe_input() as pipe, create_app_session(input=pipe, output=DummyOutput()):
+        operator = AtTerminal()
+        pipe.send_text(keys)
+        assert operator.confirm(Question("Move?", default=True, moves=True)) is expected
+        if keys.count("[B") == 1:  # and don't ask again
+            assert operator.confirm(Question("Move on?", default=True, moves=True))
+        pipe.send_text("n")
+        assert not operator.confirm(Question("Save?", default=True))
+        pipe.send_text("\x03")
+        with pytest.raises(KeyboardInterrupt):
+            operator.confirm(Question("Save?", default=True))
+
+
+@pytest.mark.parametrize(
+    "home_deg", [[-150, -60, 80, -240, 20, 280], [-110, -95, 160, 105, -110, 0]]
+)
+def test_wherever_the_arm_stands_at_first_it_gets_there(
+    tmp_path: Path, home_deg: list[float]
+) -> None:
+    """In the first of these, a wrist stands where many ways lead into its limit."""
+    stage = Stage(tmp_path, simulation__arm__home_deg=home_deg, board__lines=12)
+    assert stage.run(Watcher()).verification.agrees
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([JOB], ["no terminal", "--unattended"]),
+        ([PAPER, "--unattended"], ["board", "required"]),
+        ([JOB, "--unattended", "--board.line", "6"], ["board.line", "lines"]),
+        ([JOB, "--unattended", "--board.size-mm", "[20, 20]"], ["100 mm wide"]),
+        ([JOB, "--unattended", "--calibration.file", "no.toml"], ["no.toml", "no such file"]),
+        (["--resume", "nosuch", "--unattended"], ["nosuch", "no such file"]),
+        (["nosuch.toml", "--unattended"], ["nosuch.toml", "no such file"]),
+    ],
+)
+def test_bad_input_gets_one_message_and_leaves_nothing(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[object],
+    words: list[str],
+) -> None:
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
+    out = [] if "--resume" in arguments else ["--out", tmp_path / "run"]
+    assert tjscan("calibrate", *arguments, *out) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    for word in words:
+        assert word in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_finished_calibration_is_neither_begun_nor_resumed_again(
+    calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {file: file.read_bytes() for file in calibrated.iterdir()}
+    assert tjscan("calibrate", JOB, "--unattended", "--out", calibrated) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert tjscan("calibrate", "--resume", calibrated, "--unattended") == 2
+    assert "finished" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in calibrated.iterdir()} == before
+
+
+def test_a_refused_calibration_ends_with_one_and_writes_no_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rough = ["--simulation.laser.noise-mm", "1.5", "--unattended", "--out", tmp_path / "run"]
+    assert tjscan("calibrate", JOB, *rough) == 1
+    assert "calibration refused" in capsys.readouterr().err
+    assert not (tmp_path / "run" / "calibration.toml").exists()
+    assert entries(tmp_path / "run")

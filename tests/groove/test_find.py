@@ -1,0 +1,174 @@
+"""Laws of reading a groove: what must not matter doesn't, what must does in proportion."""
+
+import numpy as np
+import pytest
+from grooves import MM, Groove, Noise, draw, seen, turned
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tjscan.core.frames import Array
+from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+
+EXACT = 3e-6
+"""Without noise only the cubic's misfit to an arc is left, in metres."""
+
+LONG_ARC = 10e-6
+"""The same where the leg is seen for 70 mm, in metres."""
+
+SAME = 8e-6
+"""A different vantage assigns a few points at corners to the other side: a third of sigma."""
+
+GROOVE = Groove(curvature=2.0)
+NOISE = Noise(sigma=0.03 * MM)
+REFLECTIVE = Noise(sigma=0.03 * MM, ghosts=0.12, missing=0.08, flyers=0.3)
+CENTRE = np.array([0.0, 0.24])
+
+
+def corners(section: GrooveSection) -> Array:
+    return section.points_s[1:4, [0, 2]]
+
+
+def moved(profile: Profile, angle: float, shift: Array) -> Profile:
+    points = np.column_stack((profile.x_s, profile.z_s))
+    x, z = (turned(points - CENTRE, angle) + CENTRE + shift).T
+    return Profile(x, z)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 2.0, 3.3])
+@pytest.mark.parametrize("roll", [-0.2, 0.0, 0.2])
+@pytest.mark.parametrize("root", [0.002, 0.01])
+def test_corners_without_noise_are_exact(curvature: float, roll: float, root: float) -> None:
+    groove = Groove(curvature=curvature, roll=roll, root=root)
+    section = find_groove(draw(groove, Noise(sigma=0)))
+    assert np.abs(corners(section) - groove.corners).max() < EXACT
+    # Ends lie on the wall above p2 and on the leg beyond p4.
+    assert section.points_s[0, 0] > section.points_s[1, 0]
+    assert section.points_s[4, 0] < section.points_s[3, 0]
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.005, 0.03])
+@pytest.mark.parametrize("curvature", [2.0, 3.3])
+@pytest.mark.parametrize("high", [0.020, 0.025])
+def test_little_of_the_wall_is_enough_with_noise_and_without(
+    sigma: float, curvature: float, high: float
+) -> None:
+    # 8 mm of wall at the field's edge, and a long leg whose tangents are many.
+    groove = Groove(curvature=curvature, bevel=0.024, opening=0.9, shift=(high, 0.0))
+    sides = groove.outline()
+    sides[0] = groove.corners[0] + np.outer((-0.008, 0), groove.directions[0])
+    section = find_groove(seen(sides, Noise(sigma=sigma * MM)))
+    assert np.abs(corners(section) - groove.corners).max() < 4 * sigma * MM + LONG_ARC
+
+
+@pytest.mark.parametrize("opening", np.radians([45, 60, 75, 90]))
+@pytest.mark.parametrize("ridge", np.radians([20, 40, 60]))
+def test_angles_without_noise_are_exact(opening: float, ridge: float) -> None:
+    section = find_groove(draw(Groove(opening=opening, ridge=ridge), Noise(sigma=0)))
+    assert section.opening_angle == pytest.approx(opening, abs=1e-4)
+    # The wall stands at the ridge's angle to the bevel.
+    assert section.gamma_1 == pytest.approx(np.pi / 2 - ridge, abs=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    angle=st.floats(-0.26, 0.26),
+    x=st.floats(-0.02, 0.02),
+    z=st.floats(-0.02, 0.02),
+    seed=st.integers(0, 20),
+)
+def test_moving_the_profile_moves_the_corners(angle: float, x: float, z: float, seed: int) -> None:
+    profile, shift = draw(GROOVE, NOISE, seed), np.array([x, z])
+    here, there = find_groove(profile), find_groove(moved(profile, angle, shift))
+    expected = turned(corners(here) - CENTRE, angle) + CENTRE + shift
+    assert np.abs(corners(there) - expected).max() < SAME
+    assert there.area == pytest.approx(here.area, rel=2e-3)
+    assert there.opening_angle == pytest.approx(here.opening_angle, abs=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_of_columns_does_not_matter(seed: int) -> None:
+    profile = draw(GROOVE, REFLECTIVE, seed)
+    back = Profile(profile.x_s[::-1], profile.z_s[::-1])
+    np.testing.assert_allclose(find_groove(back).points_s, find_groove(profile).points_s, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_same_profile_gives_the_same_section(seed: int) -> None:
+    profile = draw(GROOVE, REFLECTIVE, seed)
+    np.testing.assert_array_equal(find_groove(profile).points_s, find_groove(profile).points_s)
+
+
+def rms(groove: Groove, noise: Noise, columns: int = 640, runs: int = 40) -> float:
+    found = [corners(find_groove(draw(groove, noise, seed, columns))) for seed in range(runs)]
+    return float(np.sqrt(np.mean((np.array(found) - groove.corners) ** 2)))
+
+
+def test_errors_grow_in_proportion_to_noise() -> None:
+    groove = Groove()
+    small, large = (rms(groove, Noise(sigma=s * MM)) for s in (0.015, 0.045))
+    assert large / small == pytest.approx(3, rel=0.2)
+
+
+def test_errors_shrink_with_the_root_of_the_number_of_points() -> None:
+    groove = Groove(root=0.008)
+    white = Noise(sigma=0.03 * MM, correlation=0)
+    few, many = (rms(groove, white, columns) for columns in (160, 640))
+    assert few / many == pytest.approx(2, rel=0.25)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    column=st.integers(0, 639),
+    run=st.integers(1, 3),
+    by=st.floats(-0.03, 0.03),
+    seed=st.integers(0, 5),
+)
+def test_no_outlier_moves_a_corner_by_much(column: int, run: int, by: float, seed: int) -> None:
+    profile = draw(GROOVE, NOISE, seed)
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    spoiled = slice(column, column + run)
+    scale = 1 + by / 0.24
+    x[spoiled], z[spoiled] = x[spoiled] * scale, z[spoiled] * scale
+    clean = find_groove(profile)
+    sigma = np.sqrt(np.diag(clean.covariance_s)).max()
+    off = corners(find_groove(Profile(x, z))) - corners(clean)
+    assert np.abs(off).max() < 2 * sigma
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_reflections_leave_corners_where_they_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    groove = Groove(
+        opening=rng.uniform(0.9, 1.5),
+        ridge=rng.uniform(0.4, 1.0),
+        root=rng.uniform(0.004, 0.008),
+        roll=rng.uniform(-0.1, 0.1),
+        curvature=rng.uniform(0, 3.3),
+    )
+    section = find_groove(draw(groove, REFLECTIVE, seed))
+    off = np.linalg.norm(corners(section) - groove.corners, axis=1)
+    assert off.max() < 0.3 * MM
+
+
+@pytest.mark.parametrize("correlation", [0, 2, 5])
+@pytest.mark.parametrize("wall", [0.0, 0.2], ids=["straight wall", "curved wall"])
+def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) -> None:
+    groove = Groove(curvature=2.0, wall_curvature=wall)
+    normalised = []
+    for seed in range(100 * correlation, 100 * correlation + 100):
+        section = find_groove(draw(groove, Noise(0.02 * MM, correlation), seed))
+        off = corners(section) - groove.corners
+        spread = np.linalg.inv(section.corner_covariances_s)
+        normalised.append(np.einsum("ki,kij,kj->k", off, spread, off) / 2)
+    # Chi-square over its degrees of freedom; 100 runs leave a quarter.
+    assert np.mean(normalised) == pytest.approx(1, abs=0.25)
+
+
+def test_measures_scatter_as_much_as_the_section_says() -> None:
+    sections = [find_groove(draw(GROOVE, NOISE, seed)) for seed in range(60)]
+    for name in ("opening_angle", "root_width", "depth", "area"):
+        scatter = np.std([getattr(s, name) for s in sections])
+        said = np.sqrt(np.mean([getattr(s, f"{name}_sigma") ** 2 for s in sections]))
+        assert said / scatter == pytest.approx(1, abs=0.45), name

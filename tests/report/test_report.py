@@ -1,0 +1,300 @@
+"""``report.html``: it stands alone, says what the run holds, and takes every name as text."""
+
+import json
+import re
+import shutil
+from base64 import b64decode
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import FAULTLESS, PAPER
+from command import tjscan
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import transform
+from tjscan.groove.find import find_groove
+from tjscan.joint.file import read_joint
+from tjscan.recording.log import read_log
+from tjscan.report.design import designed_measures
+from tjscan.report.findings import findings
+from tjscan.report.material import gather
+from tjscan.report.page import render
+from tjscan.report.stations import read_stitching
+from tjscan.report.write import write_report
+from tjscan.result.sections import IN_FILE, read_sections, write_sections
+from tjscan.result.summary import read_summary, summarise_stations, write_summary
+from tjscan.stitching.told import (
+    ToldOverlap,
+    ToldStation,
+    ToldStitching,
+    write_stations,
+)
+
+CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
+
+MOST_BYTES = 3_000_000
+
+LOADING = {"src", "href", "srcset", "data", "poster", "action", "background", "xlink:href"}
+"""Attributes by which a page loads something."""
+
+AS_DESIGNED = np.array((0.1, 0.03, 0.06, 2.0))
+"""Degrees, mm, mm², of points without noise: sides are taken for shallow arcs."""
+
+
+class Page(HTMLParser):
+    """A page's tags, what they load, and its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.loads: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.loads += [value or "" for name, value in attrs if name in LOADING]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of six sections, its faults off."""
+    directory = tmp_path_factory.mktemp("runs") / "exact"
+    keys = {**FAULTLESS, "scan.sections": 6}
+    options = [word for key, value in keys.items() for word in (f"--{key}", value)]
+    assert tjscan("scan", PAPER, "--out", directory, *options) == 0
+    return directory
+
+
+@pytest.fixture(scope="module")
+def page(run: Path) -> str:
+    return (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_report_stands_alone_and_is_small(page: str) -> None:
+    found = Page(page)
+    assert len(page.encode()) < MOST_BYTES
+    assert found.loads
+    assert all(load.startswith("data:image/png;base64,") for load in found.loads)
+    for load in found.loads:
+        assert b64decode(load.split(",", 1)[1], validate=True).startswith(b"\x89PNG")
+    rest = re.sub(r'"data:[^"]*"', "", page)
+    assert "://" not in rest
+    assert not {"script", "link", "iframe", "object", "embed"} & set(found.tags)
+    assert not re.search(r"@import|url\(", rest)
+
+
+def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
+    text = Page(page).text
+    summary = read_summary(run / "summary.json")
+    for words in (
+        "6 sections",
+        summary.detail,
+        "counterclockwise",
+        "steps of 40 mm",
+        "leg 600 × 20 mm, brace 457.2 × 25.4 mm, 90°",
+        "Simulated: no real arm and laser",
+        "uncertainty is not known",
+        "cloud to mesh",
+        "corners to feature edges",
+        f"{summary.flange_travel_mm:.0f}",
+        f"{read_log(run).started:%Y-%m-%d}",
+    ):
+        assert words in text
+    assert page.count("<img") == 6
+
+
+def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
+    odd = tmp_path / "<script>alert(1) & $\\frac$ \"x' <b>"
+    shutil.copytree(run, odd)
+    told = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
+    told |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
+    (odd / "summary.json").write_text(json.dumps(told), encoding="utf-8")
+    found = Page(write_report(odd).read_text(encoding="utf-8"))
+    assert "script" not in found.tags
+    assert found.tags.count("img") == 6
+    assert odd.name in found.text
+    assert "<img src=x onerror=alert(1)>" in found.text
+
+
+def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> None:
+    sections = read_sections(run / "sections.csv")
+    design = designed_measures(sections, read_joint(CAD))
+    measured = np.array([section.measures for section in sections])
+    assert (np.abs(IN_FILE * (measured - design)) < AS_DESIGNED).all()
+
+
+def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
+    log = read_log(run)
+    assert sorted(log.sections) == list(range(6))
+    assert len(log.views) == read_summary(run / "summary.json").scans
+    for found in log.sections.values():
+        T_b_g = found.view.T_b_s @ find_groove(found.view.profile).T_s_g
+        np.testing.assert_allclose(T_b_g, found.T_b_g, atol=1e-9)
+        np.testing.assert_allclose(
+            transform(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12
+        )
+    assert [event.name for event in log.events][-1] == "stop"
+
+
+def test_gaps_and_what_is_over_tolerance_are_told(run: Path, tmp_path: Path) -> None:
+    gappy = tmp_path / "gappy"
+    shutil.copytree(run, gappy)
+    sections = read_sections(run / "sections.csv")
+    write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)])
+    told = list(findings(gather(gappy, CAD, tolerance=1e-9)))
+    assert any("of groove were not seen, azimuth 3° to 3" in words for words in told)
+    assert any("Outside the tolerance" in words for words in told)
+    assert any("12 of 12 corners lie farther" in words for words in told)
+    assert not any("not seen" in words for words in findings(gather(run)))
+
+
+def test_a_run_without_a_joint_is_told_along_its_groove(run: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(run, bare)
+    (bare / "joint.toml").unlink()
+    told = json.loads((bare / "summary.json").read_text(encoding="utf-8"))
+    told |= {"frame": "b", "corner_error_mm": None}
+    (bare / "summary.json").write_text(json.dumps(told), encoding="utf-8")
+    rows = (bare / "sections.csv").read_text(encoding="utf-8").splitlines()
+    (bare / "sections.csv").write_text(
+        "\n".join([rows[0], *(re.sub(r"^(\d+,[^,]*),[^,]*", r"\1,", row) for row in rows[1:])]),
+        encoding="utf-8",
+    )
+    found = Page(render(gather(bare)))
+    assert "azimuths are not known in frame b" in found.text
+    assert found.tags.count("img") == 4
+    assert "Compared with" not in found.text
+
+
+def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(run, again)
+    (again / "report.html").unlink()
+    assert tjscan("report", again, "--reference", CAD, "--tolerance-mm", "0.5") == 0
+    text = Page((again / "report.html").read_text(encoding="utf-8")).text
+    assert "within tolerance" in text
+    assert "tolerance of 0.5 mm" in text
+    assert tjscan("report", again, "--reference", tmp_path / "none.stl") == 2
+    bare = again / "groove.ply"
+    shutil.copyfile(bare, tmp_path / "camera.ply")
+    camera = ("--reference", tmp_path / "camera.ply")
+    assert tjscan("report", again, *camera) == 2  # of which unit?
+    assert tjscan("report", again, *camera, "--units", "mm", "--frame", "j") == 0
+    text = Page((again / "report.html").read_text(encoding="utf-8")).text
+    assert "corners to reference cloud" in text
+    assert tjscan("report", tmp_path) == 2
+    before = (again / "report.html").read_bytes()
+    for tolerance in ("0", "-1", "nan", "inf"):
+        assert tjscan("report", again, "--tolerance-mm", tolerance) == 2
+    (again / "joint.toml").unlink()
+    assert tjscan("report", again, "--tolerance-mm", "1") == 2  # of which joint?
+    assert (again / "report.html").read_bytes() == before
+    with pytest.raises(ConfigurationError, match="no finished run"):
+        gather(tmp_path / "none")
+
+
+@pytest.fixture
+def stitched(run: Path, tmp_path: Path) -> Path:
+    """A stitched result as its files tell it: the run as its only station, told of an overlap."""
+    directory = tmp_path / "stitched"
+    shutil.copytree(run, directory)
+    (directory / "scan.mcap").unlink()
+    (directory / "joint.toml").unlink()
+    shutil.copytree(run, directory / "left & <b>")
+    sections = read_sections(run / "sections.csv")
+    write_sections(
+        directory / "sections.csv", [replace(s, station="left & <b>+right") for s in sections]
+    )
+    single = read_summary(run / "summary.json")
+    parts = {"left & <b>": single, "right": single}
+    write_summary(directory / "summary.json", summarise_stations(parts, sections, "j"))
+    station = ToldStation(
+        name="left & <b>",
+        source="left & <b>",
+        position_mm=(1.0, 2.0, 3.0),
+        euler_zyx_deg=(0.0, 0.0, 0.0),
+        sigma_position_mm=(0.01, 0.02, 0.03),
+        sigma_rotation_deg=(0.001, 0.002, 0.003),
+        sigma_groove_mm=0.024,
+        azimuth_deg=(-20.0, 30.0),
+        sections=6,
+        views=10,
+        nominal_off_mm=4.56,
+        nominal_off_deg=0.789,
+        walls_rms_mm=0.033,
+        walls_misfit=1.0,
+    )
+    overlap = ToldOverlap(
+        stations=("left & <b>", "right"),
+        azimuth_deg=12.0,
+        arc_deg=34.0,
+        sections=(3, 4),
+        views=7,
+        left_out=0,
+        residual_rms_mm=0.038,
+        misfit=16.0,
+        sigma_mm=0.051,
+        covariance=((0.0,) * 6,) * 6,
+        gap_mm=0.0061,
+    )
+    told = ToldStitching(
+        frame="j",
+        covered_deg=340.0,
+        brace_diameter_mm=457.19,
+        leg_diameter_mm=599.95,
+        angle_deg=90.006,
+        offset_mm=0.01,
+        sigma_brace_diameter_mm=0.03,
+        sigma_leg_diameter_mm=0.05,
+        sigma_angle_deg=0.005,
+        sigma_offset_mm=0.02,
+        out_of_round_mm=0.02,
+        loop_gap_before_mm=0.037,
+        loop_gap_after_mm=0.007,
+        stations=(station, replace(station, name="right", source="right")),
+        overlaps=(overlap,),
+    )
+    write_stations(directory / "stations.json", told)
+    return directory
+
+
+def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
+    found = Page(write_report(stitched).read_text(encoding="utf-8"))
+    for words in (
+        "2 stations, stitched",
+        "457.19 mm wide (± 0.06, two sigma)",
+        "closes to 0.007 mm",
+        "left & <b> and right",
+        "4.56",
+        "fit at 12° 4.0 times worse than their errors explain",
+        "cover 340° without a gap",
+        "The recordings of right are not there any more",
+        "leg 600 × 20 mm",  # the joint that a station names
+        "corners to feature edges",
+    ):
+        assert words in found.text
+    assert found.tags.count("img") == 6
+
+
+def test_a_loop_that_no_overlap_closes_is_told(stitched: Path) -> None:
+    told = read_stitching(stitched)
+    assert told is not None
+    write_stations(
+        stitched / "stations.json",
+        replace(told, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
+    )
+    text = Page(write_report(stitched).read_text(encoding="utf-8")).text
+    assert "no overlap closes the way round" in text
+
+
+def test_a_damaged_stations_file_is_refused(stitched: Path) -> None:
+    (stitched / "stations.json").write_text('{"frame": 1}', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"stations\.json"):
+        gather(stitched)

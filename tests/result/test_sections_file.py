@@ -1,0 +1,167 @@
+"""``sections.csv`` gives back what was written, and says where it is wrong."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, pose
+from tjscan.result.measured import MeasuredSection
+from tjscan.result.sections import COLUMNS, IN_FILE, read_sections, write_sections
+
+PRINTED_MM = 0.51e-4
+"""Half of the last of four decimals."""
+
+PRINTED_AXIS = 0.51e-7
+SIX_DIGITS = 1e-5
+"""Relative: half of the last of six digits, twice in a covariance."""
+
+
+def spread(rng: np.random.Generator, n: int) -> Array:
+    """A covariance, shape (n, n), about one in size."""
+    half = rng.normal(size=(n, n))
+    return half @ half.T
+
+
+def a_section(seed: int, *, azimuth: float | None = None, sure: bool = False) -> MeasuredSection:
+    """A section as large as real ones are; `sure` leaves no uncertainty."""
+    rng = np.random.default_rng(seed)
+    scale = 0.0 if sure else 1.0
+    return MeasuredSection(
+        index=seed % 1000,
+        station="left, upper" if seed % 2 else "left+right",
+        azimuth=rng.uniform(-np.pi, np.pi) if azimuth is None else azimuth,
+        T_r_g=pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-2, 2, 3)),
+        points=rng.uniform(-2, 2, (5, 3)),
+        covariances=scale * 1e-10 * np.array([spread(rng, 3) for _ in range(3)]),
+        measures=np.array((1.0, 2e-3, 25e-3, 4e-4)) * rng.uniform(0.5, 2, 4),
+        measure_covariance=scale
+        * spread(rng, 4)
+        * np.outer((1e-3, 2e-5, 3e-5, 5e-7), (1e-3, 2e-5, 3e-5, 5e-7)),
+        work_angle=rng.uniform(-1, 1),
+        rms=rng.uniform(0, 1e-4),
+    )
+
+
+def written(file: Path, sections: list[MeasuredSection]) -> Path:
+    write_sections(file, sections)
+    return file
+
+
+@given(
+    st.lists(st.integers(0, 2**32), min_size=1, max_size=4),
+    st.sampled_from([None, float("nan")]),
+    st.booleans(),
+)
+@settings(max_examples=40)
+def test_sections_come_back_to_the_printed_digits(
+    tmp_path_factory: pytest.TempPathFactory, seeds: list[int], azimuth: float | None, sure: bool
+) -> None:
+    sections = [a_section(seed, azimuth=azimuth, sure=sure) for seed in seeds]
+    file = written(tmp_path_factory.mktemp("sections") / "sections.csv", sections)
+    again = read_sections(file)
+    assert len(again) == len(sections)
+    for was, now in zip(sections, again, strict=True):
+        assert (now.index, now.station) == (was.index, was.station)
+        np.testing.assert_allclose(np.degrees(now.azimuth), np.degrees(was.azimuth), atol=0.51e-4)
+        np.testing.assert_allclose(1e3 * now.points, 1e3 * was.points, atol=PRINTED_MM)
+        np.testing.assert_allclose(1e3 * now.T_r_g[:3, 3], 1e3 * was.T_r_g[:3, 3], atol=PRINTED_MM)
+        np.testing.assert_allclose(now.T_r_g[:3, :3], was.T_r_g[:3, :3], atol=PRINTED_AXIS)
+        np.testing.assert_allclose(now.covariances, was.covariances, rtol=SIX_DIGITS, atol=0)
+        np.testing.assert_allclose(IN_FILE * now.measures, IN_FILE * was.measures, atol=0.51e-3)
+        # Correlations are printed with five decimals.
+        floor = SIX_DIGITS * np.outer(was.sigmas, was.sigmas)
+        assert (np.abs(now.measure_covariance - was.measure_covariance) <= 2 * floor).all()
+        np.testing.assert_allclose(now.sigmas, was.sigmas, rtol=SIX_DIGITS, atol=0)
+        assert np.degrees(now.work_angle) == pytest.approx(np.degrees(was.work_angle), abs=1e-4)
+        assert 1e3 * now.rms == pytest.approx(1e3 * was.rms, abs=PRINTED_MM)
+
+
+@given(st.lists(st.integers(0, 2**32), max_size=4), st.booleans())
+@settings(max_examples=40)
+def test_what_was_read_is_written_the_same(
+    tmp_path_factory: pytest.TempPathFactory, seeds: list[int], sure: bool
+) -> None:
+    folder = tmp_path_factory.mktemp("sections")
+    first = written(folder / "first.csv", [a_section(seed, sure=sure) for seed in seeds])
+    second = written(folder / "second.csv", list(read_sections(first)))
+    assert second.read_bytes() == first.read_bytes()
+
+
+def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
+    file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = [["note", *reversed(row)] for row in csv.reader(stream)]
+    moved = tmp_path / "moved.csv"
+    with moved.open("w", encoding="utf-8-sig", newline="") as stream:
+        csv.writer(stream).writerows(rows)
+    again = written(tmp_path / "again.csv", list(read_sections(moved)))
+    assert again.read_bytes() == file.read_bytes()
+
+
+def cell(column: str, text: str, line: int = 3) -> Callable[[list[list[str]]], None]:
+    def change(rows: list[list[str]]) -> None:
+        rows[line - 1][COLUMNS.index(column)] = text
+
+    return change
+
+
+def drop(column: str) -> Callable[[list[list[str]]], None]:
+    def change(rows: list[list[str]]) -> None:
+        for row in rows:
+            del row[COLUMNS.index(column)]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (cell("p3x_mm", "wide"), "line 3, column p3x_mm: 'wide' is no number"),
+        (cell("p3x_mm", ""), "line 3, column p3x_mm: is empty"),
+        (cell("depth_mm", "nan"), "line 3, column depth_mm: nan can't be"),
+        (cell("azimuth_deg", "361"), "line 3, column azimuth_deg: 361"),
+        (cell("index", "1.5"), "line 3, column index: 1.5 is no whole number"),
+        (cell("index", "-1"), "line 3, column index: -1"),
+        (cell("station", " "), "line 3, column station: is empty"),
+        (cell("rms_mm", "-0.1"), "line 3, column rms_mm: -0.1"),
+        (cell("xg_x", "0.5"), "line 3, column xg_x: xg, yg and zg"),
+        (cell("xg_x", "2"), "line 3, column xg_x: 2"),
+        (cell("sigma_depth_mm", "-1"), "line 3, column sigma_depth_mm: -1"),
+        (cell("corr_depth_area", "1.5"), "line 3, column corr_depth_area: 1.5"),
+        (cell("cov_p3_yy_mm2", "-1"), "line 3, column cov_p3_yy_mm2: a variance"),
+        (cell("p1x_mm", "p1z_mm", line=1), "line 1, column p1x_mm: is missing"),
+        (lambda rows: rows[0].append("p1x_mm"), "line 1, column p1x_mm: stands there twice"),
+        (drop("gx_mm"), "line 1, column gx_mm: is missing"),
+        (lambda rows: rows[2].pop(), f"line 3: {len(COLUMNS) - 1} cells stand under"),
+        (lambda rows: rows.clear(), "line 1, column index: is missing"),
+    ],
+)
+def test_a_malformed_file_is_refused_with_its_place(
+    tmp_path: Path, change: Callable[[list[list[str]]], None], words: str
+) -> None:
+    file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
+    change(rows)
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        csv.writer(stream).writerows(rows)
+    with pytest.raises(ConfigurationError) as refused:
+        read_sections(file)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b'index\n"'])
+def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "sections.csv"
+    with pytest.raises(ConfigurationError, match="can't be read"):
+        read_sections(file)
+    file.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"sections\.csv"):
+        read_sections(file)

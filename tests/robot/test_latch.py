@@ -1,0 +1,110 @@
+"""A stop holds: what was ordered before it and has not started never does."""
+
+import threading
+
+import pytest
+
+from tjscan.core.errors import ArmFault
+from tjscan.robot.latch import StopLatch
+
+PATIENCE = 10.0
+"""Seconds after which a thread that should have gone on has not."""
+
+
+def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
+    latch = StopLatch()
+    latch.check()
+    assert not latch.wait(0.0)
+    latch.stop()
+    assert latch.wait(0.0)
+    latch.stop()  # twice is once
+    for way in (latch.move, latch.start):
+        with pytest.raises(ArmFault, match="taken back"), way():
+            pytest.fail("it began")
+    latch.clear()
+    with latch.move(), latch.start():
+        pass
+
+
+def test_a_move_that_was_ordered_before_a_stop_never_starts_after_it() -> None:
+    latch = StopLatch()
+    with latch.move():
+        latch.stop()
+        with pytest.raises(ArmFault, match="taken back"), latch.start():
+            pytest.fail("it began")
+
+
+def test_one_moves_at_a_time() -> None:
+    latch = StopLatch()
+    with latch.move(), pytest.raises(ArmFault, match="moving already"), latch.move():
+        pytest.fail("two moved")
+    with latch.move():
+        pass
+
+
+def test_a_stop_returns_when_what_starts_has_started() -> None:
+    latch, done = StopLatch(), threading.Event()
+
+    def stop() -> None:
+        latch.stop()
+        done.set()
+
+    stopper = threading.Thread(target=stop)
+    with latch.move():
+        with latch.start():
+            stopper.start()
+            assert latch.wait(PATIENCE)  # it is known at once
+            assert not done.is_set()
+        assert done.wait(PATIENCE)
+    stopper.join()
+
+
+def test_a_stop_can_be_given_by_what_interrupts_a_start() -> None:
+    latch = StopLatch()
+    with latch.move(), latch.start():
+        latch.stop()
+    assert latch.wait(0.0)
+
+
+def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
+    latch, clearing, done = StopLatch(), threading.Event(), threading.Event()
+
+    def clear() -> None:
+        clearing.set()
+        latch.clear()
+        done.set()
+
+    clearer = threading.Thread(target=clear)
+    with latch.move():
+        latch.stop()
+        clearer.start()
+        assert clearing.wait(PATIENCE)
+        assert not done.is_set()
+        with pytest.raises(ArmFault), latch.start():
+            pytest.fail("it began")
+    assert done.wait(PATIENCE)
+    clearer.join()
+    latch.check()
+
+
+def test_nothing_starts_between_a_stop_and_its_end() -> None:
+    latch, started, ended = StopLatch(), [0], threading.Event()
+
+    def move() -> None:
+        while not ended.is_set():
+            try:
+                with latch.move(), latch.start():
+                    started[0] += 1
+            except ArmFault:
+                continue
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    for _ in range(200):
+        latch.stop()
+        count = started[0]
+        threading.Event().wait(0.0)  # let the mover try
+        assert started[0] == count
+        latch.clear()
+    ended.set()
+    mover.join()

@@ -1,0 +1,455 @@
+"""A real arm's driver, through the real client library and TCP, against the loopback controller."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import FAULTLESS, PAPER, scan_example
+from command import tjscan
+from ur_cell import HOME, KINEMATICS, address, arm_at, beside_home, client_processes
+
+from tjscan.core.errors import (
+    ArmBusy,
+    ArmFault,
+    ArmLinkLost,
+    ArmNotPowered,
+    ArmNotReached,
+    ArmNotRemote,
+    ArmSilent,
+    ConfigurationError,
+    EmergencyStop,
+    PoseMissed,
+    PoseUnreachable,
+    ProgramStopped,
+    ProtectiveStop,
+    RegistersInUse,
+    TargetRefused,
+    words_of,
+)
+from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle
+from tjscan.recording.messages import EVENT, SECTION
+from tjscan.recording.reader import read_messages
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.loopback.server import RTDE_PORT
+from tjscan.robot.loopback.wire import HEADER, INPUTS
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.settings import UrSettings
+
+pytest.importorskip("rtde_control")
+
+SAME = 1e-6
+"""Metres and radians: both sides solve the same inverse, to 1e-7."""
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[LoopbackProcess]:
+    """A controller that stays for all tests of this module."""
+    with LoopbackProcess(address(), "--fast") as loopback:
+        yield loopback
+
+
+@pytest.fixture
+def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
+    """That controller, all right and where it started; no client's process is left behind."""
+    running.order("clear")
+    running.order("home")
+    yield running
+    running.order("clear")
+    assert client_processes() == []
+
+
+def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        for move, T_b_f in (
+            (arm.move_joint, beside_home(0.05, 0.0, 0.03)),
+            (arm.move_linear, beside_home(0.0, 0.04, 0.0)),
+            (arm.move_linear, beside_home()),
+        ):
+            reached = move(T_b_f)
+            np.testing.assert_allclose(reached.T_b_f[:3, 3], T_b_f[:3, 3], atol=SAME)
+            assert rotation_angle(reached.T_b_f, T_b_f) < SAME
+            np.testing.assert_allclose(
+                KINEMATICS.forward(reached.q), reached.T_b_f, rtol=0, atol=SAME
+            )
+            before = reached
+        assert arm.state().time >= before.time
+
+
+def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProcess) -> None:
+    settings = UrSettings(loopback.host, payload=1.25, centre_of_gravity=(0.0, 0.01, 0.08))
+    with UrArm(KINEMATICS, settings) as arm:
+        assert arm.identity.model == "UR10"
+        assert arm.identity.serial
+        assert "5.12" in arm.identity.software
+        assert arm.identity.payload == pytest.approx(1.25)
+
+
+def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        for move in (arm.move_joint, arm.move_linear, arm.check):
+            with pytest.raises(PoseUnreachable):
+                move(beside_home(3.0))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+
+
+def test_another_arm_than_the_job_says_is_refused(loopback: LoopbackProcess) -> None:
+    with (
+        pytest.raises(ConfigurationError, match=r"arm\.model"),
+        arm_at(loopback.host, Kinematics.load("ur5e")),
+    ):
+        pass
+
+
+MID_MOVE = {
+    "protective-stop": ProtectiveStop,
+    "emergency-stop": EmergencyStop,
+    "power-off": ArmNotPowered,
+    "stop-program": ProgramStopped,
+    "drop-link": ArmLinkLost,
+    "freeze": ArmSilent,
+    "local-mode": ArmNotRemote,
+    "miss-target": PoseMissed,
+}
+
+
+@pytest.mark.parametrize("fault", MID_MOVE)
+def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
+    loopback: LoopbackProcess, fault: str
+) -> None:
+    with arm_at(loopback.host) as arm:
+        start = arm.move_joint(beside_home())
+        loopback.order(f"{fault} 1" if fault != "miss-target" else fault)
+        with pytest.raises(MID_MOVE[fault]) as caught:
+            arm.move_linear(beside_home(0.08))
+        with pytest.raises(type(caught.value)):
+            arm.move_linear(beside_home())
+        with pytest.raises(type(caught.value)):
+            arm.state()
+    loopback.order("clear")
+    with arm_at(loopback.host) as arm:
+        # It stands where the fault left it: on the way, or beside where it should be.
+        moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - start.T_b_f[:3, 3])
+        assert 1e-3 < moved < 0.09
+        arm.move_linear(beside_home())
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        ("protective-stop", ProtectiveStop),
+        ("emergency-stop", EmergencyStop),
+        ("power-off", ArmNotPowered),
+        ("local-mode", ArmNotRemote),
+        ("freeze", ArmSilent),
+    ],
+)
+def test_an_arm_that_is_not_ready_is_not_connected(
+    loopback: LoopbackProcess, fault: str, error: type[ArmFault]
+) -> None:
+    loopback.order(fault)
+    with pytest.raises(error), arm_at(loopback.host):
+        pass
+
+
+def test_nobody_at_the_address_is_told_at_once() -> None:
+    with pytest.raises(ArmNotReached, match="no controller answers"), arm_at(address()):
+        pass
+
+
+def test_a_program_of_somebody_else_is_left_alone(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as first:
+        with pytest.raises(ArmBusy), arm_at(loopback.host):
+            pass
+        first.move_joint(beside_home(0.02))
+
+
+def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
+    names = b"input_int_register_0,input_double_register_0"
+    with socket.create_connection((loopback.host, RTDE_PORT)) as other:
+        other.sendall(HEADER.pack(HEADER.size + len(names), INPUTS) + names)
+        assert b"IN_USE" not in other.recv(1 << 12)
+        with pytest.raises(RegistersInUse), arm_at(loopback.host):
+            pass
+
+
+def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackProcess) -> None:
+    # A dashboard, and nothing else behind that address.
+    with socket.create_server((address(), 29999)) as server:
+        host = server.getsockname()[0]
+        answers = {
+            b"safetystatus": b"Safetystatus: NORMAL",
+            b"robotmode": b"Robotmode: RUNNING",
+            b"is in remote control": b"true",
+            b"running": b"Program running: false",
+        }
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            with connection, connection.makefile("rb") as lines:
+                connection.sendall(b"Connected\n")
+                for line in lines:
+                    connection.sendall(answers[line.strip()] + b"\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(ArmNotReached, match="orders"), arm_at(host):
+            pass
+        thread.join()
+
+
+def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.move_joint(beside_home())
+        loopback.order("refuse-targets")
+        with pytest.raises(TargetRefused, match="safety"):
+            arm.move_linear(beside_home(0.05))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+        loopback.order("clear")
+        arm.move_linear(beside_home(0.05))  # refused targets do no harm
+
+
+def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
+    with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
+
+        def stop() -> None:
+            loopback.wait_for("move")
+            arm.stop()
+
+        stopper = threading.Thread(target=stop)
+        stopper.start()
+        with pytest.raises(ArmFault, match="stopped on its way"):
+            arm.move_joint(beside_home(0.3))
+        stopper.join()
+        stands = arm.state()
+        assert np.abs(stands.q - HOME).max() < 0.2
+        with pytest.raises(ArmFault, match="taken back"):
+            arm.move_joint(beside_home())
+        np.testing.assert_array_equal(arm.state().q, stands.q)
+        arm.clear_stop()
+        np.testing.assert_allclose(arm.move_joint(beside_home()).q, HOME, atol=1e-5)
+    assert client_processes() == []
+
+
+def test_a_stop_given_before_a_move_begins_holds(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        arm.stop()
+        for move in (arm.move_joint, arm.move_linear):
+            with pytest.raises(ArmFault, match="taken back"):
+                move(beside_home(0.1))
+        np.testing.assert_array_equal(arm.state().q, before.q)
+    with arm:  # connecting again takes it back
+        arm.move_joint(beside_home(0.05))
+
+
+def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        loopback.order("refuse-stop")
+        loopback.order("drop-link 1")
+        with pytest.raises(ArmLinkLost) as caught:
+            arm.move_linear(beside_home(0.08))
+        assert "did not end the program" in words_of(caught.value)
+        assert "emergency stop" in words_of(caught.value)
+
+
+def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
+    for order in ("clear", "refuse-stop"):
+        loopback.order(order)
+        with Dashboard(loopback.host) as dashboard:
+            dashboard.stop()
+
+
+DRIVER = """
+import sys
+sys.path.insert(0, sys.argv[2])
+from tjscan.core.errors import MoveUnfollowed
+from tjscan.robot.motion import MotionLimits
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
+from ur_cell import KINEMATICS, beside_home
+with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as arm:
+    for _ in range(2):
+        try:
+            arm.move_joint(beside_home(0.3))
+            print("arrived")
+        except MoveUnfollowed as fault:
+            print("stopped", fault)
+"""
+"""A program that moves an arm, for six seconds if they are not shortened."""
+
+
+def test_the_arm_stops_when_the_program_is_killed() -> None:
+    with LoopbackProcess(address()) as loopback:
+        folder = str(Path(__file__).parents[1] / "support")
+        with subprocess.Popen([sys.executable, "-c", DRIVER, loopback.host, folder]) as program:
+            loopback.wait_for("move")
+            program.kill()
+        loopback.wait_for("program stopped")
+        with arm_at(loopback.host) as arm:
+            assert np.abs(arm.state().q - HOME).max() < 0.2
+
+
+def test_the_arm_stops_when_the_program_stands_still() -> None:
+    with LoopbackProcess(address()) as loopback:
+        folder = str(Path(__file__).parents[1] / "support")
+        command = [sys.executable, "-c", DRIVER, loopback.host, folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGSTOP)
+            try:
+                # Its client lives, and answers the controller's watchdog.
+                loopback.wait_for("program stopped")
+            finally:
+                program.send_signal(signal.SIGCONT)
+            said, _ = program.communicate()
+        assert said.count("stopped this program stood still") == 2  # the second is not begun
+        assert "arrived" not in said
+        assert not any(line.startswith("move") for line in loopback.heard())
+        with arm_at(loopback.host) as arm:
+            moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - beside_home()[:3, 3])
+        # A second unfollowed, and what a busy machine adds; without a stop all of 0.3 m.
+        assert 1e-3 < moved < 0.2
+
+
+def test_a_program_that_stands_still_for_a_moment_moves_on() -> None:
+    with LoopbackProcess(address(), "--fast") as loopback:
+        folder = str(Path(__file__).parents[1] / "support")
+        command = [sys.executable, "-c", DRIVER, loopback.host, folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGSTOP)
+            program.send_signal(signal.SIGCONT)
+            said, _ = program.communicate()
+        assert said.splitlines() == ["arrived", "arrived"]
+
+
+def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
+    with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
+
+        def hang() -> None:
+            loopback.wait_for("move")
+            for pid in client_processes():
+                os.kill(pid, signal.SIGSTOP)
+
+        hanger = threading.Thread(target=hang)
+        hanger.start()
+        # The client says nothing; that the program has stopped, the dashboard knows.
+        with pytest.raises((ArmSilent, ProgramStopped)):
+            arm.move_joint(beside_home(0.3))
+        hanger.join()
+        loopback.wait_for("program stopped")
+    assert client_processes() == []
+
+
+def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
+    with LoopbackProcess(address()) as loopback:
+        scan = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
+        ur = ["--arm.driver", "ur", "--arm.ur.host", loopback.host, "--out", str(tmp_path / "run")]
+        with subprocess.Popen([*scan, *ur], stderr=subprocess.PIPE, text=True) as program:
+            assert program.stderr is not None
+            loopback.wait_for("move")
+            program.send_signal(signal.SIGINT)
+            assert any("once more" in line for line in program.stderr)
+            program.send_signal(signal.SIGINT)  # and once more, which stops the arm at once
+            loopback.wait_for("program stopped")
+            program.communicate()
+            assert program.returncode == 130
+        events = [m for topic, m in read_messages(tmp_path / "run" / "scan.mcap") if topic == EVENT]
+        assert [m["name"] for m in events] == ["arm", "interrupted"]
+        assert "serial number 00000000000" in events[0]["detail"]
+
+
+def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
+    loopback: LoopbackProcess,
+) -> None:
+    simulated = scan_example(FAULTLESS)
+    driven = scan_example(FAULTLESS | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
+    assert len(driven.sections) == len(simulated.sections) == 16
+    for one, other in zip(driven.sections, simulated.sections, strict=True):
+        np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-5)  # 0.01 mm
+
+
+def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
+    loopback: LoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    loopback.order("protective-stop 6")
+    ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
+    assert tjscan("scan", PAPER, *ur, "--out", run) == 4
+    assert "protective stop" in capsys.readouterr().err
+    messages = list(read_messages(run / "scan.mcap"))
+    assert sum(topic == SECTION for topic, _ in messages) == 3
+    assert any(m["name"] == "failed" for topic, m in messages if topic == EVENT)
+    # While the stop stands, nothing goes on; when the operator has cleared it, the scan does.
+    assert tjscan("scan", "--resume", run) == 4
+    loopback.order("clear")
+    assert tjscan("scan", "--resume", run) == 0
+    assert (run / "summary.json").exists()
+
+
+def test_a_dry_run_moves_nothing(loopback: LoopbackProcess) -> None:
+    loopback.heard()
+    ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
+    assert tjscan("scan", PAPER, *ur, "--dry-run") == 0
+    assert not any(line.startswith("move") for line in loopback.heard())
+
+
+def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
+    with (
+        LoopbackProcess(address(), "--fast") as second,
+        arm_at(loopback.host) as one,
+        arm_at(second.host) as other,
+    ):
+        one.move_joint(beside_home(0.05))
+        reached = other.move_joint(beside_home(0.0, 0.05))
+        np.testing.assert_allclose(reached.T_b_f[:3, 3], beside_home(0.0, 0.05)[:3, 3], atol=SAME)
+        np.testing.assert_allclose(one.state().T_b_f[:3, 3], beside_home(0.05)[:3, 3], atol=SAME)
+        second.order("protective-stop 1")
+        with pytest.raises(ProtectiveStop):
+            other.move_linear(beside_home())
+        one.move_linear(beside_home())
+
+
+def test_the_loopback_starts_where_it_is_told_to() -> None:
+    for wrong in ("nan", "inf", "400"):
+        angles = ("-100", "-90", "150", wrong, "-100", "10")
+        assert tjscan("ur-loopback", "--host", address(), "--home-deg", *angles) == 2
+    angles = ("-100", "-90", "150", "100", "-100", "10")
+    with LoopbackProcess(address(), "--home-deg", *angles) as loopback:
+        with arm_at(loopback.host) as arm:
+            np.testing.assert_allclose(np.degrees(arm.state().q), [float(a) for a in angles])
+        with pytest.raises(ArmNotReached), LoopbackProcess(loopback.host):
+            pass  # that address is taken
+
+
+def test_the_loopback_listens_to_this_machine_alone() -> None:
+    for host in ("0.0.0.0", "192.168.0.10", "localhost", "::1"):
+        assert tjscan("ur-loopback", "--host", host) == 2
+    assert tjscan("ur-loopback", "--model", "ur99", "--host", address()) == 2
+    assert tjscan("ur-loopback", "--hz", "0", "--host", address()) == 2
+
+
+def test_a_job_for_a_real_arm_needs_its_host(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tjscan("scan", PAPER, "--arm.driver", "ur", "--dry-run") == 2
+    assert "[arm.ur]" in capsys.readouterr().err
+
+
+def test_a_turn_on_the_spot_arrives_and_a_wide_one_is_not_begun(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state()
+        turned = before.T_b_f @ pose(rot_z(0.05))
+        assert rotation_angle(arm.move_linear(turned).T_b_f, turned) < SAME
+        here = arm.state().q
+        with pytest.raises(TargetRefused, match="turn in parts"):
+            arm.move_linear(turned @ pose(rot_y(0.6)))
+        np.testing.assert_array_equal(arm.state().q, here)

@@ -1,0 +1,62 @@
+"""Doctor and teaching with a real arm's driver, through the real client library and TCP."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import PAPER
+from command import tjscan
+from taught import HALF_DIGIT, example, standing
+from ur_cell import address, client_processes
+
+from tjscan.job import read_job
+from tjscan.robot.loopback.process import LoopbackProcess
+
+pytest.importorskip("rtde_control")
+
+
+@pytest.fixture(scope="module")
+def loopback() -> Iterator[LoopbackProcess]:
+    """A controller whose arm was led to about the first start pose."""
+    angles = standing(read_job(PAPER).starts[0].T).strip("[]").split(", ")
+    with LoopbackProcess(address(), "--fast", "--home-deg", *angles) as process:
+        yield process
+    assert client_processes() == []
+
+
+def ur(loopback: LoopbackProcess) -> tuple[str, ...]:
+    return ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
+
+
+def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
+    loopback: LoopbackProcess, tmp_path: Path
+) -> None:
+    job = example(tmp_path)
+    loopback.heard()
+    assert tjscan("teach", job, "--which", "second", *ur(loopback)) == 0
+    assert not any(line.startswith("move") for line in loopback.heard())
+    first, second = (start.T for start in read_job(job).starts)
+    off = second[:3, 3] - first[:3, 3]
+    assert np.abs(off).max() < 2 * HALF_DIGIT[0]
+
+
+def test_the_doctor_tells_which_arm_it_is_and_what_is_wrong_with_it(
+    loopback: LoopbackProcess, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loopback.heard()
+    assert tjscan("doctor", PAPER, "--json", *ur(loopback)) == 0
+    findings = {row["what"]: row for row in json.loads(capsys.readouterr().out)}
+    assert "URSoftware" in findings["model"]["detail"]
+    assert "and a groove" in findings["profile"]["detail"]
+    assert not any(line.startswith("move") for line in loopback.heard())
+    for fault, hint in (("local-mode", "remote"), ("power-off", "power"), ("protective-stop", "")):
+        loopback.order(fault)
+        assert tjscan("doctor", PAPER, "--json", *ur(loopback)) == 4
+        rows = json.loads(capsys.readouterr().out)
+        assert [row["what"] for row in rows if not row["sound"]] == ["arm"]
+        assert hint in next(row["detail"].lower() for row in rows if row["what"] == "arm")
+        loopback.order("clear")

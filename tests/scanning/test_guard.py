@@ -1,0 +1,125 @@
+"""Never a wild move: whatever says where to go, the arm hears of no set-point that is too far."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from cells import Notes, scan_example
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rings import PLAN, ring_section
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.errors import SetPointRefused
+from tjscan.core.frames import Array, inverse, pose, rot_x, rotation_angle
+from tjscan.scanning.checks.guard import BESIDE, FARTHEST, check_set_point
+from tjscan.scanning.prediction import CASES, paper_predictor
+from tjscan.scanning.progress import StopReason
+from tjscan.scanning.remedies import LARGEST_SHIFT, TURN, Nudge
+from tjscan.scanning.scan import Scan, Substep
+from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.stride import Stride
+from tjscan.scanning.target import Direction
+
+ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
+BEFORE, LAST = ring_section(-ANGLE), ring_section(0.0)
+STRIDE = Stride(LAST, ring_section(ANGLE).T_b_t[:3, 3], PLAN.step)
+GOOD = SetPoint(ring_section(ANGLE).T_b_t, LAST.T_s_t)
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+small = st.floats(-1.0, 1.0)
+
+
+def nothing_further(to: SetPoint) -> None:
+    """What holds of every set-point that passes."""
+    T_b_s = to.T_b_t @ inverse(to.T_s_t)
+    moved = np.linalg.norm(T_b_s[:3, 3] - LAST.view.T_b_s[:3, 3])
+    turned = rotation_angle(LAST.view.T_b_s, T_b_s)
+    lever = np.linalg.norm(to.T_s_t[:3, 3])
+    assert turned <= STRIDE.largest_turn + 1e-6
+    assert moved <= FARTHEST * STRIDE.length + 2 * lever * np.sin(turned / 2) + BESIDE + 1e-3
+
+
+@settings(max_examples=200)
+@given(arrays(np.float64, (4, 4), elements=anything), arrays(np.float64, (4, 4), elements=anything))
+def test_no_monster_passes(T_b_t: Array, T_s_t: Array) -> None:
+    for to in (SetPoint(T_b_t, GOOD.T_s_t), SetPoint(GOOD.T_b_t, T_s_t), SetPoint(T_b_t, T_s_t)):
+        with pytest.raises(SetPointRefused):
+            check_set_point(to, STRIDE, PLAN)
+
+
+def test_a_step_of_no_length_leads_nowhere() -> None:
+    for length in (np.nan, -PLAN.step, 0.0):
+        with pytest.raises(SetPointRefused):
+            check_set_point(GOOD, Stride(LAST, STRIDE.p_b_ahead, length), PLAN)
+
+
+@settings(max_examples=300)
+@given(arrays(np.float64, 6, elements=small), arrays(np.float64, 6, elements=small), small)
+def test_what_passes_leads_no_further_than_the_step_allows(
+    off: Array, seen: Array, scale: float
+) -> None:
+    def change(v: Array) -> Array:
+        return pose(Rotation.from_rotvec(3 * scale * v[3:]).as_matrix(), 0.2 * scale * v[:3])
+
+    to = SetPoint(GOOD.T_b_t @ change(off), GOOD.T_s_t @ change(seen))
+    try:
+        check_set_point(to, STRIDE, PLAN)
+    except SetPointRefused:
+        return
+    nothing_further(to)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+@pytest.mark.parametrize("offset", [-1, 1])
+def test_the_papers_set_points_and_every_nudge_of_them_pass(
+    case: int, share: float, offset: int
+) -> None:
+    to = paper_predictor(CASES[case], Direction.COUNTERCLOCKWISE)([BEFORE, LAST], share * PLAN.step)
+    stride = Stride(LAST, to.T_b_t[:3, 3], share * PLAN.step)
+    check_set_point(to, stride, PLAN)
+    for nudge in (
+        Nudge(standoff=offset * LARGEST_SHIFT),
+        Nudge(offset=offset * LARGEST_SHIFT),
+        Nudge(work_angle=offset * TURN),
+    ):
+        check_set_point(nudge.applied(to, PLAN.direction), stride, PLAN)
+
+
+def test_a_hand_may_have_held_the_sensor_otherwise_but_not_anyhow() -> None:
+    def turned_by(degrees: float) -> SetPoint:
+        return SetPoint(GOOD.T_b_t @ pose(rot_x(np.radians(degrees))), GOOD.T_s_t)
+
+    taught = Stride(ring_section(0.0, substep=Substep.TAUGHT), STRIDE.p_b_ahead, PLAN.step)
+    with pytest.raises(SetPointRefused, match="turns the sensor"):
+        check_set_point(turned_by(90), STRIDE, PLAN)
+    check_set_point(turned_by(90), taught, PLAN)
+    with pytest.raises(SetPointRefused, match="turns the sensor"):
+        check_set_point(turned_by(160), taught, PLAN)
+
+
+@pytest.mark.parametrize(
+    "wild",
+    [
+        lambda last: SetPoint(np.full((4, 4), np.nan), last.T_s_t),
+        lambda last: SetPoint(np.full((4, 4), np.inf), last.T_s_t),
+        lambda last: SetPoint(pose(p=(0, 0, 0.3)) @ last.T_b_t, last.T_s_t),
+        lambda last: SetPoint(last.T_b_t @ pose(rot_x(np.pi)), last.T_s_t),
+        lambda last: SetPoint(last.T_b_t, last.T_s_t @ pose(p=(0, 0, -0.1))),
+    ],
+    ids=["nan", "inf", "far", "over", "near"],
+)
+def test_a_predictor_gone_wild_moves_nothing(wild: object) -> None:
+    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+        assert callable(wild)
+        to: SetPoint = wild(sections[-1])
+        return to
+
+    notes = Notes()
+    result = scan_example({}, predictor=predictor, notes=notes)
+    assert result.stop is StopReason.REFUSED
+    assert "refused" in result.detail
+    assert [v.substep for v in result.views] == [Substep.TAUGHT, Substep.TAUGHT, Substep.RESUMED]
+    assert [name for name, _ in notes.events] == ["half step", "retreat", "stop"]

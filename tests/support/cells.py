@@ -1,0 +1,147 @@
+"""The example's cell, as tests need it: with or without faults, with any key replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tjscan.calibration.file import CalibrationFile, NoiseTable, write_calibration
+from tjscan.comparison.distance import corner_errors
+from tjscan.core.config import validate
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, transform
+from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
+from tjscan.job import read_job
+from tjscan.job.cell import mount_of, open_cell
+from tjscan.joint.edges import feature_edges
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+from tjscan.result.frame import ResultFrame
+from tjscan.runs.scan import joint_of, plan_of
+from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.scanner import Scanner, ScanResult
+from tjscan.scanning.set_point import Predictor
+from tjscan.scanning.stopping import StopRequest
+
+EXAMPLES = Path(__file__).parent.parent.parent / "examples"
+PAPER, CLOCKWISE = EXAMPLES / "paper.toml", EXAMPLES / "paper-clockwise.toml"
+
+FAULTLESS: dict[str, Any] = {
+    **dict.fromkeys(
+        [
+            f"simulation.laser.{name}"
+            for name in (
+                "noise_mm",
+                "bias_mm",
+                "dropout",
+                "missing",
+                "ghosts",
+                "flyers",
+                "resolution_mm",
+            )
+        ],
+        0,
+    ),
+    "simulation.arm.repeatability_mm": 0,
+    "simulation.arm.repeatability_deg": 0,
+}
+"""Every fault of the simulated laser and arm switched off."""
+
+
+class Notes:
+    """A journal that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.views: list[View] = []
+        self.sections: list[Scan] = []
+        self.events: list[tuple[str, str]] = []
+
+    def view(self, view: View) -> None:
+        self.views.append(view)
+
+    def section(self, scan: Scan) -> None:
+        self.sections.append(scan)
+
+    def event(self, name: str, detail: str) -> None:
+        self.events.append((name, detail))
+
+
+def scan_example(
+    overrides: dict[str, Any],
+    *,
+    file: Path = PAPER,
+    notes: Notes | None = None,
+    read: Callable[[Profile], GrooveSection] = find_groove,
+    through: Callable[[LineLaser], LineLaser] = lambda laser: laser,
+    predictor: Predictor | None = None,
+    stop: StopRequest | None = None,
+) -> ScanResult:
+    """Scan an example with keys replaced, its laser heard `through` another one."""
+    job = read_job(file, overrides)
+    joint = joint_of(job, file)
+    with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
+        scanner = Scanner(
+            cell.arm,
+            through(cell.laser),
+            cell.T_f_s,
+            read,
+            plan_of(job),
+            notes or Notes(),
+            predictor,
+            stop=stop,
+        )
+        first, second = job.starts
+        return scanner.run(first.T, second.T)
+
+
+def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
+    """Distances of p2, p3, p4 from the example's edges, metres, shape (n, 3)."""
+    job = read_job(file)
+    joint = joint_of(job, file)
+    assert joint is not None
+    assert job.joint is not None
+    T_j_b = ResultFrame(job.joint.T_w_j).T_from_b
+    corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
+    return corner_errors(corners, feature_edges(joint[1]))
+
+
+def calibration_file(file: Path) -> Path:
+    """A calibration of the example's arm and laser that says what its job says, in a file."""
+    variance = 0.01
+    found = validate(
+        CalibrationFile,
+        {
+            "arm": "ur10e",
+            "laser": "simulated",
+            "date": datetime(2026, 3, 4, tzinfo=UTC),
+            "method": "plane touched",
+            "lines": 12,
+            "T_f_s_mm": read_job(PAPER).calibration.T_f_s_mm,
+            "covariance": np.diag(np.full(6, variance)).tolist(),
+            "sigma_position_mm": float(np.sqrt(3 * variance)),
+            "sigma_rotation_deg": float(np.sqrt(3 * variance)),
+            "condition": 1.0,
+            "excess": 1.0,
+            "noise": NoiseTable(),
+            "residuals": [],
+        },
+    )
+    write_calibration(file, found)
+    return file
+
+
+def reading_fails_at(calls: Container[int]) -> Callable[[Profile], GrooveSection]:
+    """A reader that finds no groove in the profiles of these numbers."""
+    count = iter(range(10_000))
+
+    def read(profile: Profile) -> GrooveSection:
+        if next(count) in calls:
+            raise GrooveNotFound("no bevel", "hidden by a clamp")
+        return find_groove(profile)
+
+    return read

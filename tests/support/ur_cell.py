@@ -1,0 +1,46 @@
+"""Loopback controllers for tests, each on an address of its own."""
+
+import os
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.core.frames import Array, pose
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.settings import UrSettings
+
+HOME = np.radians([-110, -95, 160, 105, -110, 0])
+"""Where the loopback controller starts."""
+
+KINEMATICS = Kinematics.load("ur10e")
+
+_numbers = count(1)
+
+
+def address() -> str:
+    """An address that no other test uses: 127.A.B.C of process and counter."""
+    process = os.getpid() % 65536
+    return f"127.{64 + process // 256 % 128}.{process % 256}.{next(_numbers) % 250 + 1}"
+
+
+def arm_at(host: str, model: Kinematics = KINEMATICS) -> UrArm:
+    """The driver for a controller."""
+    return UrArm(model, UrSettings(host))
+
+
+def beside_home(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+    """Flange pose some metres beside where the controller starts."""
+    return pose(p=(x, y, z)) @ KINEMATICS.forward(HOME)
+
+
+def client_processes() -> list[int]:
+    """Processes of the client library that this process has left."""
+    found = []
+    for thread in Path("/proc/self/task").iterdir():
+        for pid in (thread / "children").read_text(encoding="ascii").split():
+            words = Path(f"/proc/{pid}/cmdline")
+            if words.exists() and b"tjscan.robot.ur.client" in words.read_bytes():
+                found.append(int(pid))
+    return found

@@ -1,0 +1,150 @@
+"""Files that are there whole, and together, or not at all; and who may write them."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from tjscan.core.errors import ConfigurationError, RecordingError
+
+DRAFT: Final = ".partial-"
+"""How the names of draft folders begin."""
+
+
+def check_size(file: Path, most: int, what: str) -> None:
+    """Refuse, before it is opened, what is no file or is larger than it can be.
+
+    A pipe or a device would be read for ever, and a file of that size would fill the memory.
+
+    Parameters
+    ----------
+    file : Path
+        Must exist.
+    most : int
+        Bytes of the largest file of its kind.
+    what : str
+        What it should be, in words.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is something else, or larger.
+    OSError
+        If it is not there, or can't be looked at.
+    """
+    try:
+        status = file.stat()
+    except ValueError as error:
+        raise ConfigurationError(f"is no name of a file: {error}", key=repr(file)) from None
+    if not stat.S_ISREG(status.st_mode):
+        raise ConfigurationError(f"is no file; {what} is needed", file=file)
+    if status.st_size > most:
+        raise ConfigurationError(
+            f"is far too large for {what}: {status.st_size} bytes, {most} at most", file=file
+        )
+
+
+def check_inside(directory: Path, *names: str) -> None:
+    """Refuse files of a run directory that are links which lead out of it.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the first one.
+    """
+    for name in names:
+        file = directory / name
+        if file.is_symlink() and not file.resolve().is_relative_to(directory.resolve()):
+            raise ConfigurationError(
+                "is a link that leads out of the run directory; put the file itself there",
+                file=file,
+            )
+
+
+@contextmanager
+def sole_writer(directory: Path) -> Iterator[None]:
+    """Keep every other process from measuring into a directory while the block runs.
+
+    Drafts that a dead process left there are swept away. Raises as `locked` does.
+    """
+    with locked(directory):
+        for draft in directory.glob(f"{DRAFT}*"):  # of a process that died
+            shutil.rmtree(draft, ignore_errors=True)
+        yield
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Hold the lock of a directory while the block runs.
+
+    Raises
+    ------
+    RecordingError
+        If another process does so already, or the directory can't be opened.
+    """
+    try:
+        handle = os.open(directory, os.O_RDONLY)
+    except OSError as error:
+        raise RecordingError(f"{directory}: can't be opened: {error.strerror}") from error
+    try:
+        # The system lets go of the lock when the process ends, however it ends.
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        if isinstance(error, BlockingIOError):
+            raise RecordingError(
+                f"{directory}: another process is recording there; wait for it to end"
+            ) from None
+        raise RecordingError(f"{directory}: can't be locked: {error.strerror}") from error
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def drafted(directory: Path, *, last: str = "") -> Iterator[Path]:
+    """Give a draft folder whose files move into `directory` when the block succeeds.
+
+    No file is replaced before all of them are on the disk. Where a link stands in the place of
+    one, the link is replaced, and what it leads to stays as it is.
+
+    Parameters
+    ----------
+    directory : Path
+        Made where it is not there.
+    last : str
+        The file that is moved last: where it is, all are.
+
+    Raises
+    ------
+    RecordingError
+        If writing fails; the directory then holds what it held before.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=directory, prefix=DRAFT) as name:
+            draft = Path(name)
+            yield draft
+            for file in draft.iterdir():
+                _bring_to_disk(file)
+            for file in sorted(draft.iterdir(), key=lambda file: file.name == last):
+                file.replace(directory / file.name)
+            _bring_to_disk(directory)
+    except OSError as error:
+        raise RecordingError(f"{directory}: can't be written: {error.strerror or error}") from error
+
+
+def _bring_to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,122 @@
+"""A tube's outer wall as a cylinder, and how far points lie outside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import TubesNotFound
+from tjscan.core.frames import Array, readonly, transform, unit
+
+LEAST_TURN: Final = 0.05
+"""Least singular value, as a share of the largest, by which normals tell an axis: about 10° round
+the tube."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cylinder:
+    """A cylinder of unlimited length.
+
+    Parameters
+    ----------
+    point : ndarray, shape (3,)
+        A point on its axis, amid the points that it was fitted to, metres.
+    axis : ndarray, shape (3,)
+        Unit vector along the axis.
+    radius : float
+        Metres.
+    """
+
+    point: Array
+    axis: Array
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", readonly(self.point))
+        object.__setattr__(self, "axis", readonly(unit(np.asarray(self.axis, dtype=float))))
+
+    def distance(self, points: Array) -> Array:
+        """How far points, shape (..., 3), lie outside it, in metres."""
+        return np.asarray(np.linalg.norm(self._across(points), axis=-1) - self.radius)
+
+    def normals(self, points: Array) -> Array:
+        """Outward unit normals, shape (..., 3), at or beside points off the axis."""
+        across = self._across(points)
+        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
+
+    def moved(self, T: Array) -> Cylinder:
+        """The same cylinder in the outer frame of `T`, shape (4, 4)."""
+        return Cylinder(transform(T, self.point), T[:3, :3] @ self.axis, self.radius)
+
+    def beside(self, points: Array) -> Cylinder:
+        """The same cylinder, its `point` beside the middle of points, shape (n, 3)."""
+        along = (points.mean(axis=0) - self.point) @ self.axis
+        return Cylinder(self.point + along * self.axis, self.axis, self.radius)
+
+    def stepped(self, step: Array) -> Cylinder:
+        """A cylinder near this one, by the five numbers that tell one.
+
+        Parameters
+        ----------
+        step : ndarray, shape (5,)
+            Shift along two directions square to the axis (metres), tilt of the axis towards
+            these (radians), growth of the radius (metres).
+        """
+        across = square_to(self.axis)
+        return Cylinder(
+            self.point + step[:2] @ across, self.axis + step[2:4] @ across, self.radius + step[4]
+        )
+
+    def jacobian(self, points: Array) -> Array:
+        """Derivatives of `distance` by `stepped`'s numbers, shape (n, 5)."""
+        sideways = self.normals(points) @ square_to(self.axis).T
+        along = (points - self.point) @ self.axis
+        return -np.column_stack((sideways, along[:, None] * sideways, np.ones(len(points))))
+
+    def _across(self, points: Array) -> Array:
+        q = points - self.point
+        return np.asarray(q - (q @ self.axis)[..., None] * self.axis)
+
+
+def square_to(axis: Array) -> Array:
+    """Two unit vectors, rows of shape (2, 3), square to each other and to a unit vector."""
+    first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    return np.array((first, np.cross(axis, first)))
+
+
+def cylinder_through(points: Array, normals: Array) -> Cylinder:
+    """Rough cylinder of points and normals, to start a fit from.
+
+    The axis is what all normals are square to; seen along it, ``p = centre + radius n`` is
+    linear in the rest.
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (n, 3)
+        On the wall, and outward there; n is 3 or more.
+
+    Raises
+    ------
+    TubesNotFound
+        If the normals turn too little to tell an axis.
+    """
+    if len(points) < 3:
+        raise TubesNotFound(f"{len(points)} places on a wall are too few for a cylinder")
+    _, spread, rows = np.linalg.svd(normals, full_matrices=False)
+    if spread[1] < LEAST_TURN * spread[0]:
+        raise TubesNotFound(
+            "the wall was seen over too little of its circumference to tell where its axis lies: "
+            "scan farther round"
+        )
+    axis = rows[2]
+    plane = square_to(axis)
+    p, n = points @ plane.T, normals @ plane.T
+    system = np.concatenate(
+        [np.column_stack((np.tile(np.eye(2)[k], (len(p), 1)), n[:, k])) for k in (0, 1)]
+    )
+    (*centre, radius), *_ = np.linalg.lstsq(system, p.T.ravel(), rcond=None)
+    if radius < 0:  # the normals pointed inwards
+        radius = -radius
+    return Cylinder(np.array(centre) @ plane, axis, float(radius)).beside(points)

@@ -1,0 +1,205 @@
+"""Leg and brace found in a cloud of which nothing else is known.
+
+Places to look are triples of neighbouring points: their plane tells a normal, also where the
+cloud consists of scan lines, whose neighbours across are far. Two such places make a cylinder,
+many are tried, those that explain most points are refined and the best is kept; the second tube
+is sought in what the first leaves over.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial import KDTree
+
+from tjscan.core.errors import TubesNotFound
+from tjscan.core.frames import Array
+from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.fit import Tubes
+from tjscan.joint.tubes.frame import LEAST_ANGLE
+from tjscan.joint.tubes.polish import polished
+
+VOXELS: Final = 70
+"""Voxels along the cloud's diagonal, of each of which one point is looked at."""
+
+NEIGHBOURS: Final = 24
+TRIALS: Final = 4000
+REFINED: Final = 24
+"""How many of the best trials are refined."""
+
+MOST_POLISHED: Final = 30_000
+"""Points that the tubes are settled on in the end; more would tell no more about ten numbers."""
+
+REACH: Final = 0.02
+"""Share of the radius within which points count for a trial."""
+
+ON_TUBE: Final = 1.5e-3
+"""Metres from a tube within which points lie on it, in the end: allows for a tube out of round."""
+
+LEAST_SHARE: Final = 0.08
+"""Of the cloud, that has to lie on either tube."""
+
+LEAST_RADIUS: Final = 0.02
+MOST_RADIUS: Final = 5.0
+"""Metres."""
+
+
+def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
+    """Find brace and leg in a cloud.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres, in any frame: of the groove's surroundings, more than a quarter round.
+    seed : int
+        Of the random trials.
+
+    Returns
+    -------
+    Tubes
+        The leg is the tube of the larger radius. The covariance takes the points for independent,
+        which those of a scan are not: for these see `fit_tubes`.
+
+    Raises
+    ------
+    TubesNotFound
+        If the cloud holds no two tubes that cross, or they are equally large.
+    """
+    import open3d as o3d
+
+    points = np.array(points, dtype=float)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 100:
+        raise TubesNotFound(f"{len(points)} points are too few to find two tubes in")
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    voxels = np.asarray(cloud.voxel_down_sample(diagonal / VOXELS).points)
+    # Means of voxels lie off curved walls; their nearest points lie on them.
+    thin = points[np.unique(KDTree(points).query(voxels)[1])]
+    rng = np.random.default_rng(seed)
+    first = _best(thin, thin, rng, None)
+    rest = thin[np.abs(first.distance(thin)) > 2 * ON_TUBE]
+    second = _best(rest, thin, rng, first)
+    # Each again on the points that are its own.
+    apart = np.abs(np.stack((first.distance(thin), second.distance(thin))))
+    first, _ = _refined(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)])
+    second, _ = _refined(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)])
+    chosen = points[:: max(1, len(points) // MOST_POLISHED)]
+    first, second = polished(first, chosen), polished(second, chosen)
+    brace, leg = sorted((first, second), key=lambda tube: tube.radius)
+    if leg.radius - brace.radius < ON_TUBE:
+        raise TubesNotFound(
+            f"both tubes are {2e3 * leg.radius:.1f} mm wide: which is the leg can't be told"
+        )
+    return _told(brace, leg, thin)
+
+
+def _best(
+    points: Array, everything: Array, rng: np.random.Generator, other: Cylinder | None
+) -> Cylinder:
+    """The cylinder that explains most points, refined."""
+    which = "first" if other is None else "second"
+    if len(points) < LEAST_SHARE * len(everything) or len(points) <= NEIGHBOURS:
+        raise TubesNotFound(f"nothing is left of the cloud in which a {which} tube could be")
+    centres, axes, radii = _trials(points, rng)
+    if other is not None:
+        crossing = _cross(axes, other)
+        centres, axes, radii = centres[crossing], axes[crossing], radii[crossing]
+    if not len(radii):
+        raise TubesNotFound(f"no {which} tube is to be seen in the cloud")
+    judges = points[rng.permutation(len(points))[:400]]
+    q = judges[None] - centres[:, None]
+    along = np.einsum("tpk,tk->tp", q, axes)
+    off = np.sqrt(np.maximum(np.einsum("tpk,tpk->tp", q, q) - along**2, 0)) - radii[:, None]
+    votes = np.maximum(1 - (off / (REACH * radii[:, None])) ** 2, 0).sum(axis=1)
+    best, most = None, 0
+    for trial in np.argsort(-votes, kind="stable")[:REFINED]:
+        rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
+        near = points[np.abs(rough.distance(points)) < 2 * REACH * rough.radius]
+        refined, held = _refined(rough, near)
+        held = held and (other is None or bool(_cross(refined.axis, other)))
+        supporters = int((np.abs(refined.distance(points)) < ON_TUBE).sum()) if held else 0
+        if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
+            best, most = refined, supporters
+    if best is None or most < LEAST_SHARE * len(everything):
+        share = 100 * most / len(everything)
+        raise TubesNotFound(
+            f"the {which} tube holds {share:.0f} % of the cloud, {100 * LEAST_SHARE:.0f} % are "
+            "needed: cut the cloud down to the joint, or scan more of it"
+        )
+    return best
+
+
+def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Cylinders through pairs of places: points on the axes, axes and radii."""
+    around = np.asarray(KDTree(points).query(points, k=NEIGHBOURS + 1)[1])
+    place = rng.integers(len(points), size=2 * TRIALS)
+    pick = 1 + rng.permuted(np.tile(np.arange(NEIGHBOURS), (len(place), 1)), axis=1)[:, :2]
+    triple = points[np.column_stack((place, np.take_along_axis(around[place], pick, axis=1)))]
+    normals = np.cross(triple[:, 1] - triple[:, 0], triple[:, 2] - triple[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    spread = np.linalg.norm(triple[:, 1:] - triple[:, :1], axis=2).prod(axis=1)
+    p, q = triple.mean(axis=1).reshape(2, TRIALS, 3)
+    normals /= np.maximum(size, 1e-300)[:, None]
+    n, m = normals.reshape(2, TRIALS, 3)
+    stout = (size > 0.2 * spread).reshape(2, TRIALS).all(axis=0)
+    axes = np.cross(n, m)
+    sine = np.linalg.norm(axes, axis=1)
+    axes /= np.maximum(sine, 1e-300)[:, None]
+    # p - r n and q - s m lie on the axis: seen along it they are one point, r and s alike.
+    d = p - q
+    d -= np.einsum("tk,tk->t", d, axes)[:, None] * axes
+    cosine = np.einsum("tk,tk->t", n, m)
+    dn, dm = np.einsum("tk,tk->t", d, n), np.einsum("tk,tk->t", d, m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r = (dn - cosine * dm) / sine**2
+        s = (cosine * dn - dm) / sine**2
+    good = stout & (sine > 0.2) & (np.abs(np.abs(r) - np.abs(s)) < 0.1 * np.abs(r)) & (r * s > 0)
+    good &= (np.abs(r) > LEAST_RADIUS) & (np.abs(r) < MOST_RADIUS)
+    r, p, n = r[good], p[good], n[good]
+    return p - r[:, None] * n, axes[good], np.abs(r)
+
+
+def _cross(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
+    """Whether axes, shape (..., 3), are far from parallel to that of another tube."""
+    return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_ANGLE))
+
+
+def _refined(start: Cylinder, points: Array) -> tuple[Cylinder, bool]:
+    """Least-squares cylinder with a robust loss, and whether the points hold it."""
+    if len(points) < 12:
+        return start, False
+    tube = start.beside(points)
+
+    def distance(step: Array) -> Array:
+        return tube.stepped(step).distance(points)
+
+    def jacobian(step: Array) -> Array:
+        return tube.stepped(step).jacobian(points)
+
+    found = least_squares(
+        distance,
+        np.zeros(5),
+        jac=jacobian,
+        loss="cauchy",
+        f_scale=0.2 * ON_TUBE,
+        x_scale=(0.1, 0.1, 1.0, 1.0, 0.1),
+        max_nfev=40,
+    )
+    return tube.stepped(found.x).beside(points), bool(found.success)
+
+
+def _told(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
+    """Both tubes with the covariance that independent points give."""
+    covariance, total, count = np.zeros((10, 10)), 0.0, 0
+    for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):
+        off = tube.distance(points)
+        on = np.abs(off) < ON_TUBE
+        jacobian = tube.jacobian(points[on])
+        square = float(off[on] @ off[on])
+        covariance[at, at] = np.linalg.inv(jacobian.T @ jacobian) * square / max(on.sum() - 5, 1)
+        total, count = total + square, count + int(on.sum())
+    return Tubes(brace, leg, covariance, 1.0, float(np.sqrt(total / count)))

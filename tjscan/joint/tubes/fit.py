@@ -1,0 +1,141 @@
+"""Leg and brace fitted together to the walls that one arm saw.
+
+Every view has an error of its own, the arm's, that all its points share. It is larger than the
+points' own noise, so that views are weighed, not points: the residuals of a view are whitened
+with their common covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import TubesNotFound
+from tjscan.core.frames import Array, readonly
+from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.walls import Repeatability, WallPoints
+
+MOST_ROUNDS: Final = 60
+STILL: Final = 1e-9
+"""Metres and radians that no parameter moves by any more when a fit ends."""
+
+TUKEY: Final = 4.685
+"""Standard deviations at which Tukey's kernel no longer listens: 95 % efficient on clean data."""
+
+LEAST_WEIGHT: Final = 1e-6
+
+FEWEST_VIEWS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tubes:
+    """Brace and leg.
+
+    Parameters
+    ----------
+    brace, leg : Cylinder
+        In the frame of the points.
+    covariance : ndarray, shape (10, 10)
+        Of `Cylinder.stepped`'s numbers of the brace, then of the leg. It is scaled up where the
+        points lie farther from cylinders than their errors explain, as on tubes out of round.
+    misfit : float
+        Chi-squared per degree of freedom; about 1 where the tubes are round and the stated
+        errors true.
+    rms : float
+        Of the points that count, about the cylinders, metres.
+    """
+
+    brace: Cylinder
+    leg: Cylinder
+    covariance: Array
+    misfit: float
+    rms: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", readonly(self.covariance))
+
+
+def fit_tubes(
+    walls: WallPoints, repeatability: Repeatability, brace: Cylinder, leg: Cylinder
+) -> Tubes:
+    """Fit leg and brace to wall points; Gauss–Newton, reweighted with Tukey's kernel.
+
+    Parameters
+    ----------
+    walls : WallPoints
+        What was seen.
+    repeatability : Repeatability
+        Of the arm that carried the laser.
+    brace, leg : Cylinder
+        Where to start.
+
+    Raises
+    ------
+    TubesNotFound
+        If the points don't hold both cylinders.
+    """
+    if len(views := walls.by_view()) < FEWEST_VIEWS:
+        raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
+    common = repeatability.covariance
+    brace, leg = (
+        tube.beside(walls.points[walls.on_brace == is_brace])
+        for tube, is_brace in ((brace, True), (leg, False))
+    )
+    weights = np.ones(len(walls))
+    for count in range(MOST_ROUNDS):
+        residuals, jacobian, shared = _linear(walls, brace, leg)
+        own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
+        if count:
+            weights = _tukey(residuals / np.sqrt(own))
+        white = _whitened(
+            np.column_stack((jacobian, residuals)), shared, walls.sigma**2 / weights, common, views
+        )
+        solved, _, rank, _ = np.linalg.lstsq(white[:, :-1], -white[:, -1], rcond=1e-10)
+        step = np.asarray(solved, dtype=float)
+        if rank < 10 or not np.abs(step).max() < 1.0:
+            raise TubesNotFound(
+                "the walls that were seen leave leg or brace free to move: scan farther round"
+            )
+        brace, leg = brace.stepped(step[:5]), leg.stepped(step[5:])
+        if count > 1 and np.abs(step).max() < STILL:
+            break
+    counted = weights > 0.1
+    misfit = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
+    spread = np.asarray(np.linalg.inv(white[:, :-1].T @ white[:, :-1]), dtype=float)
+    rms = float(np.sqrt(np.mean(residuals[counted] ** 2)))
+    return Tubes(brace, leg, max(1.0, misfit) * spread, misfit, rms)
+
+
+def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:
+    """Distances (n,), their derivatives by the tubes (n, 10) and by their view's pose (n, 6)."""
+    distance, normals = np.empty(len(walls)), np.empty((len(walls), 3))
+    jacobian = np.zeros((len(walls), 10))
+    for tube, chosen, columns in (
+        (brace, walls.on_brace, slice(0, 5)),
+        (leg, ~walls.on_brace, slice(5, 10)),
+    ):
+        points = walls.points[chosen]
+        distance[chosen], normals[chosen] = tube.distance(points), tube.normals(points)
+        jacobian[chosen, columns] = tube.jacobian(points)
+    levers = walls.points - walls.pivots[walls.view]
+    return distance, jacobian, np.column_stack((normals, np.cross(levers, normals)))
+
+
+def _whitened(
+    rows: Array, shared: Array, own: Array, common: Array, views: list[np.ndarray]
+) -> Array:
+    """Rows (n, k) made independent and of unit variance, view by view."""
+    white = np.empty_like(rows)
+    for chosen in views:
+        S = shared[chosen] @ common @ shared[chosen].T + np.diag(own[chosen])
+        white[chosen] = np.linalg.solve(np.linalg.cholesky(S), rows[chosen])
+    return white
+
+
+def _tukey(standardised: Array) -> Array:
+    """Weights of Tukey's kernel, which widens where most residuals are larger than stated."""
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(standardised))))
+    u = np.minimum(np.abs(standardised) / (TUKEY * scale), 1.0)
+    return np.asarray(np.maximum((1 - u * u) ** 2, LEAST_WEIGHT))

@@ -1,0 +1,124 @@
+"""The joint's own frame j, made of its two tubes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.errors import TubesNotFound
+from tjscan.core.frames import Array, inverse, pose, readonly, unit
+from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.fit import Tubes
+
+UPRIGHT: Final = radians(2.0)
+"""A brace that leans less has no heel: x may point either way along the leg."""
+
+LEAST_ANGLE: Final = radians(15.0)
+"""Tubes nearer to parallel than this make no joint."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointShape:
+    """What two tubes are to each other.
+
+    Parameters
+    ----------
+    brace_radius, leg_radius : float
+        Metres.
+    angle : float
+        Between the axes, on the heel's side, radians.
+    offset : float
+        How far the leg's axis passes the brace's, along y of j, metres.
+    """
+
+    brace_radius: float
+    leg_radius: float
+    angle: float
+    offset: float
+
+    @property
+    def array(self) -> Array:
+        """The four numbers, shape (4,)."""
+        return np.array((self.brace_radius, self.leg_radius, self.angle, self.offset))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFrame:
+    """Where frame j stands, as tubes tell it.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        Frame j in the frame of the tubes.
+    shape : JointShape
+        What else they tell.
+    covariance : ndarray, shape (10, 10)
+        Of the pose, as translation and rotation vector in j (metres, radians), then of the
+        shape's four numbers.
+    """
+
+    T: Array
+    shape: JointShape
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T", "covariance"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
+    """Frame j of two tubes, with its covariance.
+
+    Parameters
+    ----------
+    tubes : Tubes
+        Brace and leg; the brace's `point` lies on the brace's side of the leg.
+    towards : ndarray, shape (3,)
+        For an upright brace: x points along the leg to the side that this vector points to. Half
+        a turn about the brace changes nothing else. A leaning brace has a heel to tell.
+
+    Raises
+    ------
+    TubesNotFound
+        If the tubes are all but parallel.
+    """
+    T, shape = place(tubes.brace, tubes.leg, towards)
+    step = 1e-6  # a micrometre, a microradian: deep in the linear range
+
+    def around(k: int, sign: int) -> Array:
+        moved = np.zeros(10)
+        moved[k] = sign * step
+        T_moved, there = place(
+            tubes.brace.stepped(moved[:5]), tubes.leg.stepped(moved[5:]), T[:3, 0]
+        )
+        between = inverse(T) @ T_moved
+        turn = Rotation.from_matrix(between[:3, :3]).as_rotvec()
+        return np.concatenate((between[:3, 3], turn, there.array))
+
+    jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
+    return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T)
+
+
+def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointShape]:
+    """Pose of frame j, shape (4, 4), and shape of the joint; see `joint_frame`."""
+    cosine = float(brace.axis @ leg.axis)
+    if 1 - cosine * cosine < np.sin(LEAST_ANGLE) ** 2:
+        raise TubesNotFound(
+            "the two tubes that were found are all but parallel: they make no joint"
+        )
+    # Where the axes come nearest: the joining line is square to both.
+    between = leg.point - brace.point
+    along = (between @ brace.axis - cosine * (between @ leg.axis)) / (1 - cosine * cosine)
+    origin = brace.point + along * brace.axis
+    z = -np.sign(along) * brace.axis
+    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > UPRIGHT
+    to_heel = leg.axis * (np.sign(leg.axis @ z) if leaning else np.sign(leg.axis @ towards) or 1.0)
+    x = unit(to_heel - (to_heel @ z) * z)
+    y = np.cross(z, x)
+    angle = float(np.arctan2(to_heel @ x, to_heel @ z))
+    shape = JointShape(brace.radius, leg.radius, angle, float((leg.point - origin) @ y))
+    return pose(np.column_stack((x, y, z)), origin), shape

@@ -1,0 +1,202 @@
+"""What is wrong with a job's cell, and what to do about it, without moving anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.job.cell import Cell, clearance_of, mount_of
+from tjscan.core.config import naming
+from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.groove.section import GrooveSection
+from tjscan.job import JobFile, read_job
+from tjscan.laser.profile import Profile
+from tjscan.robot.arm import identity_words
+from tjscan.robot.cleared import ClearedArm
+from tjscan.runs.scan import cell_of, frame_of, joint_of, reader_of
+
+LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
+"""Whose versions are told."""
+
+SAME_ARM: Final = 0.02
+"""Metres between the flange as the arm and as its model has it: calibration explains less."""
+
+FEWEST: Final = 100
+"""Points below which a profile says little."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one check found.
+
+    Parameters
+    ----------
+    what : str
+        What was looked at.
+    detail : str
+        What was found; where something is wrong, with the remedy.
+    error : TjscanError or None
+        What is wrong.
+    """
+
+    what: str
+    detail: str
+    error: TjscanError | None = None
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong."""
+        return self.error is None
+
+
+def examine(
+    job_file: Path, overrides: dict[str, Any] | None = None, station: str | None = None
+) -> Iterator[Finding]:
+    """Check a job, what it names, its devices and the way to its start poses, one after another.
+
+    Devices are connected, and nothing moves. What rests on something that is wrong is left out.
+
+    Parameters
+    ----------
+    job_file : Path
+        The job.
+    overrides : dict, optional
+        Dotted keys and their values, as `read_job` takes them.
+    station : str, optional
+        The one station to look at; all that the arm stands at where left out.
+    """
+    yield Finding("versions", ", ".join(_versions()))
+    jobs: list[JobFile] = []
+
+    def read() -> str:
+        with naming(job_file):
+            job = read_job(job_file, overrides)
+            jobs.extend(job.places if station is None else (job.at(station),))
+        return f"{job_file} is sound"
+
+    yield (finding := _look("job", read))
+    if not finding.sound:
+        return
+    job = jobs[0]
+    named = [
+        _look("joint", partial(_joint, job, job_file)),
+        _look("calibration", partial(_calibration, job, job_file)),
+        _look("clearance", partial(_clearance, job)),
+    ]
+    yield from named
+    if all(finding.sound for finding in named):
+        for place in jobs:
+            where = f"{place.station[0].name}: " if len(jobs) > 1 else ""
+            for finding in _devices(place, job_file):
+                yield replace(finding, what=f"{where}{finding.what}")
+
+
+def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
+    try:
+        cell = cell_of(job, job_file)
+    except TjscanError as error:
+        yield Finding("cell", str(error), error)
+        return
+    with ExitStack() as stack:
+
+        def connect(device: Any, name: str) -> str:
+            stack.enter_context(device)
+            return name
+
+        yield (arm := _look("arm", lambda: connect(cell.arm, f"{job.arm.driver} {job.arm.model}")))
+        yield (laser := _look("laser", lambda: connect(cell.laser, job.laser.device)))
+        if arm.sound:
+            yield _look("model", partial(_model, cell))
+            yield _look("stance", partial(_stance, cell))
+        if laser.sound and arm.sound:
+            yield _look("profile", partial(_profile, cell, reader_of(job)))
+        if arm.sound:
+            first, second = (start.T for start in job.starts)
+            yield _look("first pose", partial(_way, cell, first))
+            yield _look("second pose", partial(_way, cell, first, second))
+
+
+def _look(what: str, check: Callable[[], str]) -> Finding:
+    try:
+        return Finding(what, check())
+    except TjscanError as error:
+        return Finding(what, str(error), error)
+
+
+def _versions() -> Iterator[str]:
+    for library in LIBRARIES:
+        try:
+            yield f"{library} {version(library)}"
+        except PackageNotFoundError:
+            yield f"{library} not installed"
+
+
+def _joint(job: JobFile, job_file: Path) -> str:
+    joint = joint_of(job, job_file)
+    frame = f"results will be in frame {frame_of(job).name}"
+    return f"none named: {frame}" if joint is None else f"{joint[0]}; {frame}"
+
+
+def _calibration(job: JobFile, job_file: Path) -> str:
+    mount = mount_of(job, job_file)
+    where = "as the job has it" if mount.file is None else f"{mount.file}"
+    return (
+        f"{where}; the sensor is {1e3 * np.linalg.norm(mount.T_f_s[:3, 3]):.0f} mm from the flange"
+    )
+
+
+def _clearance(job: JobFile) -> str:
+    clearance_of(job)
+    table = job.clearance
+    around, carried = (
+        ", ".join(one.name for one in solids) or "nothing" for solids in (table.solid, table.tool)
+    )
+    return f"keeps {table.margin_mm:g} mm from {around}; carries {carried}"
+
+
+def _model(cell: Cell) -> str:
+    """Whether the arm is the one that the job names."""
+    state = cell.arm.state()
+    identity = cell.arm.identity() if isinstance(cell.arm, ClearedArm) else None
+    told = "connected" if identity is None else identity_words(identity)
+    T_b_f = cell.clearance.kinematics.forward(state.q)
+    apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
+    if apart > SAME_ARM:
+        raise ConfigurationError(
+            f"the arm has its flange {1e3 * apart:.0f} mm from where the model has it; name the "
+            "arm that stands there",
+            key="arm.model",
+        )
+    return f"{told}; its flange is {1e3 * apart:.1f} mm from where the model has it"
+
+
+def _stance(cell: Cell) -> str:
+    nearest = cell.clearance.nearest(cell.arm.state().q)
+    if nearest is None:
+        return "nothing is known that the arm could touch"
+    pair, distance = nearest
+    return f"nearest to each other are {pair.moving} and {pair.other}, {1e3 * distance:.0f} mm"
+
+
+def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
+    profile = cell.laser.capture()
+    valid = int(profile.valid.sum())
+    if valid < FEWEST:
+        return f"{valid} of {len(profile)} points: nothing in range where the arm stands"
+    try:
+        read(profile)
+    except TjscanError:
+        return f"{valid} of {len(profile)} points, and no groove where the arm stands"
+    return f"{valid} of {len(profile)} points, and a groove where the arm stands"
+
+
+def _way(cell: Cell, *T_b_f: Any) -> str:
+    cell.arm.check(*T_b_f)
+    return "the way there is clear"

@@ -1,0 +1,205 @@
+"""Read every section of a recording again, with other settings, beside what was found before."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.job.cell import mount_of
+from tjscan.core.config import naming
+from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
+from tjscan.core.files import check_inside, drafted
+from tjscan.core.frames import Array
+from tjscan.job import JobFile, read_job
+from tjscan.joint.definition import JointDefinition
+from tjscan.recording.reader import Finished, Recorded, read_recorded
+from tjscan.recording.writer import parts
+from tjscan.result.directory import COPIES, JOB, make_directory
+from tjscan.result.summary import Summary
+from tjscan.runs.scan import joint_of, plan_of, reader_of, write_run
+from tjscan.scanning.progress import StopReason
+from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.scanner import ScanResult
+from tjscan.runs.stitch import StitchedRun, stitch_runs
+
+REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
+"""Keys that say how recorded profiles are read and told, not how they were taken."""
+
+FEWEST: Final = 2
+"""Sections that make a result: fewer have no step between them."""
+
+STRAYED: Final = 0.3
+"""Steps from where a section lay; one that is found further away is another thing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reprocessed:
+    """What came of reading a run again.
+
+    Parameters
+    ----------
+    directory : Path
+        Where it was written.
+    summary : Summary
+        The new one.
+    lost : dict of int to GrooveNotFound
+        Sections that these settings don't find, and why.
+    """
+
+    directory: Path
+    summary: Summary
+    lost: dict[int, GrooveNotFound]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReprocessedRun:
+    """What came of it in all.
+
+    Parameters
+    ----------
+    directory : Path
+        The new directory.
+    stations : tuple of Reprocessed
+        One for each station; one where there are none.
+    stitched : StitchedRun or None
+        The whole groove; None where there is one station, or one is missing or has lost a section.
+    """
+
+    directory: Path
+    stations: tuple[Reprocessed, ...]
+    stitched: StitchedRun | None = None
+
+
+def reprocess(
+    directory: Path, overrides: dict[str, Any], out: Path | None = None
+) -> ReprocessedRun:
+    """Read a run's recorded sections again with other settings, and write a new directory.
+
+    The profiles are those recorded; where a calibration is replaced, they stand where it puts
+    them. A run that was cut short or resumed counts as far as it goes. The new directory is a
+    whole one, its recording included.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory, which stays as it is; or one that holds those of several stations.
+    overrides : dict
+        Dotted keys and values, those of `REPROCESSABLE` only.
+    out : Path, optional
+        The directory to make, outside of the run's; beside it where left out.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no run, or a key says how its profiles were taken.
+    GrooveNotFound
+        If less than two sections are found with these settings.
+    RecordingError
+        If the recording is damaged, or the new directory can't be written.
+    StitchingRefused
+        If the stations can't be stitched any more.
+    """
+    job_file = directory / JOB
+    check_inside(directory, *COPIES)
+    for key in overrides:
+        if not key.startswith(REPROCESSABLE):
+            raise ConfigurationError(
+                "says how the profiles were taken, and they are taken. What may change: "
+                f"{', '.join(REPROCESSABLE)}",
+                file=job_file,
+                key=key,
+            )
+    out = out or beside(directory)
+    if out.resolve().is_relative_to(directory.resolve()):
+        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    job = read_job(job_file, overrides)
+    if len(job.station) < 2:
+        return ReprocessedRun(out, (_reprocess(directory, job.at(), job_file, out),))
+    check_inside(directory, *(station.name for station in job.station))
+    _make(out, job, job_file)
+    stations = tuple(
+        _reprocess(run, read_job(run / JOB, overrides).at(), run / JOB, out / run.name)
+        for run in (directory / station.name for station in job.station)
+        if (run / JOB).is_file()
+    )
+    whole = len(stations) == len(job.station) and not any(one.lost for one in stations)
+    return ReprocessedRun(out, stations, stitch_runs([out], out) if whole else None)
+
+
+def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Reprocessed:
+    """The same for a single run."""
+    check_inside(directory, *COPIES)
+    with naming(job_file):
+        T_f_s = mount_of(job, job_file).T_f_s
+    recorded = read_recorded(directory)
+    lost: dict[int, GrooveNotFound] = {}
+    sections = tuple(_sections(job, recorded, T_f_s, lost))
+    if len(sections) < FEWEST:
+        raise next(
+            iter(lost.values()),
+            RecordingError(f"{directory}: holds less than {FEWEST} finished sections"),
+        )
+    joint = _make(out, job, job_file)
+    with drafted(out) as draft:
+        for file in parts(directory):
+            shutil.copyfile(file, draft / file.name)
+    views = tuple(_seen(view, T_f_s) for view in recorded.views)
+    stop, detail = _end(recorded, len(sections))
+    result = ScanResult(sections, views, stop, detail, recorded.tally)
+    return Reprocessed(out, write_run(out, job, result, joint), lost)
+
+
+def _make(out: Path, job: JobFile, job_file: Path) -> JointDefinition | None:
+    """Make a directory with a job and what it names; gives the joint."""
+    with naming(job_file):
+        joint = joint_of(job, job_file)
+        make_directory(out, job, joint=joint and joint[0], calibration=mount_of(job, job_file).file)
+    return joint and joint[1]
+
+
+def beside(directory: Path) -> Path:
+    """``RUN-DATE`` beside a run directory."""
+    whole = directory.resolve()
+    return whole.with_name(f"{whole.name}-{datetime.now():%Y%m%d-%H%M%S}")
+
+
+def _sections(
+    job: JobFile, recorded: Recorded, T_f_s: Array, lost: dict[int, GrooveNotFound]
+) -> Iterator[Scan]:
+    """The sections that are found again; of the others, why not."""
+    read, far = reader_of(job), STRAYED * plan_of(job).step
+    for one in recorded.finished:
+        try:
+            section = Scan(one.view, read(one.view.profile), one.T_s_t)
+            _check_place(section, one, far)
+        except GrooveNotFound as error:
+            lost[one.view.index] = error
+        else:
+            yield replace(section, view=_seen(one.view, T_f_s))
+
+
+def _check_place(section: Scan, before: Finished, far: float) -> None:
+    moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
+    if moved > far:
+        raise GrooveNotFound(
+            "implausible", f"what is read now lies {1e3 * moved:.1f} mm from what was read then"
+        )
+
+
+def _seen(view: View, T_f_s: Array) -> View:
+    """A view by the calibration that holds now."""
+    return replace(view, T_b_s=view.T_b_f @ T_f_s)
+
+
+def _end(recorded: Recorded, found: int) -> tuple[StopReason, str]:
+    """Why the scan ended, and that this is another reading of it."""
+    known = (reason for reason in StopReason if recorded.stop.startswith(reason))
+    stop = next(known, StopReason.CUT)
+    again = f"{found} of {len(recorded.finished)} sections read again"
+    return stop, f"{recorded.stop or StopReason.CUT.value}; {again}"

@@ -1,0 +1,247 @@
+"""Stitch what was scanned from several stations, from their run directories to one result."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.comparison.distance import corner_errors
+from tjscan.core.config import naming
+from tjscan.core.errors import ConfigurationError, StitchingRefused
+from tjscan.core.files import drafted
+from tjscan.core.frames import inverse, transform
+from tjscan.job import JobFile, read_job
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import feature_edges
+from tjscan.recording.reader import read_progress
+from tjscan.recording.writer import parts
+from tjscan.report.write import write_report
+from tjscan.result.cloud import groove_points
+from tjscan.result.directory import JOB, JOINT, SUMMARY
+from tjscan.result.frame import ResultFrame
+from tjscan.result.outline import joint_outline
+from tjscan.result.picture import draw_groove, write_picture
+from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
+from tjscan.result.write import write_results
+from tjscan.runs.scan import joint_of, reader_of
+from tjscan.stitching.draft import Draft
+from tjscan.stitching.picture import draw_stitching
+from tjscan.stitching.settings import DEFAULT, StitchSettings
+from tjscan.stitching.stations import Station, station_of
+from tjscan.stitching.stitch import Stitched, stitch
+from tjscan.stitching.told import ToldStitching, tell, write_stations
+
+PICTURE, STATIONS = "stitch.png", "stations.json"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationRun:
+    """A run directory of one station.
+
+    Parameters
+    ----------
+    directory : Path
+        Where it is.
+    station : Station
+        What was scanned.
+    summary : Summary
+        Its scan in a few numbers.
+    joint : JointDefinition or None
+        The joint that its job names, for the comparison alone.
+    """
+
+    directory: Path
+    station: Station
+    summary: Summary
+    joint: JointDefinition | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StitchedRun:
+    """What became of it.
+
+    Parameters
+    ----------
+    summary : Summary
+        The groove in a few numbers.
+    told : ToldStitching
+        How the stations were stitched.
+    stitched : Stitched
+        All of it.
+    """
+
+    summary: Summary
+    told: ToldStitching
+    stitched: Stitched
+
+
+def stitch_runs(
+    runs: Sequence[Path], directory: Path, settings: StitchSettings = DEFAULT
+) -> StitchedRun:
+    """Stitch run directories and write the result, with its report.
+
+    Runs that lie elsewhere are copied beside it, so that it can be moved and looked into whole.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Run directories of single stations, or one that holds such for all of its stations.
+    directory : Path
+        Where to write; it may be the one that holds the stations' directories.
+    settings : StitchSettings
+        What is taken for granted, and asked for.
+
+    Raises
+    ------
+    StitchingRefused
+        If the stations can't be stitched; ``stitch.png`` in the directory shows why.
+    ConfigurationError
+        If a run is missing, or is not of a station.
+    RecordingError
+        If one can't be read, or the result can't be written.
+    """
+    read = [read_station(run) for run in station_directories(runs)]
+    _check_names(read)
+    try:
+        stitched = stitch([one.station for one in read], settings)
+    except StitchingRefused as error:
+        if isinstance(error.draft, Draft):
+            with drafted(directory) as draft:
+                write_picture(draft / PICTURE, draw_stitching(error.draft))
+            error.add_note(f"{directory / PICTURE} shows it")
+        raise
+    _gather(directory, read)
+    done = _write(directory, read, stitched)
+    write_report(directory)
+    return done
+
+
+def _check_names(read: Sequence[StationRun]) -> None:
+    for one, other in combinations(read, 2):
+        if one.station.name == other.station.name:
+            raise ConfigurationError(
+                f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
+                f"where they are two, call one otherwise in its {JOB}",
+                file=other.directory,
+            )
+
+
+def station_directories(runs: Sequence[Path]) -> list[Path]:
+    """The run directories of single stations that were named, or lie in a named one."""
+    found = []
+    for run in runs:
+        if any(file.is_file() for file in parts(run)):
+            found.append(run)
+            continue
+        # Runs that were stitched from elsewhere have no job of the whole.
+        names = read_job(run / JOB).stations if (run / JOB).is_file() else ()
+        folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
+        if not folders:
+            raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
+        found += [folder.parent if folder.is_file() else folder for folder in folders]
+    return found
+
+
+def read_station(directory: Path) -> StationRun:
+    """Read the run directory of one station; raises as `stitch_runs` does."""
+    job_file = directory / JOB
+    with naming(job_file):
+        job = read_job(job_file)
+        name = _name(job, job_file)
+        read = reader_of(job)
+        done = read_progress(directory, read)
+        joint = joint_of(job, job_file)
+    if not (directory / SUMMARY).is_file():
+        raise ConfigurationError(
+            f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
+        )
+    summary = read_summary(directory / SUMMARY)
+    check_recorded(directory, summary, len(done.sections))
+    return StationRun(
+        directory,
+        station_of(name, job.T_w_b, done.sections, done.views, read),
+        summary,
+        joint and joint[1],
+    )
+
+
+def _name(job: JobFile, job_file: Path) -> str:
+    if len(job.station) != 1:
+        raise ConfigurationError(
+            f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
+            "takes runs of one [[station]] each, whose pose in frame w it begins from",
+            file=job_file,
+            key="station",
+        )
+    return job.station[0].name
+
+
+def _gather(directory: Path, read: Sequence[StationRun]) -> None:
+    """Put copies beside the result of what it was made of, where that lies elsewhere."""
+    with drafted(directory) as draft:
+        for one in read:
+            if not _lies_in(directory, one):
+                shutil.copytree(one.directory, draft / one.station.name)
+        if (joint := _common_joint(read)) is not None and not (directory / JOINT).exists():
+            shutil.copyfile(joint, draft / JOINT)
+
+
+def _lies_in(directory: Path, one: StationRun) -> bool:
+    return one.directory.resolve().parent == directory.resolve()
+
+
+def _folder(directory: Path, one: StationRun) -> str:
+    """What a station's run is called inside the result, wherever that is moved to."""
+    return one.directory.resolve().name if _lies_in(directory, one) else one.station.name
+
+
+def _common_joint(read: Sequence[StationRun]) -> Path | None:
+    """The file of the joint that all runs name, if they do."""
+    files = [one.directory / JOINT for one in read]
+    same = all(one.joint == read[0].joint for one in read)
+    return files[0] if same and read[0].joint is not None and files[0].is_file() else None
+
+
+def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> StitchedRun:
+    joints = [one.joint for one in read]
+    joint = joints[0] if all(one == joints[0] for one in joints) else None
+    corners = np.array([section.points for section in stitched.sections])
+    summary = summarise_stations(
+        {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
+        stitched.sections,
+        "j",
+        None if joint is None else corner_errors(corners, feature_edges(joint)),
+        closed=stitched.closed,
+    )
+    told = tell(stitched, {one.station.name: _folder(directory, one) for one in read})
+    frames = [ResultFrame(inverse(one.T_j_b)) for one in stitched.stations]
+    points = np.concatenate(
+        [
+            groove_points(one.station.sections, frame)
+            for one, frame in zip(stitched.stations, frames, strict=True)
+        ]
+    )
+    picture = draw_groove(
+        stitched.sections,
+        points,
+        frame="j",
+        title=f"{len(stitched.sections)} sections from {len(stitched.stations)} stations, "
+        f"{told.covered_deg:.0f}° covered",
+        outline=() if joint is None else joint_outline(joint),
+        paths=[
+            transform(
+                one.T_j_b, [view.T_b_f[:3, 3] for view in (s.view for s in one.station.sections)]
+            )
+            for one in stitched.stations
+        ],
+    )
+    with drafted(directory) as draft:
+        write_stations(draft / STATIONS, told)
+        write_picture(draft / PICTURE, draw_stitching(stitched.draft))
+    write_results(directory, stitched.sections, points, summary, picture)
+    return StitchedRun(summary, told, stitched)

@@ -1,0 +1,155 @@
+"""Teach a start pose: from where the arm stands into the job file."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import MutableMapping, MutableSequence, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartSeesNoGroove
+from tjscan.core.files import drafted
+from tjscan.core.frames import Array, to_euler_zyx
+from tjscan.groove.section import GrooveSection
+from tjscan.job import JobFile, read_job
+from tjscan.robot.rest import await_rest, check_still
+from tjscan.runs.scan import cell_of, reader_of
+
+Which = Literal["first", "second"]
+
+MM_DECIMALS: Final = 3
+DEG_DECIMALS: Final = 4
+"""What is kept of a pose: finer than any arm repeats."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taught:
+    """A pose as it was written.
+
+    Parameters
+    ----------
+    key : tuple of str
+        Where it stands in the file.
+    position_mm, euler_zyx_deg : tuple of float
+        As the job file holds them.
+    groove : GrooveSection
+        What the laser saw from there.
+    """
+
+    key: tuple[str, ...]
+    position_mm: tuple[float, ...]
+    euler_zyx_deg: tuple[float, ...]
+    groove: GrooveSection
+
+
+def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
+    """Write where the arm stands into a job file, if the laser sees a groove there; move nothing.
+
+    It waits until the arm rests, for it may have been led there by hand a moment ago. Comments
+    and everything else in the file stay as they are.
+
+    Parameters
+    ----------
+    job : JobFile
+        The job as it was read, with keys replaced or not; of one station, if it has any.
+    job_file : Path
+        Where it was read from, and what is changed.
+    which : str
+        Which of the two start poses it is.
+
+    Raises
+    ------
+    StartSeesNoGroove
+        If the laser reads no groove from there.
+    ArmFault, LaserFault
+        If a device fails, or the arm does not rest.
+    ConfigurationError
+        If the job is wrong.
+    RecordingError
+        If the file can't be written; it then is what it was.
+    """
+    with cell_of(job, job_file) as cell:
+        state = await_rest(cell.arm)
+        profile = cell.laser.capture()
+        check_still(state, cell.arm.state())
+        try:
+            groove = reader_of(job)(profile)
+        except GrooveNotFound as error:
+            raise StartSeesNoGroove(which, error) from None
+    position_mm, euler_zyx_deg = written(state.T_b_f)
+    key = (*(("station", job.station[0].name) if job.station else ("scan",)), which)
+    write_pose(job_file, key, position_mm, euler_zyx_deg)
+    return Taught(key, position_mm, euler_zyx_deg, groove)
+
+
+def written(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
+    position, angles = to_euler_zyx(T_b_f)
+    position_mm = np.round(1e3 * position, MM_DECIMALS) + 0.0  # no minus zero
+    euler_zyx_deg = np.round(np.degrees(angles), DEG_DECIMALS) + 0.0
+    return tuple(position_mm.tolist()), tuple(euler_zyx_deg.tolist())
+
+
+def write_pose(
+    job_file: Path,
+    key: Sequence[str],
+    position_mm: tuple[float, ...],
+    euler_zyx_deg: tuple[float, ...],
+) -> None:
+    """Replace one start pose in a job file, and leave all else; the file is whole at any time.
+
+    Parameters
+    ----------
+    job_file : Path
+        The file.
+    key : sequence of str
+        Where the pose stands: ``scan``, ``first``; or ``station``, its name, ``first``.
+    position_mm, euler_zyx_deg : tuple of float
+        The pose.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is no job any more.
+    RecordingError
+        If it can't be written.
+    """
+    file = job_file.resolve()  # where a link leads, so that it stays a link
+    try:
+        document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, TOMLKitError) as error:
+        raise ConfigurationError(f"can't be read again: {error}", file=job_file) from None
+    pose: Any = document
+    for name in key:
+        pose = _table(pose, name, job_file)
+    pose["position_mm"] = list(position_mm)
+    pose["euler_zyx_deg"] = list(euler_zyx_deg)
+    with drafted(file.parent) as folder:
+        draft = folder / file.name
+        draft.write_text(tomlkit.dumps(document), encoding="utf-8")
+        shutil.copymode(file, draft)
+        _check(draft, job_file)
+
+
+def _check(draft: Path, job_file: Path) -> None:
+    """Refuse to write a file that would not be read again."""
+    try:
+        read_job(draft)
+    except ConfigurationError as error:
+        raise ConfigurationError(error.message, file=job_file, key=error.key) from None
+
+
+def _table(parent: Any, name: str, job_file: Path) -> Any:
+    """A table in a table, or in an array of tables by its name."""
+    if isinstance(parent, MutableMapping):
+        found = parent.get(name)
+    else:
+        found = next((one for one in parent if one.get("name") == name), None)
+    if not isinstance(found, MutableMapping | MutableSequence):
+        raise ConfigurationError("must be a table", file=job_file, key=name)
+    return found
