@@ -1,0 +1,78 @@
+"""Named things that are loaded when they are asked for: drivers of devices, algorithms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Final, Generic, TypeVar
+
+from tjscan.core.errors import ConfigurationError, nearest
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Registry(Generic[T]):
+    """What can be asked for by name. Nothing of it is imported before.
+
+    Another package adds to it by an entry point in the group ``tjscan.<kind>``.
+
+    Parameters
+    ----------
+    kind : str
+        What its entries are, in one word for messages, for instance ``arm``.
+    own : mapping of str to str
+        Name of each entry of this package, and where it is: ``module:attribute``.
+    extras : mapping of str to str
+        For an entry that needs more than a plain install: the extra to install.
+    """
+
+    kind: str
+    own: Mapping[str, str]
+    extras: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def _places(self) -> dict[str, str]:
+        found: dict[str, str] = {
+            point.name: point.value for point in entry_points(group=f"tjscan.{self.kind}")
+        }
+        return {**found, **self.own}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that is known, in alphabetical order."""
+        return tuple(sorted(self._places))
+
+    def load(self, name: str) -> T:
+        """Import what goes by a name.
+
+        Raises
+        ------
+        ConfigurationError
+            If nothing does, or what it needs is not installed.
+        """
+        if name not in self._places:
+            raise ConfigurationError(
+                f"there is no {self.kind} {name!r}; did you mean: {nearest(name, self.names)}? "
+                f"Known: {', '.join(self.names)}"
+            )
+        try:
+            loaded: T = EntryPoint(name, self._places[name], f"tjscan.{self.kind}").load()
+        except ModuleNotFoundError as error:
+            extra = self.extras.get(name)
+            if extra is None or (error.name or "").startswith("tjscan"):
+                raise
+            raise ConfigurationError(
+                f"the {self.kind} {name!r} needs the package {error.name}, which is not "
+                f"installed: pip install 'tjscan[{extra}]'"
+            ) from error
+        return loaded
+
+
+TASKS: Final[Registry[object]] = Registry(
+    "task",
+    {"scan": "tjscan.scanning.task:TASK", "calibrate": "tjscan.calibration.task:TASK"},
+)
+"""The algorithms. What each brings to results, reports and studies is said there."""
