@@ -95,7 +95,7 @@ def faulty_scan(seed: int) -> FaultyScan:
         return FaultyScan(kind, False, False, 0.0, repr(error))
     if job.joint is None or joint is None:
         raise SystemExit(f"{JOB} names no joint to compare with")
-    T = ResultFrame(job.joint.T_w_j).T_from_b
+    T = ResultFrame(job.joint.T_w_j).T_r_b
     points = np.array([transform(T, section.points_b) for section in result.sections])
     worst = 1e3 * float(corner_errors(points, feature_edges(joint[1])).max())
     done = complete(result.stop, plan_of(job))

@@ -54,7 +54,7 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Su
     result = scan_in(cell, job, Journals())
     seconds = perf_counter() - start
     frame = ResultFrame(job.joint.T_w_j)
-    corners = np.array([transform(frame.T_from_b, s.points_b) for s in result.sections])
+    corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
     errors = corner_errors(corners, feature_edges(joint[1]))
     return summarise(result, plan_of(job), frame, errors), seconds
 

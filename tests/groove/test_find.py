@@ -66,7 +66,7 @@ def test_little_of_the_wall_is_enough_with_noise_and_without(
 @pytest.mark.parametrize("ridge", np.radians([20, 40, 60]))
 def test_angles_without_noise_are_exact(opening: float, ridge: float) -> None:
     section = find_groove(draw(Groove(opening=opening, ridge=ridge), Noise(sigma=0)))
-    assert section.opening_angle == pytest.approx(opening, abs=1e-4)
+    assert section.groove_angle == pytest.approx(opening, abs=1e-4)
     # The wall stands at the ridge's angle to the bevel.
     assert section.gamma_1 == pytest.approx(np.pi / 2 - ridge, abs=1e-4)
 
@@ -84,7 +84,7 @@ def test_moving_the_profile_moves_the_corners(angle: float, x: float, z: float, 
     expected = turned(corners(here) - CENTRE, angle) + CENTRE + shift
     assert np.abs(corners(there) - expected).max() < SAME
     assert there.area == pytest.approx(here.area, rel=2e-3)
-    assert there.opening_angle == pytest.approx(here.opening_angle, abs=2e-3)
+    assert there.groove_angle == pytest.approx(here.groove_angle, abs=2e-3)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -168,7 +168,7 @@ def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) 
 
 def test_measures_scatter_as_much_as_the_section_says() -> None:
     sections = [find_groove(draw(GROOVE, NOISE, seed)) for seed in range(60)]
-    for name in ("opening_angle", "root_width", "depth", "area"):
+    for name in ("groove_angle", "root_width", "depth", "area"):
         scatter = np.std([getattr(s, name) for s in sections])
         said = np.sqrt(np.mean([getattr(s, f"{name}_sigma") ** 2 for s in sections]))
         assert said / scatter == pytest.approx(1, abs=0.45), name

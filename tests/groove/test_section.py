@@ -59,7 +59,7 @@ def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed
 
 def test_known_measures() -> None:
     section = section_from_points(DRAWN)
-    assert section.opening_angle == pytest.approx(np.pi / 2)
+    assert section.groove_angle == pytest.approx(np.pi / 2)
     assert section.gamma_1 == pytest.approx(np.pi / 4)
     assert section.gamma_2 == pytest.approx(np.pi / 4)
     assert section.work_angle == pytest.approx(0, abs=ROUNDING)
@@ -78,7 +78,7 @@ def test_work_angle_is_half_the_difference(lean: float) -> None:
     section = section_from_points(points)
     assert section.gamma_2 == pytest.approx(np.pi / 4 + lean)
     assert section.work_angle == pytest.approx(-lean / 2)
-    assert section.gamma_1 + section.gamma_2 == pytest.approx(section.opening_angle)
+    assert section.gamma_1 + section.gamma_2 == pytest.approx(section.groove_angle)
 
 
 def turned(points: Array, angle: float, shift: tuple[float, float]) -> Array:
@@ -90,7 +90,7 @@ def turned(points: Array, angle: float, shift: tuple[float, float]) -> Array:
 def test_measures_do_not_depend_on_the_pose(angle: float, x: float, z: float) -> None:
     here = section_from_points(DRAWN)
     there = section_from_points(turned(DRAWN, angle, (x, z)))
-    for name in ("opening_angle", "work_angle", "root_width", "depth", "area"):
+    for name in ("groove_angle", "work_angle", "root_width", "depth", "area"):
         assert getattr(there, name) == pytest.approx(getattr(here, name), abs=1e-9)
     expected = np.vstack((turned(here.T_s_g[:3, 3], angle, (x, z)),))
     np.testing.assert_allclose(there.T_s_g[:3, 3], expected[0], atol=1e-9)
@@ -110,7 +110,7 @@ def test_tangents_replace_chords() -> None:
     bent[4] += (0.0, 0, 0.003)  # the far end of a leg that falls away
     leg = DRAWN[4] - DRAWN[3]
     section = section_from_points(bent, leg_s=leg / np.linalg.norm(leg))
-    assert section.opening_angle == pytest.approx(np.pi / 2)
+    assert section.groove_angle == pytest.approx(np.pi / 2)
     assert section.area == pytest.approx(section_from_points(DRAWN).area)
 
 

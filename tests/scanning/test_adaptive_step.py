@@ -31,7 +31,7 @@ def round_the_joint(world: Seam, sections: int) -> tuple[list[Scan], list[float]
 def test_nothing_changes_by_much_more_than_is_allowed(joint: str) -> None:
     scans, steps = round_the_joint(seam(joint), 14)
     grooves = [scan.groove for scan in scans[2:]]
-    angles = np.abs(np.diff([g.opening_angle for g in grooves]))
+    angles = np.abs(np.diff([g.groove_angle for g in grooves]))
     areas = np.abs(np.diff([g.area for g in grooves]))
     # One standard deviation is kept, so one change in some is larger, by little.
     assert np.mean(angles <= LIMITS.angle_change) > 0.8

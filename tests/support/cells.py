@@ -105,7 +105,7 @@ def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     joint = joint_of(job, file)
     assert joint is not None
     assert job.joint is not None
-    T_j_b = ResultFrame(job.joint.T_w_j).T_from_b
+    T_j_b = ResultFrame(job.joint.T_w_j).T_r_b
     corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
     return corner_errors(corners, feature_edges(joint[1]))
 

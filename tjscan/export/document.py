@@ -50,7 +50,7 @@ class FrameG(FileModel):
 
 
 class Measures(FileModel):
-    """Opening angle between bevel and leg, width of the root, depth and area of the groove."""
+    """Groove angle between bevel and leg, width of the root, depth and area of the groove."""
 
     groove_angle: float
     root_width: float

@@ -41,10 +41,10 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     covariance = corner_covariance(row, outline, settings.model)
     check_certainty(row, covariance, settings)
     section = _section(outline, covariance)
-    if not OPENING_LEAST < section.opening_angle < OPENING_MOST:
+    if not OPENING_LEAST < section.groove_angle < OPENING_MOST:
         raise GrooveNotFound(
             "ambiguous",
-            f"an opening of {np.degrees(section.opening_angle):.0f}° is not that of a groove",
+            f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
             row.points,
         )
     return section

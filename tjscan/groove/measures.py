@@ -24,7 +24,7 @@ class Measures:
     Parameters
     ----------
     gamma_1, gamma_2 : float
-        As `GrooveSection` has them; the opening angle is their sum.
+        As `GrooveSection` has them; the groove angle is their sum.
     width, depth : float
         In metres.
     area : float

@@ -43,7 +43,7 @@ class GrooveSection:
         Unit vectors along v1 (tangent at p2) and v4 (tangent at p4).
     T_s_g : ndarray, shape (4, 4)
         Frame g: origin where the lines along v1 and v4 meet; x along v4 x v1, y along -v1.
-    opening_angle : float
+    groove_angle : float
         Between -v2 and v4, in radians.
     gamma_1, gamma_2 : float
         Elevation of -v2 over z_g towards y_g, and depression of v4 below z_g, in radians.
@@ -60,14 +60,14 @@ class GrooveSection:
     tangent_covariance : ndarray, shape (2, 2)
         Covariance of the angles of `wall_s` and `leg_s` in the laser plane, in rad².
     measure_covariance : ndarray, shape (4, 4)
-        Covariance of opening angle, root width, depth and area.
+        Covariance of groove angle, root width, depth and area.
     """
 
     points_s: Array
     wall_s: Array
     leg_s: Array
     T_s_g: Array
-    opening_angle: float
+    groove_angle: float
     gamma_1: float
     gamma_2: float
     root_width: float
@@ -93,8 +93,8 @@ class GrooveSection:
         return np.array([self.covariance_s[k : k + 2, k : k + 2] for k in (0, 2, 4)])
 
     @property
-    def opening_angle_sigma(self) -> float:
-        """Standard deviation of the opening angle, in radians."""
+    def groove_angle_sigma(self) -> float:
+        """Standard deviation of the groove angle, in radians."""
         return float(np.sqrt(self.measure_covariance[0, 0]))
 
     @property

@@ -20,7 +20,7 @@ NEAR: Final = 30e-3
 
 
 def designed_measures(sections: Sequence[MeasuredSection], joint: JointDefinition) -> Array:
-    """Opening angle, root width, depth and area, shape (n, 4); NaN where a plane meets no groove.
+    """Groove angle, root width, depth and area, shape (n, 4); NaN where a plane meets no groove.
 
     The laser's plane is turned from the groove's normal plane, where a drawing states angles. So
     the designed edges are cut by the plane of each section, and measured like it.
@@ -60,7 +60,7 @@ def _measures(
         found = section_from_points(points, wall_s=down, leg_s=out)
     except GrooveNotFound:
         return np.full(4, np.nan)
-    return np.array((found.opening_angle, found.root_width, found.depth, found.area))
+    return np.array((found.groove_angle, found.root_width, found.depth, found.area))
 
 
 def _in_plane(normal_g: Array) -> Array:

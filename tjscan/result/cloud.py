@@ -15,10 +15,7 @@ from tjscan.scanning.scan import Scan
 def groove_points(sections: Sequence[Scan], frame: ResultFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
     return np.concatenate(
-        [
-            transform(frame.T_from_b @ scan.view.T_b_s, scan.view.profile.points_s)
-            for scan in sections
-        ]
+        [transform(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s) for scan in sections]
     )
 
 

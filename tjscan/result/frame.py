@@ -34,8 +34,8 @@ class ResultFrame:
         return "b" if self.T_b_j is None else "j"
 
     @property
-    def T_from_b(self) -> Array:
-        """What maps base coordinates into it, shape (4, 4)."""
+    def T_r_b(self) -> Array:
+        """Pose of the base frame in it, shape (4, 4)."""
         return np.eye(4) if self.T_b_j is None else inverse(self.T_b_j)
 
     def azimuth(self, p: Array) -> float:

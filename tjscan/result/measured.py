@@ -32,7 +32,7 @@ class MeasuredSection:
     covariances : ndarray, shape (3, 3, 3)
         Of p2, p3 and p4, m².
     measures : ndarray, shape (4,)
-        Opening angle (radians), root width, depth (metres) and area (m²).
+        Groove angle (radians), root width, depth (metres) and area (m²).
     measure_covariance : ndarray, shape (4, 4)
         Their covariance.
     work_angle : float
@@ -65,7 +65,7 @@ class MeasuredSection:
 def measure(scan: Scan, frame: ResultFrame, station: str = "1") -> MeasuredSection:
     """A finished section in the frame of the result."""
     groove = scan.groove
-    T_r_s = frame.T_from_b @ scan.view.T_b_s
+    T_r_s = frame.T_r_b @ scan.view.T_b_s
     T_r_g = T_r_s @ groove.T_s_g
     in_plane = T_r_s[:3, [0, 2]]  # x and z of frame s
     return MeasuredSection(
@@ -75,7 +75,7 @@ def measure(scan: Scan, frame: ResultFrame, station: str = "1") -> MeasuredSecti
         T_r_g=T_r_g,
         points=transform(T_r_s, groove.points_s),
         covariances=in_plane @ groove.corner_covariances_s @ in_plane.T,
-        measures=np.array((groove.opening_angle, groove.root_width, groove.depth, groove.area)),
+        measures=np.array((groove.groove_angle, groove.root_width, groove.depth, groove.area)),
         measure_covariance=groove.measure_covariance,
         work_angle=groove.work_angle,
         rms=groove.rms,

@@ -82,8 +82,8 @@ def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
     return [
         (
             "groove_angle_deg",
-            float(np.degrees(section.opening_angle)),
-            float(np.degrees(section.opening_angle_sigma)),
+            float(np.degrees(section.groove_angle)),
+            float(np.degrees(section.groove_angle_sigma)),
         ),
         ("root_width_mm", 1e3 * section.root_width, 1e3 * section.root_width_sigma),
         ("depth_mm", 1e3 * section.depth, 1e3 * section.depth_sigma),

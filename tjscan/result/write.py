@@ -96,7 +96,7 @@ def write_scan(
         frame=frame.name,
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_outline(joint),
-        paths=[transform(frame.T_from_b, [view.T_b_f[:3, 3] for view in result.views])],
+        paths=[transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
         example=middle,
     )
     write_results(directory, sections, points, summary, picture)

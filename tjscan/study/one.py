@@ -55,7 +55,7 @@ def _scan(task: Task) -> tuple[ScanResult, ScanPlan, ResultFrame, JointDefinitio
 def _measured(
     result: ScanResult, plan: ScanPlan, frame: ResultFrame, joint: JointDefinition
 ) -> Measured:
-    corners = np.array([transform(frame.T_from_b, s.points_b) for s in result.sections])
+    corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
     summary = summarise(result, plan, frame, corner_errors(corners, _edges(joint)))
     step, error = summary.step_mm, summary.corner_error_mm
     predicted, corrected = (
@@ -100,7 +100,7 @@ def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
 
 def _path(result: ScanResult, frame: ResultFrame) -> tuple[tuple[float, float, float], ...]:
     """The flange's way in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
-    flange = transform(frame.T_from_b, [view.T_b_f[:3, 3] for view in result.views])
+    flange = transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))
     distance = 1e3 * np.hypot(flange[:, 0], flange[:, 1])
     points: Array = np.round(np.column_stack((azimuth, distance, 1e3 * flange[:, 2])), 3)

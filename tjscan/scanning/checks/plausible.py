@@ -182,7 +182,7 @@ def check_agreement(found: Scan, stride: Stride) -> None:
 
 
 def _measures(groove: GrooveSection) -> Array:
-    return np.array((groove.opening_angle, groove.root_width, groove.depth))
+    return np.array((groove.groove_angle, groove.root_width, groove.depth))
 
 
 def _most_aside(step: float) -> float:

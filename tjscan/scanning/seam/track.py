@@ -47,7 +47,7 @@ class Track:
         Unit vectors in the laser plane along the brace's wall at p2 (down) and along the leg at
         p4 (out).
     shape : ndarray, shape (n, 3)
-        Distances of p2 and p4 from the origin along these tangents (metres), opening angle
+        Distances of p2 and p4 from the origin along these tangents (metres), groove angle
         (radians): what is left of a section once both tangents are known.
     sigmas : ndarray, shape (6, n)
         Standard deviations of where p2, p4 and p1, p5 lie across their walls (metres), and of
@@ -91,7 +91,7 @@ def track_of(sections: Sequence[Scan]) -> Track:
     lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
     # The origin is found along a tangent by both: their noise over the distance between them.
     reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + REPEATABILITY**2
-    openings = np.array([(g.opening_angle, g.measure_covariance[0, 0]) for g in grooves])
+    openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
     return Track(
         along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
         origins=origins,
