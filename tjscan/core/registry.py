@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, Literal, TypeVar
 
 from tjscan.core.errors import ConfigurationError, nearest
 
@@ -71,7 +71,54 @@ class Registry(Generic[T]):
         return loaded
 
 
-TASKS: Final[Registry[object]] = Registry(
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What an algorithm brings to the parts of the program that serve every algorithm.
+
+    A part is named by where it is, ``module:attribute``, and imported when it is asked for; an
+    algorithm that brings nothing of a kind leaves it empty. Each part's type belongs to whoever
+    asks for it.
+
+    Parameters
+    ----------
+    name : str
+        As in `TASKS`.
+    topics : str
+        What it records.
+    tables : str
+        The tables that it reads in a job file.
+    report : str
+        Its chapters of a report.
+    study : str
+        What a study varies, runs and measures: a `tjscan.study.kind.StudyKind`.
+    """
+
+    name: str
+    topics: str = ""
+    tables: str = ""
+    report: str = ""
+    study: str = ""
+
+    def load(self, part: Literal["topics", "tables", "report", "study"]) -> Any:
+        """Import a part.
+
+        Parameters
+        ----------
+        part : str
+            Which one.
+
+        Raises
+        ------
+        ConfigurationError
+            If the algorithm brings none.
+        """
+        place: str = getattr(self, part)
+        if not place:
+            raise ConfigurationError(f"the task {self.name!r} brings no {part}")
+        return EntryPoint(part, place, "tjscan.task").load()
+
+
+TASKS: Final[Registry[Task]] = Registry(
     "task",
     {"scan": "tjscan.scanning.task:TASK", "calibrate": "tjscan.calibration.task:TASK"},
 )

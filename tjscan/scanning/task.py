@@ -1,0 +1,9 @@
+"""What the scan brings to recordings, jobs, reports and studies."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tjscan.core.registry import Task
+
+TASK: Final = Task("scan")
