@@ -1,4 +1,4 @@
-"""From a chain to the most likely outline: sides straight or curved, corners, covariance.
+"""From a hypothesis to the most likely fit: sides straight or curved, corners, covariance.
 
 All sides are fitted to the points that their corners leave them, over and over until nothing
 moves. A side's section is a straight line or a shallow cubic whose bend and twist are those of
@@ -112,7 +112,7 @@ class Equations:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outline:
+class FittedProfile:
     """k fitted sides and the corners between them.
 
     Parameters
@@ -188,20 +188,20 @@ def refine(
     tolerance: float,
     *,
     annealed: bool = True,
-) -> Outline | None:
-    """Find the most likely outline near a chain; None where there is none.
+) -> FittedProfile | None:
+    """Find the most likely fit near a hypothesis; None where there is none.
 
     Parameters
     ----------
     row : Row
     sides : tuple of Curve
-        A chain, from the wall.
+        A hypothesis, from the wall.
     corners : ndarray, shape (k - 1, 2)
         Where they meet.
     model : tuple of Side
         What its sides are like.
     tolerance : float
-        Distance from the chain within which points belong to it, in metres.
+        Distance from the hypothesis within which points belong to it, in metres.
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
     """
@@ -211,31 +211,31 @@ def refine(
     inflation = _GUESSED_INFLATION
     limits = np.full(len(sides), (*widths, 1.0)[0] * tolerance)
     sigmas = np.full(len(sides), tolerance / 4)
-    outline: Outline | None = None
+    fitted: FittedProfile | None = None
     noise: Correlation | None = None
     straight: Array | None = None
     for count in range(MOST_ROUNDS):
-        before = outline
+        before = fitted
         weight = prior_weights(spread, curved, sigmas, inflation)
-        if outline is not None and count < REBASED_ROUNDS:
-            sides = tuple(c.rebased(m) for c, m in zip(sides, outline.middles, strict=True))
-        outline = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
-        if outline is None:
+        if fitted is not None and count < REBASED_ROUNDS:
+            sides = tuple(c.rebased(m) for c, m in zip(sides, fitted.middles, strict=True))
+        fitted = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
+        if fitted is None:
             return None
-        sides, corners, sigmas = outline.curves, outline.corners, outline.sigmas
+        sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
         limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance)
         if count + 1 < len(widths):
             limits = np.full(len(sides), widths[count + 1] * tolerance)
-        moved = np.inf if before is None else np.abs(outline.corners - before.corners).max()
+        moved = np.inf if before is None else np.abs(fitted.corners - before.corners).max()
         if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
-            noise = noise_of(row, outline)
+            noise = noise_of(row, fitted)
             inflation = noise.inflation
-            straight = _evidence(row, outline, noise, spread)
+            straight = _evidence(row, fitted, noise, spread)
             curved = curved & (straight < CLEARLY)
-    return None if outline is None else replace(outline, noise=noise, straight=straight)
+    return None if fitted is None else replace(fitted, noise=noise, straight=straight)
 
 
 def prior_weights(
@@ -260,7 +260,7 @@ def _round(
     curved: NDArray[np.bool_],
     *,
     shadows: bool,
-) -> Outline | None:
+) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
     cuts = np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]).tolist()
     spans = list(pairwise((0, *cuts, len(row.points))))
@@ -304,7 +304,7 @@ def _round(
     if met is None:
         return None
     middles = tuple((_UNIT * sums[1] / counts).tolist())
-    return Outline(
+    return FittedProfile(
         fitted,
         met[1],
         met[0],
@@ -368,11 +368,11 @@ def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return keep
 
 
-def noise_of(row: Row, outline: Outline) -> Correlation:
+def noise_of(row: Row, fitted: FittedProfile) -> Correlation:
     """Correlation of the noise, pooled over all sides."""
-    keep = outline.keep
-    scaled = outline.residuals[keep] / np.maximum(outline.sigmas, 1e-9)[outline.owner[keep]]
-    return correlation(scaled, row.columns[keep], row.count, int(outline.parameters.sum()))
+    keep = fitted.keep
+    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9)[fitted.owner[keep]]
+    return correlation(scaled, row.columns[keep], row.count, int(fitted.parameters.sum()))
 
 
 def prior_doubts(weight: Array, spread: Array) -> Array:
@@ -380,27 +380,27 @@ def prior_doubts(weight: Array, spread: Array) -> Array:
     return np.where(weight[:, 2:] < _STIFF, weight[:, 2:] * spread, 0.0)
 
 
-def noise_variances(outline: Outline, noise: Correlation) -> Array:
+def noise_variances(fitted: FittedProfile, noise: Correlation) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    pairs = zip(outline.parameters.tolist(), outline.counts.tolist(), strict=True)
+    pairs = zip(fitted.parameters.tolist(), fitted.counts.tolist(), strict=True)
     lost = np.array([lost_share(p, noise.inflation, c) for p, c in pairs])
-    return np.asarray(outline.sigmas**2 / (1 - lost))
+    return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 
-def _evidence(row: Row, outline: Outline, noise: Correlation, spread: Array) -> Array:
+def _evidence(row: Row, fitted: FittedProfile, noise: Correlation, spread: Array) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
-    keep = outline.keep
-    owner = outline.owner[keep]
-    u = outline.along[keep] / _UNIT
-    c0, c1, c2, c3 = outline.inverse[owner, 2].T
+    keep = fitted.keep
+    owner = fitted.owner[keep]
+    u = fitted.along[keep] / _UNIT
+    c0, c1, c2, c3 = fitted.inverse[owner, 2].T
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
-    doubt = prior_doubts(outline.weight, spread)
-    variance = noise_variances(outline, noise)
+    doubt = prior_doubts(fitted.weight, spread)
+    variance = noise_variances(fitted, noise)
     variance = variance * correlated_squares(noise, share, owner, row.columns[keep])
-    variance += ((outline.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
+    variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
-    bend = np.array([c.c2 for c in outline.curves]) * _UNIT**2
+    bend = np.array([c.c2 for c in fitted.curves]) * _UNIT**2
     prior = np.maximum(spread[:, 0], 1e-15)
     return np.asarray(np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance))
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.effort import Effort
+from tjscan.groove.budget import SearchBudget
 
 Index = NDArray[np.intp]
 
@@ -90,7 +90,7 @@ def normals(directions: Array) -> Array:
     return found
 
 
-def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
+def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Segments:
     """Find the long segments in a row of points, by falling score.
 
     Parameters
@@ -99,7 +99,7 @@ def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
         x and z in metres, ordered from wall to leg.
     tolerance : float
         Distance from a segment at which a point stops supporting it, in metres.
-    effort : Effort
+    budget : SearchBudget
 
     Returns
     -------
@@ -108,16 +108,16 @@ def find_segments(points: Array, tolerance: float, effort: Effort) -> Segments:
     """
     step = max(1, round(len(points) / THINNED))
     row = points[::step]
-    segments = _windows(points, tolerance, effort.windows)
+    segments = _windows(points, tolerance, budget.windows)
     if not len(segments):
         return segments
-    segments, gain = _stretched(segments, row, tolerance, effort.gap_cost)
-    segments = _spread(segments, gain, effort.kept)
-    for _ in range(effort.refits):
+    segments, gain = _stretched(segments, row, tolerance, budget.gap_cost)
+    segments = _spread(segments, gain, budget.kept)
+    for _ in range(budget.refits):
         segments, gain = _stretched(
-            _refitted(segments, row, tolerance), row, tolerance, effort.gap_cost
+            _refitted(segments, row, tolerance), row, tolerance, budget.gap_cost
         )
-    segments = _distinct(segments, gain, effort.kept)
+    segments = _distinct(segments, gain, budget.kept)
     return replace(
         segments,
         first=segments.first * step,

@@ -1,4 +1,4 @@
-"""How uncertain the corners of an outline are, and the directions of its outer sides."""
+"""How uncertain the corners of a fit are, and the directions of its outer sides."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tjscan.groove.models import GrooveModel
 from tjscan.groove.noise import Correlation, correlated_sums
 from tjscan.groove.refinement import (
     POWERS,
-    Outline,
+    FittedProfile,
     Row,
     noise_of,
     noise_variances,
@@ -22,18 +22,18 @@ from tjscan.groove.refinement import (
 )
 
 
-def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
+def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Array:
     """Covariance of corners and of both end tangents' angles, shape (2 k, 2 k) for k sides.
 
     Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
     normal there and b the derivatives of its height by its coefficients c.
     """
-    noise = outline.noise or noise_of(row, outline)
-    spread = _coefficient_covariances(row, outline, noise, spread_of(model.sides))
-    k = len(outline.curves)
+    noise = fitted.noise or noise_of(row, fitted)
+    spread = _coefficient_covariances(row, fitted, noise, spread_of(model.sides))
+    k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
-    for i, place in enumerate(outline.places):
-        (a, b), (sa, sb) = outline.curves[i : i + 2], place
+    for i, place in enumerate(fitted.places):
+        (a, b), (sa, sb) = fitted.curves[i : i + 2], place
         (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
         # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
         wa = 1.0 / hypot(1.0, a.height(sa)[1])
@@ -43,9 +43,9 @@ def corner_covariance(row: Row, outline: Outline, model: GrooveModel) -> Array:
             [-bx * wa * p / det for p in _powers(sa)] + [ax * wb * p / det for p in _powers(sb)],
             [-bz * wa * p / det for p in _powers(sa)] + [az * wb * p / det for p in _powers(sb)],
         ]
-    ends = ((0, 0, outline.places[0][0]), (k - 1, k - 2, outline.places[-1][1]))
+    ends = ((0, 0, fitted.places[0][0]), (k - 1, k - 2, fitted.places[-1][1]))
     for row_, (side, corner, s) in enumerate(ends, start=2 * k - 2):
-        curve = outline.curves[side]
+        curve = fitted.curves[side]
         _, slope = curve.height(s)
         # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
         turned = -1.0 / (1.0 + slope * slope)
@@ -63,7 +63,7 @@ def _powers(s: float) -> tuple[float, float, float, float]:
 
 
 def _coefficient_covariances(
-    row: Row, outline: Outline, noise: Correlation, spread: Array
+    row: Row, fitted: FittedProfile, noise: Correlation, spread: Array
 ) -> Array:
     """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
 
@@ -72,22 +72,22 @@ def _coefficient_covariances(
     was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
     averaging).
     """
-    keep = outline.keep
-    u = outline.along[keep] / POWERS[1]
+    keep = fitted.keep
+    u = fitted.along[keep] / POWERS[1]
     basis = np.empty((4, len(u)))
     basis[0], basis[1] = 1.0, u
     np.multiply(u, u, out=basis[2])
     np.multiply(basis[2], u, out=basis[3])
-    meat = correlated_sums(noise, basis, outline.owner[keep], row.columns[keep])
-    meat *= noise_variances(outline, noise)[:, None, None]
+    meat = correlated_sums(noise, basis, fitted.owner[keep], row.columns[keep])
+    meat *= noise_variances(fitted, noise)[:, None, None]
     bends = spread[:, 0] > 0
-    here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in outline.curves]
-    total = _sandwich(outline.inverse, meat, outline.weight, spread)
-    if outline.straight is not None:
-        other = prior_weights(spread, bends & ~outline.curved, outline.sigmas, noise.inflation)
-        there, inverse = outline.equations.solved(other)
+    here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
+    total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
+    if fitted.straight is not None:
+        other = prior_weights(spread, bends & ~fitted.curved, fitted.sigmas, noise.inflation)
+        there, inverse = fitted.equations.solved(other)
         away = there - here
-        odds = np.where(outline.curved, outline.straight, -outline.straight)
+        odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, expit(odds), 0.0)[:, None, None]
         total *= 1 - share
         total += share * _sandwich(inverse, meat, other, spread)

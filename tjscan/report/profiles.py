@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_outline
+from tjscan.groove.find import fit_profile
 from tjscan.laser.profile import Profile
 from tjscan.report.material import Material, Place
 from tjscan.report.picture import Picture, inlined, sheet
@@ -71,26 +71,26 @@ def _draw(axes: Any, profile: Profile, place: Place) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        row, outline = find_outline(profile, place.job.groove.settings)
+        row, fitted = fit_profile(profile, place.job.groove.settings)
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
         return
-    keep = outline.keep
+    keep = fitted.keep
     low, high = row.points[keep].min(axis=0) - ABOUT, row.points[keep].max(axis=0) + ABOUT
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
     for part, colour, name in ((keep, LASER, "fitted"), (near, LEFT_OUT, "left out")):
         axes.plot(*_zx(row.points[part]), ".", color=colour, markersize=3, label=name)
-    starts = [np.nan, *(after for _, after in outline.places)]
-    ends = [*(before for before, _ in outline.places), np.nan]
-    for k, curve in enumerate(outline.curves):
-        own = outline.along[keep & (outline.owner == k)]
+    starts = [np.nan, *(after for _, after in fitted.places)]
+    ends = [*(before for before, _ in fitted.places), np.nan]
+    for k, curve in enumerate(fitted.curves):
+        own = fitted.along[keep & (fitted.owner == k)]
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
         line = np.array([curve.at(float(s)) for s in np.linspace(first, last, ALONG)])
         axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
-    axes.plot(*_zx(outline.corners), "o", color=ROOT, markersize=7, fillstyle="none")
-    for number, (x, z) in enumerate(1e3 * outline.corners, start=2):
+    axes.plot(*_zx(fitted.corners), "o", color=ROOT, markersize=7, fillstyle="none")
+    for number, (x, z) in enumerate(1e3 * fitted.corners, start=2):
         axes.annotate(
             f"$p_{number}$", (z, x), xytext=(7, 0), textcoords="offset points", fontsize=9
         )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, find_groove, find_outline
+from tjscan.groove.find import GrooveSettings, find_groove, fit_profile
 from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
@@ -56,8 +56,8 @@ def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Itera
                 section = find_groove(profile, settings)
                 yield Reading(name, profile, section.points_s, section)
             else:
-                _, outline = find_outline(profile, settings)
-                xz = outline.corners
+                _, fitted = fit_profile(profile, settings)
+                xz = fitted.corners
                 yield Reading(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
             yield Reading(name, profile, np.empty((0, 3)), refusal=refusal)

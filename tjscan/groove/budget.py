@@ -7,7 +7,7 @@ from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
+class SearchBudget:
     """Numbers of hypotheses.
 
     Parameters
@@ -40,9 +40,9 @@ class Effort:
 
 _COARSE, _FINE = (48, 24), (48, 24, 12, 6)
 
-EFFORTS: Final = (
-    Effort(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),
-    Effort(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
-    Effort(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
+SEARCH_BUDGETS: Final = (
+    SearchBudget(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),
+    SearchBudget(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
+    SearchBudget(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
 )
 """One after the other, until a groove is read."""

@@ -1,4 +1,4 @@
-"""Find the outline of a groove of any model in a profile, or refuse to."""
+"""Find the sides of a groove of any model in a profile, or refuse to."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.chain import (
+from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
+from tjscan.groove.curves import Curve
+from tjscan.groove.hypotheses import (
     DISTINCT,
     IN_FRONT,
     RIVAL_MARGIN,
     RIVALS,
-    Chain,
+    PolylineHypothesis,
     bearing,
-    best_chains,
+    best_hypotheses,
     outer_pairs,
 )
-from tjscan.groove.curves import Curve
-from tjscan.groove.effort import EFFORTS, Effort
 from tjscan.groove.models import LEAST_SIDES, Turn
-from tjscan.groove.refinement import Outline, Row, refine
+from tjscan.groove.refinement import FittedProfile, Row, refine
 from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.uncertainty import corner_covariance
@@ -53,26 +53,26 @@ STRAYED: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
 MADE_UP: Final = 0.5
-"""Share of the points a chain leaves unexplained that other outer sides may yet explain."""
+"""Share of the points a hypothesis leaves unexplained that other outer sides may yet explain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
     """A refined hypothesis."""
 
-    outline: Outline
-    price: float
+    fitted: FittedProfile
+    cost: float
 
 
-def find_outline(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, Outline]:
+def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, FittedProfile]:
     """Find the sides and corners of a groove of any model.
 
     Parameters and errors are those of `find_groove`; the points come ordered from the first
     side to the last.
     """
-    row, outline = locate(profile, settings)
-    check_certainty(row, corner_covariance(row, outline, settings.model), settings)
-    return row, outline
+    row, fitted = locate(profile, settings)
+    check_certainty(row, corner_covariance(row, fitted, settings.model), settings)
+    return row, fitted
 
 
 def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> None:
@@ -98,8 +98,8 @@ def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> No
         )
 
 
-def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
-    """Find the most likely outline that its points bear out, however uncertain its corners."""
+def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, FittedProfile]:
+    """Find the most likely fit that its points bear out, however uncertain its corners."""
     # Many sensors write a zero where they see nothing; and nothing is seen behind them.
     valid = profile.valid & (profile.z_s > 0)
     points = np.empty((np.count_nonzero(valid), 2))
@@ -114,44 +114,46 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Outline]:
     tangents = bearing(points)
     order = np.argsort(tangents, kind="stable")
     row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
-    for effort in EFFORTS[:-1]:
+    for budget in SEARCH_BUDGETS[:-1]:
         try:
-            return row, _search(row, settings, effort)
+            return row, _search(row, settings, budget)
         except GrooveNotFound:
             continue
-    return row, _search(row, settings, EFFORTS[-1])
+    return row, _search(row, settings, SEARCH_BUDGETS[-1])
 
 
-def _search(row: Row, settings: GrooveSettings, effort: Effort) -> Outline:
-    """Look for an outline once."""
-    segments = find_segments(row.points, settings.tolerance, effort)
-    chains = _chains(row, segments, settings, effort)
-    if not chains and effort is not EFFORTS[-1]:
+def _search(row: Row, settings: GrooveSettings, budget: SearchBudget) -> FittedProfile:
+    """Look for a fit once."""
+    segments = find_segments(row.points, settings.tolerance, budget)
+    hypotheses = _hypotheses(row, segments, settings, budget)
+    if not hypotheses and budget is not SEARCH_BUDGETS[-1]:
         raise GrooveNotFound("no bevel", "nothing found yet")
-    if not chains:
-        raise _why_not(row, segments, settings, effort)
-    chains.sort(key=lambda c: c.price)
-    chains = [c for c in chains[:RIVALS] if c.price <= chains[0].price + RIVAL_MARGIN]
-    candidates = [c for h in chains if (c := _candidate(row, h, settings)) is not None]
+    if not hypotheses:
+        raise _why_not(row, segments, settings, budget)
+    hypotheses.sort(key=lambda c: c.cost)
+    hypotheses = [c for c in hypotheses[:RIVALS] if c.cost <= hypotheses[0].cost + RIVAL_MARGIN]
+    candidates = [c for h in hypotheses if (c := _candidate(row, h, settings)) is not None]
     if not candidates:
         raise GrooveNotFound("no bevel", "no sides fit the points together", row.points)
-    best = min(candidates, key=lambda c: c.price)
+    best = min(candidates, key=lambda c: c.cost)
     _check(row, best, candidates, settings)
-    return best.outline
+    return best.fitted
 
 
-def _chains(row: Row, segments: Segments, settings: GrooveSettings, effort: Effort) -> list[Chain]:
+def _hypotheses(
+    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
+) -> list[PolylineHypothesis]:
     """Chains between the likeliest outer sides."""
     across = settings.model.across
     if across.least < 0 < across.most:
         segments = with_halves(segments, row.points, settings.tolerance)
-    chains: list[Chain] = []
+    hypotheses: list[PolylineHypothesis] = []
     cheapest, likeliest = np.inf, -np.inf
-    for i, j, score in outer_pairs(segments, settings.model, len(row.points), effort.pairs):
+    for i, j, score in outer_pairs(segments, settings.model, len(row.points), budget.pairs):
         # Only points still unexplained can make up for what this pair explains less.
         if likeliest - score > MADE_UP * cheapest:
             break
-        chains += best_chains(
+        hypotheses += best_hypotheses(
             settings.model,
             row.points,
             row.tangents,
@@ -159,12 +161,12 @@ def _chains(row: Row, segments: Segments, settings: GrooveSettings, effort: Effo
             int(segments.last[i]),
             int(segments.first[j]),
             settings.tolerance,
-            effort,
+            budget,
         )
-        if chains:
-            cheapest = min(c.price for c in chains)
+        if hypotheses:
+            cheapest = min(c.cost for c in hypotheses)
             likeliest = max(likeliest, score)
-    return chains
+    return hypotheses
 
 
 def _curve(segments: Segments, k: int) -> Curve:
@@ -175,7 +177,7 @@ def _curve(segments: Segments, k: int) -> Curve:
 
 
 def _why_not(
-    row: Row, segments: Segments, settings: GrooveSettings, effort: Effort
+    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
 ) -> GrooveNotFound:
     """What a profile without a groove of this model shows instead."""
     model = settings.model
@@ -196,8 +198,8 @@ def _why_not(
     ):
         if len(part.sides) < LEAST_SIDES:
             continue
-        chains = _chains(row, segments, replace(settings, model=part), effort)
-        if any(c.price < most for c in chains):
+        hypotheses = _hypotheses(row, segments, replace(settings, model=part), budget)
+        if any(c.cost < most for c in hypotheses):
             return GrooveNotFound(
                 "out of range",
                 f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
@@ -212,62 +214,64 @@ def _why_not(
     )
 
 
-def _candidate(row: Row, chain: Chain, settings: GrooveSettings) -> _Candidate | None:
-    """Refine a hypothesis and price it again."""
+def _candidate(
+    row: Row, hypothesis: PolylineHypothesis, settings: GrooveSettings
+) -> _Candidate | None:
+    """Refine a hypothesis and cost it again."""
     tolerance = settings.tolerance
     best: _Candidate | None = None
     for annealed in (True, False):
-        outline = refine(
+        fitted = refine(
             row,
-            chain.sides,
-            chain.corners,
+            hypothesis.sides,
+            hypothesis.corners,
             settings.model.sides,
             tolerance,
             annealed=annealed,
         )
-        if outline is not None:
-            scaled = outline.residuals / tolerance
-            price = np.minimum(scaled * scaled, 1)
-            price[scaled < -1] = IN_FRONT
-            total = float(price.sum())
-            if best is None or total < best.price:
-                best = _Candidate(outline, total)
-        if best is not None and best.price < chain.price + STRAYED * len(row.points):
+        if fitted is not None:
+            scaled = fitted.residuals / tolerance
+            cost = np.minimum(scaled * scaled, 1)
+            cost[scaled < -1] = IN_FRONT
+            total = float(cost.sum())
+            if best is None or total < best.cost:
+                best = _Candidate(fitted, total)
+        if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
             break
     return best
 
 
-def _turns(outline: Outline) -> list[float]:
+def _turns(fitted: FittedProfile) -> list[float]:
     """Turn at each corner, positive in a valley."""
     turns = []
-    for (a, b), (sa, sb) in zip(pairwise(outline.curves), outline.places, strict=True):
+    for (a, b), (sa, sb) in zip(pairwise(fitted.curves), fitted.places, strict=True):
         (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
         turns.append(atan2(ax * bz - az * bx, ax * bx + az * bz))
     return turns
 
 
-def _before(row: Row, outline: Outline, tolerance: float) -> list[int]:
+def _before(row: Row, fitted: FittedProfile, tolerance: float) -> list[int]:
     """Number of points clearly before each side."""
-    before = outline.residuals < -1.5 * tolerance
+    before = fitted.residuals < -1.5 * tolerance
     if not before.any():
-        return [0] * len(outline.curves)
-    for corner in outline.corners:
+        return [0] * len(fitted.curves)
+    for corner in fitted.corners:
         before &= np.abs(row.points - corner).max(axis=1) > CORNER
-    counts: list[int] = np.bincount(outline.owner[before], minlength=len(outline.curves)).tolist()
+    counts: list[int] = np.bincount(fitted.owner[before], minlength=len(fitted.curves)).tolist()
     return counts
 
 
 def _check(
     row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
 ) -> None:
-    """Refuse an outline that its points don't bear out."""
-    outline = best.outline
+    """Refuse a fit that its points don't bear out."""
+    fitted = best.fitted
 
     def doubt(detail: str) -> GrooveNotFound:
         return GrooveNotFound("ambiguous", detail, row.points)
 
-    before = _before(row, outline, settings.tolerance)
-    sides = zip(settings.model.sides, outline.counts, outline.shares, before, strict=True)
+    before = _before(row, fitted, settings.tolerance)
+    sides = zip(settings.model.sides, fitted.counts, fitted.shares, before, strict=True)
     for side, count, share, front in sides:
         if share < settings.inlier_share or count < FEWEST:
             raise doubt(
@@ -278,15 +282,15 @@ def _check(
                 f"{front} points lie before the {side.name}, which {count} points lie on: "
                 "it may be a reflection"
             )
-    for turned, allowed in zip(_turns(outline), settings.model.turns, strict=True):
+    for turned, allowed in zip(_turns(fitted), settings.model.turns, strict=True):
         if not allowed.least - SLACK <= turned <= allowed.most + SLACK:
             raise doubt(f"a corner turns by {degrees(turned):.0f}°, which no such groove does")
     for rival in candidates:
-        apart = float(np.abs(rival.outline.corners - outline.corners).max())
-        if apart > DISTINCT and rival.price < best.price + LEAST_LEAD:
+        apart = float(np.abs(rival.fitted.corners - fitted.corners).max())
+        if apart > DISTINCT and rival.cost < best.cost + LEAST_LEAD:
             raise doubt(
                 f"another reading, {1e3 * apart:.1f} mm away, explains the points about as well"
             )
-    rms = float(np.sqrt(np.mean(outline.residuals[outline.keep] ** 2)))
+    rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:
         raise doubt(f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them")

@@ -1,11 +1,11 @@
-"""From the long outer sides to the whole groove: lines between them, and the best chain.
+"""From the long outer sides to the whole groove: lines between them, and the best hypothesis.
 
 Between the two outer sides few points may be left of a side, the rest hidden by reflections.
 So many pairs of points propose lines there, and the template is laid over them by dynamic
-programming. A chain's corners are the intersections of neighbours, and each point pays, up to
+programming. A hypothesis's corners are the intersections of neighbours, and each point pays, up to
 a limit, for its distance to the side that its ray would hit: before its start and after its
-end a side counts for nothing. That price is a sum over pairs of neighbours, so the cheapest of
-all chains, and every rival to it, is found without trying them one by one.
+end a side counts for nothing. That cost is a sum over pairs of neighbours, so the cheapest of
+all hypotheses, and every rival to it, is found without trying them one by one.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.budget import SearchBudget
 from tjscan.groove.curves import Curve
-from tjscan.groove.effort import Effort
 from tjscan.groove.models import GrooveModel, Side, Turn
 from tjscan.groove.segments import Index, Segments, normals
 
@@ -53,13 +53,13 @@ DISTINCT: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
 RIVALS: Final = 3
-"""Most chains looked at more closely."""
+"""Most hypotheses looked at more closely."""
 
 MOST_RIVALS: Final = 150
-"""Most chains of which the distinct ones are sought."""
+"""Most hypotheses of which the distinct ones are sought."""
 
 RIVAL_MARGIN: Final = 12.0
-"""By how many outliers a chain may be dearer than the cheapest and still be looked at."""
+"""By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
 
 NEAREST: Final = 0.02
 """Least distance of anything from the sensor, in metres."""
@@ -69,7 +69,7 @@ AWAY: Final = 30e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chain:
+class PolylineHypothesis:
     """A hypothesis: one curve for every side, from the wall.
 
     Parameters
@@ -77,13 +77,13 @@ class Chain:
     sides : tuple of Curve
     corners : ndarray, shape (k - 1, 2)
         Where neighbours meet, x and z in metres.
-    price : float
+    cost : float
         What all points pay, in outliers.
     """
 
     sides: tuple[Curve, ...]
     corners: Array
-    price: float
+    cost: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +130,7 @@ def outer_pairs(
     return [(*divmod(k, len(segments)), float(score.flat[k])) for k in likely]
 
 
-def best_chains(
+def best_hypotheses(
     model: GrooveModel,
     points: Array,
     tangents: Array,
@@ -138,9 +138,9 @@ def best_chains(
     until: int,
     since: int,
     tolerance: float,
-    effort: Effort,
-) -> list[Chain]:
-    """Cheapest chain between two outer sides, and its distinct rivals; none if nothing fits.
+    budget: SearchBudget,
+) -> list[PolylineHypothesis]:
+    """Cheapest hypothesis between two outer sides, and its distinct rivals; none if nothing fits.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def best_chains(
         Last point of the first side's stretch, and first point of the last side's.
     tolerance : float
         Distance at which a point stops supporting a side, in metres.
-    effort : Effort
+    budget : SearchBudget
     """
     d_first, d_last = (side.distances(points) / tolerance for side in outer)
     lo = max(_end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
@@ -163,12 +163,12 @@ def best_chains(
     if hi - lo < FEWEST * (len(model.sides) - 2):
         return []
     region, u = points[lo:hi], tangents[lo:hi]
-    outside = float(_prices(d_first[:lo]).sum() + _prices(d_last[hi:]).sum())
+    outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
     ends = [
         _Lines(np.zeros((1, 2)), np.zeros((1, 2)), *_running(d[None, lo:hi]))
         for d in (d_first, d_last)
     ]
-    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, effort.proposals)
+    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, budget.proposals)
     if not len(lines):
         return []
     # What a point adds to the stretch it lies in.
@@ -191,7 +191,7 @@ def best_chains(
                 before,
                 after,
                 model.sides[k + 1].longest,
-                effort.pool,
+                budget.pool,
             )
         )
     layers.append(ends[1])
@@ -210,21 +210,21 @@ def _end_of(support: NDArray[np.bool_]) -> int:
     return int(where[-1]) + 1 if len(where) else 0
 
 
-def _prices(scaled: Array) -> Array:
+def _costs(scaled: Array) -> Array:
     """What points at scaled distances pay."""
-    price = np.minimum(scaled * scaled, 1)
-    price[scaled < -1] = IN_FRONT
-    return price
+    cost = np.minimum(scaled * scaled, 1)
+    cost[scaled < -1] = IN_FRONT
+    return cost
 
 
 def _running(scaled: Array) -> tuple[Array, Array]:
-    """Running sums of prices and of support, shape (m, n) to (m, n + 1)."""
+    """Running sums of costs and of support, shape (m, n) to (m, n + 1)."""
     m, n = scaled.shape
-    price = np.minimum(scaled * scaled, 1)
+    cost = np.minimum(scaled * scaled, 1)
     support, paid = np.zeros((m, n + 1)), np.zeros((m, n + 1))
-    np.cumsum(1 - price, axis=1, out=support[:, 1:])
-    price[scaled < -1] = IN_FRONT
-    np.cumsum(price, axis=1, out=paid[:, 1:])
+    np.cumsum(1 - cost, axis=1, out=support[:, 1:])
+    cost[scaled < -1] = IN_FRONT
+    np.cumsum(cost, axis=1, out=paid[:, 1:])
     return paid, support
 
 
@@ -346,8 +346,8 @@ def _cheapest(
     outer: tuple[Curve, Curve],
     region: Array,
     outside: float,
-) -> list[Chain]:
-    """Dynamic programming over the layers; `total` keeps the last three of a chain apart."""
+) -> list[PolylineHypothesis]:
+    """Dynamic programming over the layers; `total` keeps the last three of a hypothesis apart."""
     box = (region.min(axis=0) - AWAY).tolist(), (region.max(axis=0) + AWAY).tolist()
     joints = []
     for k, bounds in enumerate(model.turns):
@@ -367,20 +367,22 @@ def _cheapest(
             choices.append(total.argmin(axis=0))
             value = total.min(axis=0)
     constant = outside + float(layers[-1].paid[0, -1])
-    prices = total.ravel()
-    most = float(prices.min()) + RIVAL_MARGIN
-    likely = np.flatnonzero((prices <= most) & (prices < np.inf))
-    found: list[Chain] = []
-    for flat in likely[np.argsort(prices[likely], kind="stable")[:MOST_RIVALS]].tolist():
+    costs = total.ravel()
+    most = float(costs.min()) + RIVAL_MARGIN
+    likely = np.flatnonzero((costs <= most) & (costs < np.inf))
+    found: list[PolylineHypothesis] = []
+    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_RIVALS]].tolist():
         start, last = divmod(flat, total.shape[2])
-        chain = [*divmod(start, total.shape[1]), last]
+        hypothesis = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
-            chain.insert(0, int(choice[chain[0], chain[1]]))
-        corners = np.array([j.corner[chain[i], chain[i + 1]] for i, j in enumerate(joints)])
+            hypothesis.insert(0, int(choice[hypothesis[0], hypothesis[1]]))
+        corners = np.array(
+            [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
+        )
         if all(np.abs(corners - c.corners).max() > DISTINCT for c in found):
-            inner = [_curve(layers[k], chain[k]) for k in range(1, len(chain) - 1)]
-            price = float(prices[flat]) + constant
-            found.append(Chain((outer[0], *inner, outer[1]), corners, price))
+            inner = [_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)]
+            cost = float(costs[flat]) + constant
+            found.append(PolylineHypothesis((outer[0], *inner, outer[1]), corners, cost))
             if len(found) == RIVALS:
                 break
     return found
