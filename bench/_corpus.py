@@ -42,7 +42,7 @@ from tjscan.result.summary import read_summary
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.runs.scan import run_job
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
 from tjscan.study.row import Row
@@ -58,12 +58,12 @@ class _Sections:
     """A journal that keeps the sections and their views."""
 
     def __init__(self) -> None:
-        self.scans: list[Scan] = []
+        self.scans: list[ScannedSection] = []
 
     def view(self, view: View) -> None:
         pass
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         self.scans.append(scan)
 
     def event(self, name: str, detail: str) -> None:
@@ -101,7 +101,7 @@ def _options(file: Path) -> None:
     read_job(EXAMPLES / "paper.toml", parse_overrides(tokens))
 
 
-def _recordings(folder: Path, run: Path, scans: list[Scan]) -> Iterator[Reader]:
+def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterator[Reader]:
     whole = tuple(_recording(folder / f"{i}.mcap", scans, i) for i in range(2))
 
     def read(file: Path) -> None:
@@ -122,7 +122,7 @@ def _logbook(file: Path) -> None:
         pass
 
 
-def _recording(file: Path, scans: list[Scan], seed: int) -> bytes:
+def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
     with Recording(file, Origin('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')) as recording:
         for scan in scans:

@@ -20,7 +20,7 @@ from tjscan.job.cell import mount_of, open_cell
 from tjscan.robot.cleared import ClearedArm
 from tjscan.runs.scan import joint_of, scan_in
 from tjscan.scanning.journal import Journals
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 

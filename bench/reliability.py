@@ -36,7 +36,7 @@ from tjscan.job.cell import mount_of, open_cell
 from tjscan.recording.reader import read_recorded
 from tjscan.recording.writer import Recording
 from tjscan.runs.scan import joint_of, scan_in
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 
 WORKERS: Final = 2
 HANG: Final = 5.0
@@ -244,7 +244,7 @@ class _Timed:
         self._recording.view(view)
         self.seconds += perf_counter() - began
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         began = perf_counter()
         self._recording.section(scan)
         self.seconds += perf_counter() - began

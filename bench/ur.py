@@ -37,7 +37,7 @@ from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan import joint_of, run_job, scan_in
 from tjscan.scanning.journal import Journals
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 HOSTS: Final = ("127.0.0.2", "127.0.0.3")

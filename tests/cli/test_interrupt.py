@@ -21,7 +21,7 @@ from tjscan.recording.messages import EVENT, SECTION
 from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
 
 SAME = 1e-9

@@ -21,7 +21,7 @@ from tjscan.job.cell import clearance_of
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.scan import cell_of, frame_of, joint_of, plan_of, scan_in
 from tjscan.scanning.progress import complete
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
 
 SAME = 1e-12
 """Metres: nothing is computed otherwise."""

@@ -15,7 +15,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.messages import EVENT, PROFILE, SCHEMAS, TOPICS
 from tjscan.recording.reader import read_messages, read_views
 from tjscan.recording.writer import Recording
-from tjscan.scanning.scan import Substep, View
+from tjscan.scanning.section import Substep, View
 
 QUATERNION_ROUNDING = 1e-15
 

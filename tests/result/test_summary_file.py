@@ -17,7 +17,7 @@ from tjscan.result.summary import (
     write_summary,
 )
 from tjscan.runs.scan import plan_of
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.runs.scan import check_job, joint_of, scan_in
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.seen import SeenGroove, strip_triangles
+from tjscan.scanning.scanned_surface import ScannedSurface, strip_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
 """Before the arm, the flange looking down."""
@@ -450,7 +450,7 @@ def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     fresh = clearance_of(job)
     q = result.views[-1].q
     before = {pair.other for pair in fresh._model.pairs}
-    SeenGroove(fresh, result.sections)
+    ScannedSurface(fresh, result.sections)
     assert {pair.other for pair in fresh._model.pairs} - before == {SEEN}
     seen = [
         d

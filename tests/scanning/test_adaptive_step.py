@@ -11,13 +11,13 @@ from seams import NONE, Noise, Seam, seam
 from tjscan.result.summary import step_lengths
 from tjscan.scanning.adaptive import CHOICES, Adaptive, adaptive_rule
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.smooth import smooth_predictor
 
 LIMITS = Adaptive(0.01, 0.1)
 
 
-def round_the_joint(world: Seam, sections: int) -> tuple[list[Scan], list[float]]:
+def round_the_joint(world: Seam, sections: int) -> tuple[list[ScannedSection], list[float]]:
     """Sections at the rule's steps from before the crown on, and these steps."""
     rule, predictor = adaptive_rule(LIMITS), smooth_predictor(world.plan)
     scans, steps = world.walk(-1.2, 0.03, 3), []

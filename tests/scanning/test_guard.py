@@ -16,15 +16,15 @@ from tjscan.core.frames import Array, inverse, pose, rot_x, rotation_angle
 from tjscan.scanning.checks.guard import BESIDE, FARTHEST, check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.remedies import LARGEST_SHIFT, TURN, Nudge
-from tjscan.scanning.scan import Scan, Substep
+from tjscan.scanning.retries import LARGEST_SHIFT, TURN, Nudge
+from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.stride import Stride
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.target import Direction
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
 BEFORE, LAST = ring_section(-ANGLE), ring_section(0.0)
-STRIDE = Stride(LAST, ring_section(ANGLE).T_b_t[:3, 3], PLAN.step)
+REQUEST = StepRequest(LAST, ring_section(ANGLE).T_b_t[:3, 3], PLAN.step)
 GOOD = SetPoint(ring_section(ANGLE).T_b_t, LAST.T_s_t)
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
@@ -37,8 +37,8 @@ def nothing_further(to: SetPoint) -> None:
     moved = np.linalg.norm(T_b_s[:3, 3] - LAST.view.T_b_s[:3, 3])
     turned = rotation_angle(LAST.view.T_b_s, T_b_s)
     lever = np.linalg.norm(to.T_s_t[:3, 3])
-    assert turned <= STRIDE.largest_turn + 1e-6
-    assert moved <= FARTHEST * STRIDE.length + 2 * lever * np.sin(turned / 2) + BESIDE + 1e-3
+    assert turned <= REQUEST.largest_turn + 1e-6
+    assert moved <= FARTHEST * REQUEST.length + 2 * lever * np.sin(turned / 2) + BESIDE + 1e-3
 
 
 @settings(max_examples=200)
@@ -46,13 +46,13 @@ def nothing_further(to: SetPoint) -> None:
 def test_no_monster_passes(T_b_t: Array, T_s_t: Array) -> None:
     for to in (SetPoint(T_b_t, GOOD.T_s_t), SetPoint(GOOD.T_b_t, T_s_t), SetPoint(T_b_t, T_s_t)):
         with pytest.raises(SetPointRefused):
-            check_set_point(to, STRIDE, PLAN)
+            check_set_point(to, REQUEST, PLAN)
 
 
 def test_a_step_of_no_length_leads_nowhere() -> None:
     for length in (np.nan, -PLAN.step, 0.0):
         with pytest.raises(SetPointRefused):
-            check_set_point(GOOD, Stride(LAST, STRIDE.p_b_ahead, length), PLAN)
+            check_set_point(GOOD, StepRequest(LAST, REQUEST.p_b_ahead, length), PLAN)
 
 
 @settings(max_examples=300)
@@ -65,7 +65,7 @@ def test_what_passes_leads_no_further_than_the_step_allows(
 
     to = SetPoint(GOOD.T_b_t @ change(off), GOOD.T_s_t @ change(seen))
     try:
-        check_set_point(to, STRIDE, PLAN)
+        check_set_point(to, REQUEST, PLAN)
     except SetPointRefused:
         return
     nothing_further(to)
@@ -78,23 +78,23 @@ def test_the_papers_set_points_and_every_nudge_of_them_pass(
     case: int, share: float, offset: int
 ) -> None:
     to = paper_predictor(CASES[case], Direction.COUNTERCLOCKWISE)([BEFORE, LAST], share * PLAN.step)
-    stride = Stride(LAST, to.T_b_t[:3, 3], share * PLAN.step)
-    check_set_point(to, stride, PLAN)
+    request = StepRequest(LAST, to.T_b_t[:3, 3], share * PLAN.step)
+    check_set_point(to, request, PLAN)
     for nudge in (
         Nudge(standoff=offset * LARGEST_SHIFT),
         Nudge(offset=offset * LARGEST_SHIFT),
         Nudge(work_angle=offset * TURN),
     ):
-        check_set_point(nudge.applied(to, PLAN.direction), stride, PLAN)
+        check_set_point(nudge.applied(to, PLAN.direction), request, PLAN)
 
 
 def test_a_hand_may_have_held_the_sensor_otherwise_but_not_anyhow() -> None:
     def turned_by(degrees: float) -> SetPoint:
         return SetPoint(GOOD.T_b_t @ pose(rot_x(np.radians(degrees))), GOOD.T_s_t)
 
-    taught = Stride(ring_section(0.0, substep=Substep.TAUGHT), STRIDE.p_b_ahead, PLAN.step)
+    taught = StepRequest(ring_section(0.0, substep=Substep.TAUGHT), REQUEST.p_b_ahead, PLAN.step)
     with pytest.raises(SetPointRefused, match="turns the sensor"):
-        check_set_point(turned_by(90), STRIDE, PLAN)
+        check_set_point(turned_by(90), REQUEST, PLAN)
     check_set_point(turned_by(90), taught, PLAN)
     with pytest.raises(SetPointRefused, match="turns the sensor"):
         check_set_point(turned_by(160), taught, PLAN)
@@ -112,7 +112,7 @@ def test_a_hand_may_have_held_the_sensor_otherwise_but_not_anyhow() -> None:
     ids=["nan", "inf", "far", "over", "near"],
 )
 def test_a_predictor_gone_wild_moves_nothing(wild: object) -> None:
-    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+    def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         assert callable(wild)
         to: SetPoint = wild(sections[-1])
         return to

@@ -11,7 +11,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
 from tjscan.scanning.progress import StopReason, complete, finished, groove_length
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.target import Direction
 
 RADIUS = 0.2286
@@ -26,7 +26,7 @@ def plan(step: float, length: float | None = None, sections: int | None = None) 
     )
 
 
-def section(turned: float, index: int) -> Scan:
+def section(turned: float, index: int) -> ScannedSection:
     """A section whose groove origin lies on a ring of that radius, `turned` from the first."""
     R = rot_z(turned) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
     T_b_g = pose(R, RADIUS * rot_z(turned)[:, 0])
@@ -34,7 +34,7 @@ def section(turned: float, index: int) -> Scan:
     view = View(
         index, Substep.CORRECTION, T_b_s, T_b_s, Profile(np.zeros(1), np.zeros(1)), 0.0, np.zeros(6)
     )
-    return Scan(view, GROOVE, GROOVE.T_s_g)
+    return ScannedSection(view, GROOVE, GROOVE.T_s_g)
 
 
 def steps_until_closed(gap: float, nominal: float) -> float:

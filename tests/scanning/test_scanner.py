@@ -20,8 +20,8 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable, StartSeesNoG
 from tjscan.core.frames import rotation_angle
 from tjscan.result.summary import step_lengths
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scan import Substep
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.section import Substep
 
 EXAMPLES = pytest.mark.parametrize("file", [PAPER, CLOCKWISE], ids=["ccw", "cw"])
 

@@ -16,12 +16,12 @@ from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
 from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.correction import correct
+from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation
 from tjscan.scanning.prediction import CASES, paper_predictor
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.skip import Skip, deviation
 from tjscan.scanning.smooth import smooth_predictor
-from tjscan.scanning.stride import Stride
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.target import Direction
 
 JOINTS = pytest.mark.parametrize(
@@ -30,10 +30,10 @@ JOINTS = pytest.mark.parametrize(
 WAYS = pytest.mark.parametrize("direction", Direction, ids=["ccw", "cw"])
 EXACT = 1e-6
 """Metres and radians: what the searches for the tubes and the section leave."""
-SKIP = Skip()
+SKIP = CorrectionCriterion()
 
 
-def walk_of(seam: Seam, step: float, sections: int, azimuth: float = 0.4) -> list[Scan]:
+def walk_of(seam: Seam, step: float, sections: int, azimuth: float = 0.4) -> list[ScannedSection]:
     return seam.walk(azimuth, step, sections)
 
 
@@ -97,7 +97,7 @@ def test_prediction_does_not_depend_on_where_the_base_stands(
     np.testing.assert_allclose(in_a.T_s_t, in_b.T_s_t, atol=EXACT)
 
 
-def moved_by(T_a_b: Array, scan: Scan) -> Scan:
+def moved_by(T_a_b: Array, scan: ScannedSection) -> ScannedSection:
     view = replace(scan.view, T_b_f=T_a_b @ scan.view.T_b_f, T_b_s=T_a_b @ scan.view.T_b_s)
     return replace(scan, view=view)
 
@@ -215,7 +215,7 @@ def test_tubes_that_are_out_of_round_are_followed() -> None:
     assert np.mean(off) < 0.3e-3
 
 
-def squeezed(scan: Scan) -> Scan:
+def squeezed(scan: ScannedSection) -> ScannedSection:
     """The section moved in or out as an oval brace and leg would have it."""
     azimuth = np.arctan2(scan.T_b_g[1, 3], scan.T_b_g[0, 3])
     out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
@@ -247,7 +247,7 @@ def test_two_sections_of_which_one_was_misread_lead_nowhere_wild() -> None:
         wrong = replace(scans[1].groove, wall_s=turn @ scans[1].groove.wall_s)
         seen = [scans[0], replace(scans[1], groove=wrong)]
         ahead = smooth_predictor(world.plan)(seen, 0.02)
-        check_set_point(ahead, Stride(seen[1], ahead.T_b_t[:3, 3], 0.02), world.plan)
+        check_set_point(ahead, StepRequest(seen[1], ahead.T_b_t[:3, 3], 0.02), world.plan)
 
 
 def test_whatever_the_sections_say_there_is_a_set_point_the_guard_lets_pass_or_case_3() -> None:
@@ -266,7 +266,7 @@ def test_whatever_the_sections_say_there_is_a_set_point_the_guard_lets_pass_or_c
         ahead = predictor(seen, 0.04)
         assert np.isfinite(ahead.T_b_t).all()
         if ahead.covariance is not None:
-            check_set_point(ahead, Stride(seen[-1], ahead.T_b_t[:3, 3], 0.04), world.plan)
+            check_set_point(ahead, StepRequest(seen[-1], ahead.T_b_t[:3, 3], 0.04), world.plan)
             values = np.linalg.eigvalsh(ahead.covariance)
             assert values.min() > -1e-9 * values.max()
 

@@ -14,8 +14,8 @@ from tjscan.core.frames import rotation_angle
 from tjscan.runs.scan import plan_of
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
-from tjscan.study.hand import further, ideal_view
 from tjscan.study.task import Task
+from tjscan.study.teaching import further, ideal_view
 
 ANY_JOINT = PAPER.parent / "any-joint.toml"
 Expand = Callable[..., tuple[Task, ...]]

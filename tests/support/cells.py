@@ -23,8 +23,9 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
 from tjscan.runs.scan import joint_of, plan_of
-from tjscan.scanning.scan import Scan, View
-from tjscan.scanning.scanner import Scanner, ScanResult
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.scanner import Scanner
+from tjscan.scanning.section import ScannedSection, View
 from tjscan.scanning.set_point import Predictor
 from tjscan.scanning.stopping import StopRequest
 
@@ -58,13 +59,13 @@ class Notes:
 
     def __init__(self) -> None:
         self.views: list[View] = []
-        self.sections: list[Scan] = []
+        self.sections: list[ScannedSection] = []
         self.events: list[tuple[str, str]] = []
 
     def view(self, view: View) -> None:
         self.views.append(view)
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         self.sections.append(scan)
 
     def event(self, name: str, detail: str) -> None:

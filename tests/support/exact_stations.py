@@ -15,7 +15,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, radial
 from tjscan.joint.tubes.walls import Repeatability
 from tjscan.laser.profile import Profile
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.stitching.stations import Station
 
 AWAY = 0.23
@@ -57,7 +57,7 @@ def exact_station(
 
 def _look(
     joint: JointDefinition, phi: float, number: int, T_j_b: Array, error: Array, oval: float
-) -> Scan:
+) -> ScannedSection:
     sections = bevel_sections(joint, np.array([phi]))
     p2, p3, p4 = (getattr(sections, name)[0] for name in ("p2", "p3", "p4"))
     wall = np.column_stack((np.full(200, joint.brace_radius), p2[1] + np.linspace(VISIBLE, 0, 200)))
@@ -98,4 +98,4 @@ def _look(
         float(number),
         np.zeros(6),
     )
-    return Scan(view, groove, np.eye(4))
+    return ScannedSection(view, groove, np.eye(4))

@@ -11,7 +11,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.target import R_REVERSED, Direction
 
 RADIUS = 0.2286
@@ -36,14 +36,16 @@ def ring_section(
     plan: ScanPlan = PLAN,
     off: Array | None = None,
     substep: Substep = Substep.CORRECTION,
-) -> Scan:
+) -> ScannedSection:
     """A section that is seen as the plan wants it, but for `off`, a change of frame t in t."""
     reverse = pose(R_REVERSED) if plan.direction is Direction.CLOCKWISE else np.eye(4)
     T_b_g, T_s_t = ring_pose(turned), plan.target(groove.work_angle)
     T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse(T_s_t)
     seen = section_seen(groove, inverse(T_b_s) @ T_b_g)
     nothing = Profile(np.zeros(1), np.zeros(1))
-    return Scan(View(index, substep, T_b_s, T_b_s, nothing, 0.0, np.zeros(6)), seen, T_s_t)
+    return ScannedSection(
+        View(index, substep, T_b_s, T_b_s, nothing, 0.0, np.zeros(6)), seen, T_s_t
+    )
 
 
 def section_seen(groove: GrooveSection, T_s_g: Array) -> GrooveSection:

@@ -18,7 +18,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.correction import correct
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.target import Direction
 
@@ -56,7 +56,7 @@ class Seam:
     def plan(self) -> ScanPlan:
         return ScanPlan(0.04, CASES[3], self.direction, np.radians(10), 0.23, -0.015)
 
-    def look(self, to: SetPoint, index: int = 2) -> Scan:
+    def look(self, to: SetPoint, index: int = 2) -> ScannedSection:
         """Lay frame t on its set-point and read the section."""
         T_b_s = to.T_b_t @ inverse(to.T_s_t)
         n = self.noise
@@ -64,7 +64,7 @@ class Seam:
         true = T_b_s @ pose(Rotation.from_rotvec(away[3:]).as_matrix(), away[:3])
         groove = self.section(inverse(self.T_b_j) @ true)
         view = View(index, Substep.PREDICTION, T_b_s, T_b_s, NOTHING, float(index), np.zeros(6))
-        return Scan(view, groove, to.T_s_t)
+        return ScannedSection(view, groove, to.T_s_t)
 
     def section(self, T_j_s: Array) -> GrooveSection:
         """What a laser plane cuts out of the joint."""
@@ -90,7 +90,7 @@ class Seam:
             points_s, wall_s=tangents_s[0], leg_s=tangents_s[1], covariance=covariance
         )
 
-    def ideal(self, last: Scan, near: Scan, step: float) -> Scan:
+    def ideal(self, last: ScannedSection, near: ScannedSection, step: float) -> ScannedSection:
         """The section, seen without noise, whose ideal set-point is where it was seen from."""
         exact = Seam(self.definition, self.edges, self.direction, T_b_j=self.T_b_j)
         scan = near
@@ -102,7 +102,7 @@ class Seam:
             scan = exact.look(to, near.view.index)
         return scan
 
-    def walk(self, azimuth: float, step: float, sections: int) -> list[Scan]:
+    def walk(self, azimuth: float, step: float, sections: int) -> list[ScannedSection]:
         """Ideal sections from an azimuth on, read with this noise."""
         exact = Seam(self.definition, self.edges, self.direction, T_b_j=self.T_b_j)
         sign = 1.0 if self.direction is Direction.COUNTERCLOCKWISE else -1.0
@@ -143,7 +143,7 @@ def seam(
     return Seam(*_joint(name), direction, noise, np.random.default_rng(seed))
 
 
-def misses(to: SetPoint, ideal: Scan) -> tuple[float, float]:
+def misses(to: SetPoint, ideal: ScannedSection) -> tuple[float, float]:
     """How far a set-point is from an ideal view: metres, and radians of the sensor."""
     T_b_s = to.T_b_t @ inverse(to.T_s_t)
     return (

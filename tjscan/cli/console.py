@@ -19,9 +19,9 @@ from rich.table import Table
 
 from tjscan.result.readings import Reading, measures
 from tjscan.result.summary import Summary, to_json
+from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.scan import Scan, View
-from tjscan.scanning.tally import Event
+from tjscan.scanning.section import ScannedSection, View
 
 stderr = Console(stderr=True, highlight=False)
 
@@ -48,13 +48,13 @@ class ProgressJournal:
     def view(self, view: View) -> None:
         """Show nothing: a profile is not yet a section."""
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         """Move the bar on."""
         self._progress.advance(self._task)
 
     def event(self, name: str, detail: str) -> None:
         """Print what happened above the bar; how the scan ended is told at its end."""
-        if name not in (Event.STOP, Event.FAILED, Event.INTERRUPTED):
+        if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
             self._progress.console.print(f"{name}: {detail}", markup=False)
 
 

@@ -44,7 +44,7 @@ from tjscan.robot.collision import CollisionModel, check_links
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.replay import ReplayedArm
 from tjscan.robot.solids import Solid
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 
 BOARD_THICKNESS: Final = 5e-3
 """Metres, of the simulated board."""

@@ -28,7 +28,7 @@ from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 
 LASER_STREAM: Final = 1
 PROBE_STREAM: Final = 2

@@ -14,7 +14,7 @@ from tjscan.core.frames import Array
 from tjscan.recording.messages import EVENT, SECTION, to_pose
 from tjscan.recording.reader import UNREADABLE, read_with_views
 from tjscan.recording.writer import parts
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
 from tjscan.laser.profile import Profile
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.section import ScannedSection, Substep, View
 
 _FLOAT64: Final = 8  # numeric type of foxglove.PackedElementField
 MOST_SECTIONS: Final = 1_000_000
@@ -101,7 +101,7 @@ def profile_message(view: View) -> dict[str, Any]:
     }
 
 
-def section_message(scan: Scan) -> dict[str, Any]:
+def section_message(scan: ScannedSection) -> dict[str, Any]:
     """A finished section, in frame b."""
     return {
         "frame_id": "b",

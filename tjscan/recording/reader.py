@@ -20,9 +20,9 @@ from tjscan.recording.messages import EVENT, FLANGE, PROFILE, SECTION, read_view
 from tjscan.recording.origin import ORIGIN, Origin
 from tjscan.recording.records import MOST_BYTES, read_records
 from tjscan.recording.writer import parts
-from tjscan.scanning.scan import Scan, View
-from tjscan.scanning.scanner import Progress
-from tjscan.scanning.tally import Event, Tally
+from tjscan.scanning.events import EventCounts, ScanEvent
+from tjscan.scanning.result import InterruptedScan
+from tjscan.scanning.section import ScannedSection, View
 
 UNREADABLE: Final = (KeyError, ValueError, TypeError, OverflowError)
 """What comes of a message whose fields are others than those a scan writes."""
@@ -57,7 +57,7 @@ class Recorded:
         The finished sections in order.
     views : tuple of View
         Every profile, in order.
-    tally : Tally
+    counts : EventCounts
         How often each remedy was tried.
     stop : str
         Why the scan ended; empty where it did not.
@@ -65,7 +65,7 @@ class Recorded:
 
     finished: tuple[Finished, ...]
     views: tuple[View, ...]
-    tally: Tally
+    counts: EventCounts
     stop: str
 
 
@@ -132,7 +132,7 @@ def read_run(directory: Path) -> dict[str, Profile]:
     }
 
 
-def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> Progress:
+def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> InterruptedScan:
     """What an interrupted scan had found: its finished sections, read again from their profiles.
 
     Parameters
@@ -148,15 +148,17 @@ def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> 
         As `read_messages` does.
     """
     recorded = read_recorded(directory)
-    sections = (Scan(one.view, read(one.view.profile), one.T_s_t) for one in recorded.finished)
-    return Progress(tuple(sections), recorded.views, recorded.tally)
+    sections = (
+        ScannedSection(one.view, read(one.view.profile), one.T_s_t) for one in recorded.finished
+    )
+    return InterruptedScan(tuple(sections), recorded.views, recorded.counts)
 
 
 def read_recorded(directory: Path) -> Recorded:
     """All that a run directory's recording holds, nothing read anew; raises as `read_messages`."""
     views: list[View] = []
     finished: dict[int, Finished] = {}
-    tally, stop = Tally(), ""
+    counts, stop = EventCounts(), ""
     for file in parts(directory):
         for topic, view, message in read_with_views(file):
             if view is not None:
@@ -166,9 +168,9 @@ def read_recorded(directory: Path) -> Recorded:
                 finished[section.view.index] = section
             elif topic == EVENT:
                 name = str(message.get("name"))
-                tally = tally.counting(name)
-                stop = str(message.get("detail")) if name == Event.STOP else ""
-    return Recorded(tuple(finished.values()), tuple(views), tally, stop)
+                counts = counts.counting(name)
+                stop = str(message.get("detail")) if name == ScanEvent.STOP else ""
+    return Recorded(tuple(finished.values()), tuple(views), counts, stop)
 
 
 def _section(file: Path, views: list[View], message: dict[str, Any]) -> Finished:

@@ -26,7 +26,7 @@ from tjscan.recording.messages import (
     section_message,
 )
 from tjscan.recording.origin import ORIGIN, Origin
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 
 
 def parts(directory: Path) -> list[Path]:
@@ -106,7 +106,7 @@ class Recording:
         self._write(FLANGE, flange_message(view))
         self._write(PROFILE, profile_message(view))
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         """Write a finished section and bring all of it to the disk."""
         self._write(SECTION, section_message(scan))
         self._sync()

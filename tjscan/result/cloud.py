@@ -9,10 +9,10 @@ import numpy as np
 
 from tjscan.core.frames import Array, transform
 from tjscan.result.frame import ResultFrame
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 
-def groove_points(sections: Sequence[Scan], frame: ResultFrame) -> Array:
+def groove_points(sections: Sequence[ScannedSection], frame: ResultFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
     return np.concatenate(
         [transform(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s) for scan in sections]

@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, readonly, transform
 from tjscan.result.frame import ResultFrame
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class MeasuredSection:
         return np.sqrt(np.diag(self.measure_covariance))
 
 
-def measure(scan: Scan, frame: ResultFrame, station: str = "1") -> MeasuredSection:
+def measure(scan: ScannedSection, frame: ResultFrame, station: str = "1") -> MeasuredSection:
     """A finished section in the frame of the result."""
     groove = scan.groove
     T_r_s = frame.T_r_b @ scan.view.T_b_s
@@ -83,7 +83,7 @@ def measure(scan: Scan, frame: ResultFrame, station: str = "1") -> MeasuredSecti
 
 
 def measure_all(
-    sections: Sequence[Scan], frame: ResultFrame, station: str = "1"
+    sections: Sequence[ScannedSection], frame: ResultFrame, station: str = "1"
 ) -> tuple[MeasuredSection, ...]:
     """Every finished section in the frame of the result."""
     return tuple(measure(scan, frame, station) for scan in sections)

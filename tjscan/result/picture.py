@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import IN_FILE, MEASURES, lengths
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
 POINTS_DRAWN = 6000
@@ -34,7 +34,7 @@ def draw_groove(
     title: str,
     outline: Sequence[Array] = (),
     paths: Sequence[Array] = (),
-    example: Scan | None = None,
+    example: ScannedSection | None = None,
 ) -> Figure:
     """Draw what was found: the groove in space, one profile, and its measures.
 
@@ -52,7 +52,7 @@ def draw_groove(
         Lines of the joint, metres, in the same frame; empty where no joint is known.
     paths : sequence of ndarray, shape (n, 3)
         Ways of the flange, metres, in the same frame, one for each station.
-    example : Scan, optional
+    example : ScannedSection, optional
         A section to show in the laser plane; depth and area are shown where left out.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")

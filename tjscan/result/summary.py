@@ -21,8 +21,8 @@ from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import complete, groove_length
-from tjscan.scanning.scan import Scan, Substep
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.section import ScannedSection, Substep
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -98,7 +98,7 @@ class Summary:
     corrections_skipped : int
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
-        How often each remedy was tried, see `tjscan.scanning.tally.Tally`.
+        How often each remedy was tried, see `tjscan.scanning.events.EventCounts`.
     """
 
     sections: int
@@ -124,7 +124,7 @@ class Summary:
     retreats: int = 0
 
 
-def step_lengths(sections: Sequence[Scan]) -> list[float]:
+def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
     """Distances in metres between the groove origins of the steps that no hand taught."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
     lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
@@ -160,7 +160,7 @@ def summarise(
         detail=result.detail,
         frame=frame.name,
         groove_length_mm=1e3 * groove_length(result.sections),
-        half_steps=result.tally.half_steps,
+        half_steps=result.counts.half_steps,
         step_mm=StepStatistics(
             nominal=1e3 * plan.step,
             mean=float(steps.mean()) if len(steps) else None,
@@ -176,10 +176,10 @@ def summarise(
         calibration=calibration,
         scans_per_section=_scans_per_section(result),
         corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
-        taken_again=result.tally.taken_again,
-        merged=result.tally.merged,
-        nudges=result.tally.nudges,
-        retreats=result.tally.retreats,
+        taken_again=result.counts.taken_again,
+        merged=result.counts.merged,
+        nudges=result.counts.nudges,
+        retreats=result.counts.retreats,
     )
 
 

@@ -22,7 +22,7 @@ from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.sections import write_sections
 from tjscan.result.summary import Summary, summarise, write_summary
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
 
 
 def write_results(

@@ -24,8 +24,8 @@ from tjscan.result.directory import COPIES, JOB, make_directory
 from tjscan.result.summary import Summary
 from tjscan.runs.scan import joint_of, plan_of, reader_of, write_run
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scan import Scan, View
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.result import ScanResult
 from tjscan.runs.stitch import StitchedRun, stitch_runs
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
@@ -151,7 +151,7 @@ def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Repr
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections))
-    result = ScanResult(sections, views, stop, detail, recorded.tally)
+    result = ScanResult(sections, views, stop, detail, recorded.counts)
     return Reprocessed(out, write_run(out, job, result, joint), lost)
 
 
@@ -171,12 +171,12 @@ def beside(directory: Path) -> Path:
 
 def _sections(
     job: JobFile, recorded: Recorded, T_f_s: Array, lost: dict[int, GrooveNotFound]
-) -> Iterator[Scan]:
+) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
     read, far = reader_of(job), STRAYED * plan_of(job).step
     for one in recorded.finished:
         try:
-            section = Scan(one.view, read(one.view.profile), one.T_s_t)
+            section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
             _check_place(section, one, far)
         except GrooveNotFound as error:
             lost[one.view.index] = error
@@ -184,7 +184,7 @@ def _sections(
             yield replace(section, view=_seen(one.view, T_f_s))
 
 
-def _check_place(section: Scan, before: Finished, far: float) -> None:
+def _check_place(section: ScannedSection, before: Finished, far: float) -> None:
     moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
     if moved > far:
         raise GrooveNotFound(

@@ -40,11 +40,12 @@ from tjscan.scanning.adaptive import Adaptive
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
-from tjscan.scanning.scanner import Progress, Scanner, ScanResult
-from tjscan.scanning.seen import SeenGroove
-from tjscan.scanning.skip import Skip
+from tjscan.scanning.result import InterruptedScan, ScanResult
+from tjscan.scanning.scanner import Scanner
+from tjscan.scanning.scanned_surface import ScannedSurface
+from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.tally import Event
+from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.target import Direction
 
 RESUMABLE: Final = (
@@ -98,12 +99,12 @@ def _adaptive_of(table: AdaptiveTable | None) -> Adaptive | None:
     )
 
 
-def _skip_of(scan: ScanTable) -> Skip | None:
+def _skip_of(scan: ScanTable) -> CorrectionCriterion | None:
     table = scan.skip
     enabled = scan.prediction_case not in CASES if table.enabled is None else table.enabled
     if not enabled:
         return None
-    return Skip(
+    return CorrectionCriterion(
         1e-3 * table.position_mm,
         float(np.radians(table.work_angle_deg)),
         float(np.radians(table.rotation_deg)),
@@ -165,12 +166,12 @@ def scan_in(
     cell: Cell,
     job: JobFile,
     journal: Journal,
-    done: Progress | None = None,
+    done: InterruptedScan | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
     stop = stop or StopRequest()
-    seen = SeenGroove(cell.clearance, () if done is None else done.sections)
+    seen = ScannedSurface(cell.clearance, () if done is None else done.sections)
     journal = Journals(journal, seen)
     with cell, stop.halting(cell.arm.stop):
         _note_arm(cell.arm, journal)
@@ -184,9 +185,9 @@ def scan_in(
             return scanner.run(first.T, second.T)
         except TjscanError as error:
             if stop.at_once:
-                journal.event(Event.INTERRUPTED, f"by the operator: {words_of(error)}")
+                journal.event(ScanEvent.INTERRUPTED, f"by the operator: {words_of(error)}")
                 raise Interrupted from error
-            journal.event(Event.FAILED, words_of(error))
+            journal.event(ScanEvent.FAILED, words_of(error))
             raise
 
 

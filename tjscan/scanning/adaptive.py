@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.scanning.scan import Scan
 from tjscan.scanning.seam.ahead import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.fit import fit_seam
 from tjscan.scanning.seam.kriging import Kriging
 from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import StepRule
 
 AREA_SPREAD: Final = 0.4
@@ -56,7 +56,7 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
     """
     steps = np.linspace(adaptive.least, adaptive.most, CHOICES)
 
-    def rule(sections: Sequence[Scan]) -> float:
+    def rule(sections: Sequence[ScannedSection]) -> float:
         track = track_of(sections)
         angles = Kriging(
             track.along, track.shape[:, 2], track.shape_sigmas[:, 2], SHAPE_SPREAD[2], SHAPE_WAVE
@@ -71,7 +71,7 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
     return rule
 
 
-def _areas(sections: Sequence[Scan], track: Track) -> Kriging:
+def _areas(sections: Sequence[ScannedSection], track: Track) -> Kriging:
     grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.

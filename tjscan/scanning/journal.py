@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 
 
 class Journal(Protocol):
@@ -14,7 +14,7 @@ class Journal(Protocol):
         """Note that a profile was taken, before anybody tries to read it."""
         ...
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         """Note that a section is finished."""
         ...
 
@@ -40,7 +40,7 @@ class Journals:
         for journal in self._journals:
             journal.view(view)
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         """Pass a section on."""
         for journal in self._journals:
             journal.section(scan)

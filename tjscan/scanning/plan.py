@@ -7,8 +7,8 @@ from typing import Literal
 
 from tjscan.core.frames import Array
 from tjscan.scanning.adaptive import Adaptive
+from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.prediction import Prediction
-from tjscan.scanning.skip import Skip
 from tjscan.scanning.target import Direction, target_in_sensor
 
 
@@ -34,7 +34,7 @@ class ScanPlan:
         Stop after this much groove, counted from the second taught section, metres.
     sections : int, optional
         Stop after this many sections, the two taught ones included.
-    skip : Skip, optional
+    skip : CorrectionCriterion, optional
         When a prediction view may be the section's, and no correction is made; never where left
         out, as in the paper.
     adaptive : Adaptive, optional
@@ -51,7 +51,7 @@ class ScanPlan:
     offset: float = 0.0
     length: float | None = None
     sections: int | None = None
-    skip: Skip | None = None
+    skip: CorrectionCriterion | None = None
     adaptive: Adaptive | None = None
     return_tolerance: float = 0.5e-3
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tjscan.core.frames import Array, pose, unit
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import Predictor, SetPoint
 from tjscan.scanning.target import R_REVERSED, Direction
 
@@ -87,7 +87,7 @@ def predict(
 def paper_predictor(prediction: Prediction, direction: Direction) -> Predictor:
     """A case of the paper as a predictor: frame t stays where it sits in the sensor."""
 
-    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+    def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         before, last = sections[-2:]
         T_b_t = predict(last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction)
         return SetPoint(T_b_t, last.T_s_t)

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 
 class StopReason(StrEnum):
@@ -24,7 +24,7 @@ class StopReason(StrEnum):
     CUT = "recording ends"
 
 
-def groove_length(sections: Sequence[Scan]) -> float:
+def groove_length(sections: Sequence[ScannedSection]) -> float:
     """Length of the chain of groove origins, metres."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections])
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
@@ -37,14 +37,14 @@ def complete(stop: StopReason, plan: ScanPlan) -> bool:
     return stop in (StopReason.LENGTH, StopReason.SECTIONS, StopReason.CLOSED)
 
 
-def finished(plan: ScanPlan, sections: Sequence[Scan], step: float) -> StopReason | None:
+def finished(plan: ScanPlan, sections: Sequence[ScannedSection], step: float) -> StopReason | None:
     """Tell why the scan is done, or None while there is more to do.
 
     Parameters
     ----------
     plan : ScanPlan
         What was asked.
-    sections : sequence of Scan
+    sections : sequence of ScannedSection
         The sections so far, the two taught ones first.
     step : float
         Length of the step that would follow, metres.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,61 +22,20 @@ from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.checks.plausible import check_measures
 from tjscan.scanning.correction import correct
-from tjscan.scanning.hand import Hand
+from tjscan.scanning.correction_criterion import deviation, uncertainty
+from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.profile_taker import ProfileTaker
 from tjscan.scanning.progress import StopReason, finished, groove_length
-from tjscan.scanning.remedies import climb
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.result import InterruptedScan, ScanResult
+from tjscan.scanning.retries import climb
+from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.scanning.set_point import Predictor, SetPoint, StepRule
-from tjscan.scanning.skip import deviation, uncertainty
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.stride import Stride
-from tjscan.scanning.tally import Event, Tally
 from tjscan.scanning.target import Direction
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanResult:
-    """What a scan found.
-
-    Parameters
-    ----------
-    sections : tuple of Scan
-        The finished sections in order, the two taught ones first.
-    views : tuple of View
-        Every profile taken, in order.
-    stop : StopReason
-        Why it ended.
-    detail : str
-        The same in one sentence, with numbers.
-    tally : Tally
-        How often each remedy was tried.
-    """
-
-    sections: tuple[Scan, ...]
-    views: tuple[View, ...]
-    stop: StopReason
-    detail: str
-    tally: Tally
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Progress:
-    """What an interrupted scan had found.
-
-    Parameters
-    ----------
-    sections, views : tuple
-        As in `ScanResult`.
-    tally : Tally
-        As in `ScanResult`.
-    """
-
-    sections: tuple[Scan, ...]
-    views: tuple[View, ...]
-    tally: Tally
 
 
 class Scanner:
@@ -120,8 +79,8 @@ class Scanner:
         self._predict = predictor or predictor_of(plan)
         self._step_of = step_of or step_rule_of(plan)
         self._stop = stop or StopRequest()
-        self._hand = Hand(arm, laser, T_f_s, read, plan, journal, self._stop)
-        self._sections: list[Scan] = []
+        self._hand = ProfileTaker(arm, laser, T_f_s, read, plan, journal, self._stop)
+        self._sections: list[ScannedSection] = []
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses until the plan is fulfilled or no step is possible.
@@ -144,12 +103,12 @@ class Scanner:
         self._check_direction()
         return self._go_on()
 
-    def resume(self, done: Progress) -> ScanResult:
+    def resume(self, done: InterruptedScan) -> ScanResult:
         """Go back to the last section of an interrupted scan, see that nothing moved, and go on.
 
         Parameters
         ----------
-        done : Progress
+        done : InterruptedScan
             What was found before, two sections or more.
 
         Raises
@@ -160,10 +119,10 @@ class Scanner:
             As `run` does.
         """
         self._sections = list(done.sections)
-        self._hand.remember(done.views, done.tally)
+        self._hand.remember(done.views, done.counts)
         moved = self._return(self._arm.move_joint)
         last = len(self._sections) - 1
-        self._hand.note(Event.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
+        self._hand.note(ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
         return self._go_on()
 
     def _go_on(self) -> ScanResult:
@@ -174,7 +133,9 @@ class Scanner:
                 return self._end(stop)
             self._stop.check()
             if self._stop.wanted:
-                self._hand.note(Event.STOP_REQUESTED, f"after section {len(self._sections) - 1}")
+                self._hand.note(
+                    ScanEvent.STOP_REQUESTED, f"after section {len(self._sections) - 1}"
+                )
                 return self._end(StopReason.REQUESTED)
             try:
                 scan = climb(self._step, self._retreat, step, self._hand.note)
@@ -186,43 +147,45 @@ class Scanner:
                 return self._end(StopReason.REFUSED, str(error))
             self._finish(scan)
 
-    def _step(self, d_st: float) -> Scan:
+    def _step(self, d_st: float) -> ScannedSection:
         """Algorithm 1: from the finished sections to the next one."""
         last = self._sections[-1]
 
         # Prediction substep
         ahead = self._predict(self._sections, d_st)  # (7)
-        stride = Stride(last, ahead.T_b_t[:3, 3], d_st)
-        predicted = self._scan(Substep.PREDICTION, ahead, stride)
+        request = StepRequest(last, ahead.T_b_t[:3, 3], d_st)
+        predicted = self._scan(Substep.PREDICTION, ahead, request)
 
         # Correction substep
         T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
         ideal = SetPoint(correct(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
-        if self._is_good_enough(predicted, ideal, ahead, stride):
+        if self._is_good_enough(predicted, ideal, ahead, request):
             return predicted
-        return self._scan(Substep.CORRECTION, ideal, replace(stride, predicted=predicted))
+        return self._scan(Substep.CORRECTION, ideal, replace(request, predicted=predicted))
 
     def _is_good_enough(
-        self, predicted: Scan, ideal: SetPoint, ahead: SetPoint, stride: Stride
+        self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, request: StepRequest
     ) -> bool:
         """Whether the prediction view may be the section's: it looks well, and fits the last."""
         skip = self._plan.skip
         if skip is None:
             return False
-        sigma = uncertainty(predicted.groove, ahead, stride.length, self._plan.direction)
+        sigma = uncertainty(predicted.groove, ahead, request.length, self._plan.direction)
         if not skip.allows(deviation(predicted, ideal), sigma):
             return False
         try:
-            check_measures(predicted, stride)
+            check_measures(predicted, request)
         except GrooveNotFound:
             return False
         return True
 
-    def _scan(self, substep: Substep, to: SetPoint, stride: Stride) -> Scan:
+    def _scan(self, substep: Substep, to: SetPoint, request: StepRequest) -> ScannedSection:
         """Lay frame t on its set-point, take a profile and read it."""
-        return self._hand.scan(len(self._sections), substep, to, stride, self._sections[-2])
+        return self._hand.scan(len(self._sections), substep, to, request, self._sections[-2])
 
-    def _taught(self, which: str, move: Callable[[Array], ArmState], T_b_f: Array) -> Scan:
+    def _taught(
+        self, which: str, move: Callable[[Array], ArmState], T_b_f: Array
+    ) -> ScannedSection:
         """Go to a taught pose and read the groove there."""
         state = self._hand.move(move, T_b_f)
         try:
@@ -261,7 +224,7 @@ class Scanner:
             )
         return moved
 
-    def _finish(self, scan: Scan) -> None:
+    def _finish(self, scan: ScannedSection) -> None:
         self._sections.append(scan)
         self._journal.section(scan)
 
@@ -284,6 +247,6 @@ class Scanner:
         length = 1e3 * groove_length(self._sections[1:])
         detail = f"{stop} after {length:.1f} mm from the second taught section"
         detail = f"{detail}: {cause}" if cause else detail
-        self._hand.note(Event.STOP, detail)
+        self._hand.note(ScanEvent.STOP, detail)
         views = tuple(self._hand.views)
-        return ScanResult(tuple(self._sections), views, stop, detail, self._hand.tally)
+        return ScanResult(tuple(self._sections), views, stop, detail, self._hand.counts)

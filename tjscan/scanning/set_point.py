@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tjscan.core.frames import Array, readonly
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Predictor(Protocol):
     A scan that was interrupted goes on as if it had not been: no predictor remembers.
     """
 
-    def __call__(self, sections: Sequence[Scan], step: float) -> SetPoint:
+    def __call__(self, sections: Sequence[ScannedSection], step: float) -> SetPoint:
         """Set-point a step (metres) beyond the last of two or more sections."""
         ...
 
@@ -53,6 +53,6 @@ class Predictor(Protocol):
 class StepRule(Protocol):
     """Says how long the next step shall be, from the finished sections and from nothing else."""
 
-    def __call__(self, sections: Sequence[Scan]) -> float:
+    def __call__(self, sections: Sequence[ScannedSection]) -> float:
         """Length of the step beyond the last of two or more sections, metres."""
         ...

@@ -15,12 +15,12 @@ from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
-from tjscan.scanning.scan import Scan
 from tjscan.scanning.seam.ahead import Ahead
 from tjscan.scanning.seam.fit import fit_seam
 from tjscan.scanning.seam.track import Track, track_of
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import Predictor, SetPoint
-from tjscan.scanning.stride import Stride
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.target import Direction
 
 ROUNDS: Final = 30
@@ -48,7 +48,7 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
     """
     otherwise = paper_predictor(CASES[3], plan.direction)
 
-    def predictor(sections: Sequence[Scan], step: float) -> SetPoint:
+    def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         track, last = track_of(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
@@ -59,7 +59,7 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
             slack = _slack(plan, covariance, track, step)
             _, lagging = _settle(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
             to = replace(lagging, covariance=covariance, straight=False)
-            check_set_point(to, Stride(last, lagging.T_b_t[:3, 3], step), plan)
+            check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
         except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
             return otherwise(sections, step)
         return to

@@ -20,7 +20,7 @@ from tjscan.core.frames import Array, pose, readonly, transform
 from tjscan.joint.geometry import LegSurface
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.joint.tubes.walls import Repeatability
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
 
 VALUES: Final = 10
@@ -82,13 +82,13 @@ class Outline:
 
 
 def outline(
-    looks: Sequence[Scan], T_j_b: Array, shape: JointShape, repeatability: Repeatability
+    looks: Sequence[ScannedSection], T_j_b: Array, shape: JointShape, repeatability: Repeatability
 ) -> Outline:
     """Unroll views; those that show too little of a wall are left out.
 
     Parameters
     ----------
-    looks : sequence of Scan
+    looks : sequence of ScannedSection
         Of one station.
     T_j_b : ndarray, shape (4, 4)
         Its base in frame j.
@@ -104,7 +104,7 @@ def outline(
 
 
 def _tell(
-    look: Scan, T_j_b: Array, shape: JointShape, repeatability: Repeatability
+    look: ScannedSection, T_j_b: Array, shape: JointShape, repeatability: Repeatability
 ) -> tuple[Array, Array, Array, Array, Array, float, Array] | None:
     sides = side_nodes(look)
     if min(len(sigma) for _, sigma in sides) < 2:
@@ -169,7 +169,9 @@ def _unrolled(
     return azimuth, value, (walls[0], walls[1])
 
 
-def _corner_covariance(look: Scan, T_j_s: Array, corners: Array, shape: JointShape) -> Array:
+def _corner_covariance(
+    look: ScannedSection, T_j_s: Array, corners: Array, shape: JointShape
+) -> Array:
     """Covariance of the corners' six values that the laser's noise makes, shape (6, 6)."""
     surface = LegSurface(shape.leg_radius, shape.angle)
     phi, rho = np.arctan2(corners[:, 1], corners[:, 0]), np.hypot(corners[:, 0], corners[:, 1])

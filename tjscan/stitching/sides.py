@@ -10,7 +10,7 @@ from numpy.polynomial import Polynomial
 
 from tjscan.core.frames import Array, transform
 from tjscan.joint.tubes.walls import WallPoints
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 NODES: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side tells."""
@@ -38,7 +38,7 @@ ALIKE: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
 
 
-def wall_points(looks: Sequence[Scan]) -> WallPoints:
+def wall_points(looks: Sequence[ScannedSection]) -> WallPoints:
     """Nodes on the walls as all views of a station saw them, in its base frame."""
     points, on_brace, sigma, view = [], [], [], []
     for number, look in enumerate(looks):
@@ -56,7 +56,7 @@ def wall_points(looks: Sequence[Scan]) -> WallPoints:
     )
 
 
-def side_nodes(look: Scan) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def side_nodes(look: ScannedSection) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Nodes of the brace's and of the leg's side: points (n, 3) in frame s, and their sigmas."""
     groove = look.groove
     p1, p2, _, p4, p5 = groove.points_s[:, [0, 2]]

@@ -15,7 +15,7 @@ from tjscan.joint.tubes.cylinder import Cylinder, cylinder_through
 from tjscan.joint.tubes.fit import Tubes, fit_tubes
 from tjscan.joint.tubes.frame import JointFrame, joint_frame
 from tjscan.laser.profile import Profile
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import wall_points
 
@@ -43,17 +43,17 @@ class Station:
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
         Where the arm's base was meant to stand; good to some millimetres and degrees.
-    sections : tuple of Scan
+    sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
-    looks : tuple of Scan
+    looks : tuple of ScannedSection
         All views in which a groove was read, those of the sections included: each has an error
         of its own.
     """
 
     name: str
     T_w_b: Array
-    sections: tuple[Scan, ...]
-    looks: tuple[Scan, ...]
+    sections: tuple[ScannedSection, ...]
+    looks: tuple[ScannedSection, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_w_b", readonly(self.T_w_b))
@@ -72,7 +72,7 @@ def _print_of(view: View) -> bytes:
 def station_of(
     name: str,
     T_w_b: Array,
-    sections: Sequence[Scan],
+    sections: Sequence[ScannedSection],
     views: Sequence[View],
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
@@ -83,7 +83,7 @@ def station_of(
         if any(np.abs(view.T_b_f - look.view.T_b_f).max() < SAME_POSE for look in looks):
             continue
         try:
-            looks.append(Scan(view, read(view.profile), np.eye(4)))
+            looks.append(ScannedSection(view, read(view.profile), np.eye(4)))
         except GrooveNotFound:  # so did the scan, which went on with another view
             continue
     return Station(name, T_w_b, tuple(sections), tuple(looks))

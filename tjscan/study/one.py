@@ -20,8 +20,8 @@ from tjscan.result.summary import Summary, summarise
 from tjscan.runs.scan import plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.scan import Substep
-from tjscan.scanning.scanner import ScanResult
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.section import Substep
 from tjscan.study.row import Measured, Row
 from tjscan.study.task import Task
 

@@ -13,9 +13,9 @@ from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan import plan_of
-from tjscan.study.hand import Hand, carried, centred, random_of, taught_views
 from tjscan.study.rules import RuleTable
 from tjscan.study.task import canonical
+from tjscan.study.teaching import TeachingError, carried, centred, random_of, taught_views
 
 
 def taught_start(
@@ -67,7 +67,7 @@ def taught_start(
         }
     if job.simulation.T_f_s_mm is not None:  # a hand teaches with the laser that is there
         T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
-    hand = Hand(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    hand = TeachingError(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
     T_j_s = taught_views(definition, azimuth, plan, hand, random)
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}

@@ -10,7 +10,7 @@ from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.stride import Stride
+from tjscan.scanning.step_request import StepRequest
 
 FARTHEST: Final = 2.0
 """Steps that a set-point lies from the last section, at most."""
@@ -22,14 +22,14 @@ RIGID: Final = 1e-6
 """How far from orthonormal a rotation may be that was computed."""
 
 
-def check_set_point(to: SetPoint, stride: Stride, plan: ScanPlan) -> None:
+def check_set_point(to: SetPoint, request: StepRequest, plan: ScanPlan) -> None:
     """Refuse a set-point that is further from the last section than its step allows.
 
     Parameters
     ----------
     to : SetPoint
         Of either substep.
-    stride : Stride
+    request : StepRequest
         The step under way.
     plan : ScanPlan
         Says where in the sensor the groove shall appear.
@@ -43,20 +43,20 @@ def check_set_point(to: SetPoint, stride: Stride, plan: ScanPlan) -> None:
         if not _is_pose(T):
             raise SetPointRefused(f"its {name} is no pose")
     p_b = to.T_b_t[:3, 3]
-    starts = (stride.start_b, stride.last.T_b_t[:3, 3])
+    starts = (request.start_b, request.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
-    if not away <= FARTHEST * stride.length:  # a length that is no number allows none
+    if not away <= FARTHEST * request.length:  # a length that is no number allows none
         raise SetPointRefused(
             f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
-            f"{1e3 * stride.length:.1f} mm"
+            f"{1e3 * request.length:.1f} mm"
         )
     T_b_s = to.T_b_t @ inverse(to.T_s_t)
-    turn = turned(stride.last.view.T_b_s, T_b_s)
-    if turn > stride.largest_turn:
+    turn = turned(request.last.view.T_b_s, T_b_s)
+    if turn > request.largest_turn:
         raise SetPointRefused(
             f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
-            f"{np.degrees(stride.largest_turn):.0f}° are believed of a step of "
-            f"{1e3 * stride.length:.1f} mm"
+            f"{np.degrees(request.largest_turn):.0f}° are believed of a step of "
+            f"{1e3 * request.length:.1f} mm"
         )
     beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
     if beside > BESIDE:

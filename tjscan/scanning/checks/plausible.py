@@ -11,8 +11,8 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, unit
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.checks.guard import turned
-from tjscan.scanning.scan import Scan, Substep
-from tjscan.scanning.stride import TIGHTEST, Stride
+from tjscan.scanning.section import ScannedSection, Substep
+from tjscan.scanning.step_request import TIGHTEST, StepRequest
 
 SHORTEST: Final = 0.3
 """Steps that a section lies ahead of the last one, at least."""
@@ -58,16 +58,16 @@ on joints of 168 to 610 mm that made up to half of it.
 """
 
 
-def check_step(found: Scan, stride: Stride) -> None:
+def check_step(found: ScannedSection, request: StepRequest) -> None:
     """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
 
     Believed, such a section would turn the next set-point round and lead the arm astray.
 
     Parameters
     ----------
-    found : Scan
+    found : ScannedSection
         What was read, in either substep.
-    stride : Stride
+    request : StepRequest
         The step that was made.
 
     Raises
@@ -76,8 +76,8 @@ def check_step(found: Scan, stride: Stride) -> None:
         With reason "implausible": too near or too far, aside, turned, or on the wrong side.
     """
     check_side(found.groove)
-    step, direction_b = stride.length, stride.direction_b
-    gone = found.T_b_g[:3, 3] - stride.start_b
+    step, direction_b = request.length, request.direction_b
+    gone = found.T_b_g[:3, 3] - request.start_b
     ahead = float(gone @ direction_b)
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     if not (SHORTEST * step < ahead < LONGEST * step and aside < _most_aside(step)):
@@ -86,8 +86,8 @@ def check_step(found: Scan, stride: Stride) -> None:
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * step:.1f} mm was made",
         )
-    turn = turned(stride.last.T_b_g, found.T_b_g)
-    if turn > stride.largest_turn:
+    turn = turned(request.last.T_b_g, found.T_b_g)
+    if turn > request.largest_turn:
         raise GrooveNotFound(
             "implausible",
             f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "
@@ -112,15 +112,15 @@ def check_side(groove: GrooveSection) -> None:
         )
 
 
-def check_measures(found: Scan, stride: Stride) -> None:
+def check_measures(found: ScannedSection, request: StepRequest) -> None:
     """Refuse a section whose own measures can't follow those of the last one.
 
     Parameters
     ----------
-    found : Scan
+    found : ScannedSection
         What was read, the laser plane turned as for the last section: measures of a plane that
         lies otherwise are other measures.
-    stride : Stride
+    request : StepRequest
         The step that was made.
 
     Raises
@@ -129,9 +129,9 @@ def check_measures(found: Scan, stride: Stride) -> None:
         With reason "implausible": the opening, the root or the depth jumps by more than what
         both readings are uncertain by and a groove changes over such a step.
     """
-    last, now, step = stride.last.groove, found.groove, stride.length
+    last, now, step = request.last.groove, found.groove, request.length
     # A hand may have turned the plane of the last section otherwise.
-    doubt = 2.0 if stride.last.view.substep is Substep.TAUGHT else 1.0
+    doubt = 2.0 if request.last.view.substep is Substep.TAUGHT else 1.0
     noise = SIGMAS * np.sqrt(
         np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
     )
@@ -156,7 +156,7 @@ def check_measures(found: Scan, stride: Stride) -> None:
     )
 
 
-def check_agreement(found: Scan, stride: Stride) -> None:
+def check_agreement(found: ScannedSection, request: StepRequest) -> None:
     """Refuse a corrected section that is another one than was predicted.
 
     The correction turns the sensor about the groove that the prediction view showed: seen along
@@ -167,12 +167,12 @@ def check_agreement(found: Scan, stride: Stride) -> None:
     GrooveNotFound
         With reason "implausible".
     """
-    if stride.predicted is None:
+    if request.predicted is None:
         return
-    step_b = unit(found.T_b_g[:3, 3] - stride.start_b)
-    apart = (found.points_b - stride.predicted.points_b)[1:4]  # the ends are not corners
+    step_b = unit(found.T_b_g[:3, 3] - request.start_b)
+    apart = (found.points_b - request.predicted.points_b)[1:4]  # the ends are not corners
     aside = float(np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1).max())
-    allowed = SAME + SKEW * turned(stride.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    allowed = SAME + SKEW * turned(request.predicted.view.T_b_s, found.view.T_b_s) ** 2
     if aside > allowed:
         raise GrooveNotFound(
             "implausible",

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, readonly
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon: at the shortest steps still half a saddle."""
@@ -70,7 +70,7 @@ class Track:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def track_of(sections: Sequence[Scan]) -> Track:
+def track_of(sections: Sequence[ScannedSection]) -> Track:
     """Arrays of the last `MOST_SECTIONS` of two or more sections."""
     last = sections[-MOST_SECTIONS:]
     grooves = [scan.groove for scan in last]

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
 from tjscan.core.frames import Array, inverse, pose, rot_x
 from tjscan.laser.profile import Profile
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.stride import Stride
-from tjscan.scanning.tally import Event
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.target import Direction
 
 MISSING: Final = 6
@@ -91,7 +91,9 @@ def takes(error: GrooveNotFound) -> int:
     return 1 + (MISSING if error.reason == FEW else AGAIN)
 
 
-def nudges(error: GrooveNotFound, seen: Profile, before: Scan, last: Scan) -> list[Nudge]:
+def nudges(
+    error: GrooveNotFound, seen: Profile, before: ScannedSection, last: ScannedSection
+) -> list[Nudge]:
     """What to change about the view, likeliest first.
 
     Parameters
@@ -100,7 +102,7 @@ def nudges(error: GrooveNotFound, seen: Profile, before: Scan, last: Scan) -> li
         Why nothing was read.
     seen : Profile
         What was seen.
-    before, last : Scan
+    before, last : ScannedSection
         The last two sections: where the surface was seen, and which way the work angle goes.
 
     Notes
@@ -128,8 +130,8 @@ def others(
     error: GrooveNotFound | SetPointRefused,
     to: SetPoint,
     seen: Profile,
-    before: Scan,
-    stride: Stride,
+    before: ScannedSection,
+    request: StepRequest,
     direction: Direction,
 ) -> Iterator[tuple[str, SetPoint]]:
     """Set-points beside one that showed no groove, and what is other about them.
@@ -142,9 +144,9 @@ def others(
         Where nothing was read.
     seen : Profile
         What was seen last.
-    before : Scan
-        The section before the one that the stride starts from.
-    stride : Stride
+    before : ScannedSection
+        The section before the one that the step starts from.
+    request : StepRequest
         The step under way.
     direction : Direction
         Which way round.
@@ -154,22 +156,22 @@ def others(
     Where a correction shows nothing, the prediction view did show something: half of the
     correction is made, then none of it. A prediction that was refused has no others.
     """
-    if (predicted := stride.predicted) is not None:
+    if (predicted := request.predicted) is not None:
         T_b_s = to.T_b_t @ inverse(to.T_s_t)
         half = _halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
         yield "half of the correction", replace(to, T_b_t=half)
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
     elif isinstance(error, GrooveNotFound):
-        for nudge in nudges(error, seen, before, stride.last):
+        for nudge in nudges(error, seen, before, request.last):
             yield str(nudge), nudge.applied(to, direction)
 
 
 def climb(
-    make: Callable[[float], Scan],
+    make: Callable[[float], ScannedSection],
     retreat: Callable[[], None],
     step: float,
-    note: Callable[[Event, str], None],
-) -> Scan:
+    note: Callable[[ScanEvent, str], None],
+) -> ScannedSection:
     """Make a step, or a shorter one, or one from where the last section is seen again.
 
     Parameters
@@ -197,14 +199,14 @@ def climb(
         return make(step)
     except NotRead as error:
         lost = error
-    note(Event.HALF_STEP, f"{1e3 * half:.1f} mm: {lost}")
+    note(ScanEvent.HALF_STEP, f"{1e3 * half:.1f} mm: {lost}")
     try:
         return make(half)
     except NotRead as error:
         lost = error
     except PoseUnreachable:
         pass  # a shorter step on a bend may be out of reach: from before it looks otherwise
-    note(Event.RETREAT, f"then {1e3 * quarter:.1f} mm: {lost}")
+    note(ScanEvent.RETREAT, f"then {1e3 * quarter:.1f} mm: {lost}")
     try:
         retreat()
         return make(quarter)

@@ -25,7 +25,7 @@ AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 
 
 @dataclass(frozen=True, slots=True)
-class Hand:
+class TeachingError:
     """How far off a hand leaves the laser on the groove, at most, along and about each axis.
 
     Whoever teaches a pose watches the line on the steel: shift and turn are those of frame t,
@@ -40,7 +40,7 @@ class Hand:
     shift: float
     turn: float
 
-    def errors(self, rng: np.random.Generator) -> Array:
+    def draw(self, rng: np.random.Generator) -> Array:
         """What frame t is off by, in itself, shape (4, 4)."""
         turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
         return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
@@ -118,12 +118,16 @@ def further(joint: JointDefinition, azimuth: float, way: float, direction: Direc
 
 
 def taught_views(
-    joint: JointDefinition, azimuth: float, plan: ScanPlan, hand: Hand, rng: np.random.Generator
+    joint: JointDefinition,
+    azimuth: float,
+    plan: ScanPlan,
+    error: TeachingError,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Both start poses of the sensor, T_j_s, as a hand finds them, a step apart."""
     second = further(joint, azimuth, plan.step, plan.direction)
     first_view, second_view = (
-        ideal_view(joint, phi, plan, hand.errors(rng)) for phi in (azimuth, second)
+        ideal_view(joint, phi, plan, error.draw(rng)) for phi in (azimuth, second)
     )
     return first_view, second_view
 

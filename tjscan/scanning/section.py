@@ -49,7 +49,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scan:
+class ScannedSection:
     """A view, the groove read in it, and the target frame it was taken with.
 
     Parameters

@@ -20,10 +20,10 @@ from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.runs.scan import plan_of
 from tjscan.scanning.correction import correct
+from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scan import Substep
+from tjscan.scanning.section import Substep
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.skip import Skip, deviation, uncertainty
 from tjscan.scanning.target import Direction
 
 ANGLE = 0.175
@@ -55,7 +55,7 @@ def test_a_raised_sensor_and_a_smaller_work_angle_are_the_same_deviation() -> No
 def test_what_is_nearer_and_surer_is_allowed_where_the_further_is(
     off: Array, sigma: Array, share: float
 ) -> None:
-    skip = Skip(0.2, 0.2, 0.2)
+    skip = CorrectionCriterion(0.2, 0.2, 0.2)
     if skip.allows(off, sigma):
         assert skip.allows(share * off, sigma)
         assert skip.allows(off, share * sigma)

@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.robot.clearance import Clearance
-from tjscan.scanning.scan import Scan, View
+from tjscan.scanning.section import ScannedSection, View
 
 
-class SeenGroove:
+class ScannedSurface:
     """A journal that tells an arm's clearance of the surface through the sections' points.
 
     Parameters
     ----------
     clearance : Clearance
         Is told after every section.
-    sections : iterable of Scan, optional
+    sections : iterable of ScannedSection, optional
         What was found before.
     """
 
-    def __init__(self, clearance: Clearance, sections: Iterable[Scan] = ()) -> None:
+    def __init__(self, clearance: Clearance, sections: Iterable[ScannedSection] = ()) -> None:
         self._clearance = clearance
         self._points_b = [scan.points_b for scan in sections]
         self._tell()
@@ -30,7 +30,7 @@ class SeenGroove:
     def view(self, view: View) -> None:
         """Leave a profile alone: its ghosts and flyers are nowhere."""
 
-    def section(self, scan: Scan) -> None:
+    def section(self, scan: ScannedSection) -> None:
         """Keep clear of the strip from the last section to this one."""
         self._points_b.append(scan.points_b)
         self._tell()

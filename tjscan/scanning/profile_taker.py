@@ -12,21 +12,21 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.checks.fresh import Seen
+from tjscan.scanning.checks.frozen_profile import FrozenProfileCheck
 from tjscan.scanning.checks.guard import check_set_point
 from tjscan.scanning.checks.plausible import check_agreement, check_measures, check_side, check_step
+from tjscan.scanning.events import EventCounts, ScanEvent
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.merged import merge
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.remedies import FEW, MERGED, MISSING, others, takes
-from tjscan.scanning.scan import Scan, Substep, View
+from tjscan.scanning.retries import FEW, MERGED, MISSING, others, takes
+from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.stride import Stride
-from tjscan.scanning.tally import Event, Tally
 
 
-class Hand:
+class ProfileTaker:
     """Takes views and reads them, by remedies where a profile is bad; see `remedies`.
 
     Parameters
@@ -47,19 +47,19 @@ class Hand:
     ) -> None:
         self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
         self._read, self._plan, self._journal, self._stop = read, plan, journal, stop
-        self._seen = Seen()
+        self._seen = FrozenProfileCheck()
         self.views: list[View] = []
-        self.tally = Tally()
+        self.counts = EventCounts()
 
-    def remember(self, views: Iterable[View], tally: Tally) -> None:
+    def remember(self, views: Iterable[View], counts: EventCounts) -> None:
         """Go on from what was done before."""
-        self.views, self.tally = list(views), tally
+        self.views, self.counts = list(views), counts
         for view in self.views:
             self._seen.add(view)
 
-    def note(self, event: Event, detail: str) -> None:
+    def note(self, event: ScanEvent, detail: str) -> None:
         """Tell the journal of an event, and count it."""
-        self.tally = self.tally.counting(event)
+        self.counts = self.counts.counting(event)
         self._journal.event(event, detail)
 
     def move(self, by: Callable[[Array], ArmState], T_b_f: Array) -> ArmState:
@@ -72,10 +72,10 @@ class Hand:
         index: int,
         substep: Substep,
         state: ArmState,
-        read: Callable[[View], Scan],
+        read: Callable[[View], ScannedSection],
         *,
         again: bool = True,
-    ) -> Scan:
+    ) -> ScannedSection:
         """Take profiles where the arm stands until one is read, a bounded number of times.
 
         Without `again` only the first one is read.
@@ -96,21 +96,28 @@ class Hand:
                 lost = error
             if not again or len(views) >= takes(lost):
                 break
-            self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
+            self.note(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
         if again and lost.reason != FEW and (merged := self._merged(views, state)) is not None:
-            self.note(Event.MERGED, f"section {index}, {substep}, {MERGED} profiles: {lost}")
+            self.note(ScanEvent.MERGED, f"section {index}, {substep}, {MERGED} profiles: {lost}")
             return read(merged)
         raise lost
 
-    def read(self, view: View, T_s_t: Array | None = None) -> Scan:
+    def read(self, view: View, T_s_t: Array | None = None) -> ScannedSection:
         """Read the groove in a view; without T_s_t frame t is laid as the plan lays it."""
         groove = self._read(view.profile)
         check_side(groove)
-        return Scan(view, groove, self._plan.target(groove.work_angle) if T_s_t is None else T_s_t)
+        return ScannedSection(
+            view, groove, self._plan.target(groove.work_angle) if T_s_t is None else T_s_t
+        )
 
     def scan(
-        self, index: int, substep: Substep, to: SetPoint, stride: Stride, before: Scan
-    ) -> Scan:
+        self,
+        index: int,
+        substep: Substep,
+        to: SetPoint,
+        request: StepRequest,
+        before: ScannedSection,
+    ) -> ScannedSection:
         """Lay frame t on a set-point and read the groove, from a little beside if need be.
 
         Parameters
@@ -119,10 +126,10 @@ class Hand:
             As in `View`.
         to : SetPoint
             Where.
-        stride : Stride
+        request : StepRequest
             The step under way, which the set-point and the section have to fit.
-        before : Scan
-            The section before the one that the stride starts from.
+        before : ScannedSection
+            The section before the one that the step starts from.
 
         Raises
         ------
@@ -134,31 +141,37 @@ class Hand:
             As devices do.
         """
         try:
-            return self._lay(index, substep, to, stride)
+            return self._lay(index, substep, to, request)
         except (GrooveNotFound, SetPointRefused) as error:
             lost = error
         seen = self.views[-1].profile
-        for words, other in others(lost, to, seen, before, stride, self._plan.direction):
-            self.note(Event.NUDGE, f"section {index}, {substep}, {words}: {lost}")
+        for words, other in others(lost, to, seen, before, request, self._plan.direction):
+            self.note(ScanEvent.NUDGE, f"section {index}, {substep}, {words}: {lost}")
             try:
-                return self._lay(index, substep, other, stride, again=False)
+                return self._lay(index, substep, other, request, again=False)
             except (GrooveNotFound, SetPointRefused, PoseUnreachable):
                 continue
         raise lost
 
     def _lay(
-        self, index: int, substep: Substep, to: SetPoint, stride: Stride, *, again: bool = True
-    ) -> Scan:
+        self,
+        index: int,
+        substep: Substep,
+        to: SetPoint,
+        request: StepRequest,
+        *,
+        again: bool = True,
+    ) -> ScannedSection:
         """Lay frame t on a set-point and look."""
-        check_set_point(to, stride, self._plan)
+        check_set_point(to, request, self._plan)
         state = self._go(to)
 
-        def read(view: View) -> Scan:
+        def read(view: View) -> ScannedSection:
             found = self.read(view, to.T_s_t)
-            check_step(found, stride)
+            check_step(found, request)
             if substep is Substep.CORRECTION:
-                check_measures(found, stride)
-                check_agreement(found, stride)
+                check_measures(found, request)
+                check_agreement(found, request)
             return found
 
         return self.look(index, substep, state, read, again=again)
@@ -171,7 +184,7 @@ class Hand:
                 # As it stands, or not at all: on its way round a joint no arm changes sides.
                 return self.move(partial(self._arm.move_joint, near=self._arm.state().q), T_b_f)
             except PoseUnreachable as error:
-                self.note(Event.STRAIGHT, str(error))
+                self.note(ScanEvent.STRAIGHT, str(error))
         return self.move(self._arm.move_linear, T_b_f)
 
     def _merged(self, views: list[View], state: ArmState) -> View | None:
@@ -210,4 +223,4 @@ class Hand:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
-                self.note(Event.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+                self.note(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}")

@@ -11,13 +11,13 @@ from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import ArmState
-from tjscan.scanning.scan import View
+from tjscan.scanning.section import View
 
 MOVED: Final = 1e-4
 """Metres, or entries of a rotation: a hand that moved further sees another profile."""
 
 
-class Seen:
+class FrozenProfileCheck:
     """Every profile that was good, told apart by its bits, and where it was taken."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.scan import Scan
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.target import Direction
 
@@ -20,7 +20,7 @@ SIGMAS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Skip:
+class CorrectionCriterion:
     """How far a view may be from the ideal one and still be the section's.
 
     A correction changes how the sensor looks at a section, not where the section lies: its points
@@ -54,7 +54,7 @@ class Skip:
         )
 
 
-def deviation(taken: Scan, ideal: SetPoint) -> Array:
+def deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
     """How far a view is from the ideal one: position and rotation vector in frame t, shape (6,).
 
     Metres and radians. The rotation about x counts the work angle with it.

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.scanning.scan import Scan, Substep
+from tjscan.scanning.section import ScannedSection, Substep
 
 TIGHTEST: Final = 0.04
 """Metres: radius of the tightest bend of a groove. A brace of 168 mm on a leg hardly larger bends
@@ -26,25 +26,25 @@ MOST: Final = radians(100)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stride:
+class StepRequest:
     """One step, as it was meant.
 
     Parameters
     ----------
-    last : Scan
+    last : ScannedSection
         The section it starts from.
     p_b_ahead : ndarray, shape (3,)
         Where it leads: origin of frame t in the prediction substep, metres.
     length : float
         Metres.
-    predicted : Scan, optional
+    predicted : ScannedSection, optional
         What the prediction view showed, once it is read.
     """
 
-    last: Scan
+    last: ScannedSection
     p_b_ahead: Array
     length: float
-    predicted: Scan | None = None
+    predicted: ScannedSection | None = None
 
     @property
     def direction_b(self) -> Array:

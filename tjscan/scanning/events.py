@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 
-class Event(StrEnum):
+class ScanEvent(StrEnum):
     """Names under which journals and recordings hear of it."""
 
     TAKEN_AGAIN = "taken again"
@@ -23,7 +23,7 @@ class Event(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class EventCounts:
     """How often each remedy was tried.
 
     Parameters
@@ -46,16 +46,16 @@ class Tally:
     half_steps: int = 0
     retreats: int = 0
 
-    def counting(self, name: str) -> Tally:
+    def counting(self, name: str) -> EventCounts:
         """With one more event of that name; the same for events that are no remedy."""
         field = _COUNTED.get(name)
         return self if field is None else replace(self, **{field: getattr(self, field) + 1})
 
 
 _COUNTED: dict[str, str] = {
-    Event.TAKEN_AGAIN: "taken_again",
-    Event.MERGED: "merged",
-    Event.NUDGE: "nudges",
-    Event.HALF_STEP: "half_steps",
-    Event.RETREAT: "retreats",
+    ScanEvent.TAKEN_AGAIN: "taken_again",
+    ScanEvent.MERGED: "merged",
+    ScanEvent.NUDGE: "nudges",
+    ScanEvent.HALF_STEP: "half_steps",
+    ScanEvent.RETREAT: "retreats",
 }

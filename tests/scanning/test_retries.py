@@ -15,12 +15,12 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.result.summary import step_lengths
 from tjscan.scanning.checks.plausible import check_side
+from tjscan.scanning.events import EventCounts
 from tjscan.scanning.merged import AGREEING, merge
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.remedies import MISSING
-from tjscan.scanning.scan import Substep
-from tjscan.scanning.scanner import ScanResult
-from tjscan.scanning.tally import Tally
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.retries import MISSING
+from tjscan.scanning.section import Substep
 
 SHORT = {"scan.sections": 7}
 TRUE_CORNER = 0.4e-3
@@ -49,8 +49,8 @@ def test_up_to_five_bad_profiles_in_a_row_cost_no_section(fault: Fault) -> None:
     notes = Notes()
     result = scan_with(bursts(fault, 3), notes)
     assert result.stop is StopReason.SECTIONS
-    assert result.tally.taken_again > 0
-    assert result.tally == Tally(taken_again=result.tally.taken_again)
+    assert result.counts.taken_again > 0
+    assert result.counts == EventCounts(taken_again=result.counts.taken_again)
     assert example_corner_errors(result).max() < TRUE_CORNER
     assert {name for name, _ in notes.events} == {"taken again", "stop"}
 
@@ -73,7 +73,7 @@ def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> No
         through=lambda laser: Remembering(laser, lambda k: out_of_a_ring if k in failing else None),
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.tally == Tally(taken_again=MISSING)
+    assert result.counts == EventCounts(taken_again=MISSING)
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
@@ -81,7 +81,7 @@ def test_a_third_of_all_points_anywhere_cost_no_section() -> None:
     fault = spurious(0.3, 5)
     result = scan_with(lambda k: fault)
     assert result.stop is StopReason.SECTIONS
-    assert result.tally.merged > 0
+    assert result.counts.merged > 0
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
@@ -103,7 +103,7 @@ def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:
     assert len(result.sections) == 4
     order = list(dict.fromkeys(name for name, _ in notes.events))
     assert order == ["taken again", "nudge", "half step", "retreat", "stop"]
-    assert result.tally.half_steps == result.tally.retreats == 1
+    assert result.counts.half_steps == result.counts.retreats == 1
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_where_nothing_is_read_a_shorter_step_is_made(first: int, nudges: int) -
         FAULTLESS | SHORT, notes=notes, read=reading_fails_at(range(first, first + 2 + nudges))
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.tally == Tally(taken_again=1, nudges=nudges, half_steps=1)
+    assert result.counts == EventCounts(taken_again=1, nudges=nudges, half_steps=1)
     assert step_lengths(result.sections)[2] == pytest.approx(0.020, rel=0.03)
     assert step_lengths(result.sections)[3] == pytest.approx(0.040, rel=0.03)
 
@@ -157,7 +157,7 @@ def test_where_that_does_not_help_the_last_section_is_seen_again() -> None:
         FAULTLESS | SHORT, read=reading_fails_at(range(SIDE_VIEW, SIDE_VIEW + 12))
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.tally == Tally(taken_again=2, nudges=8, half_steps=1, retreats=1)
+    assert result.counts == EventCounts(taken_again=2, nudges=8, half_steps=1, retreats=1)
     assert [v.index for v in result.views if v.substep is Substep.RESUMED] == [3]
     assert step_lengths(result.sections)[2] == pytest.approx(0.010, rel=0.05)
 
