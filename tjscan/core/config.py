@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.files import check_size
+from tjscan.core.units import Settings
 
 
 class FileModel(BaseModel):
@@ -21,7 +22,10 @@ class FileModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-M = TypeVar("M", bound=FileModel)
+M = TypeVar("M", bound=FileModel | Settings)
+
+UNKNOWN: Final = ("extra_forbidden", "unexpected_keyword_argument")
+"""What pydantic calls a key that a table does not have."""
 
 MAXIMUM_BYTES: Final = 1_000_000
 """No configuration is larger; a larger file is something else given by mistake."""
@@ -29,7 +33,7 @@ MAXIMUM_BYTES: Final = 1_000_000
 LONGEST_LINE: Final = 5000
 """Characters. A key of thousands of parts would keep the parser busy for minutes."""
 
-MOST_TOLD: Final = 200
+LONGEST_VALUE: Final = 200
 """Characters of a wrong value that a message repeats."""
 
 
@@ -64,18 +68,35 @@ def read_toml(file: Path) -> dict[str, Any]:
 def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) -> M:
     """Check `data` against `model`.
 
+    Parameters
+    ----------
+    model : type
+        A `FileModel`, or `Settings`.
+    data : mapping
+        Keys and values as they stand in the file.
+    file : Path, optional
+        Where they stand, for messages.
+
     Raises
     ------
     ConfigurationError
         For the first key that is unknown, missing, or of a wrong type or value.
     """
     try:
-        return model.model_validate(dict(data))
+        return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         # A misspelt key is both unknown and missing: say the former.
-        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN)
         key = ".".join(str(part) for part in first["loc"])
-        raise ConfigurationError(_say(model, first), file=file, key=key) from None
+        raise ConfigurationError(_explain(model, first), file=file, key=key or None) from None
+
+
+def written(table: FileModel | Settings) -> dict[str, Any]:
+    """Keys and values of a table as its file holds them; keys without a value are left out."""
+    found: dict[str, Any] = TypeAdapter(type(table)).dump_python(
+        table, mode="json", exclude_none=True
+    )
+    return found
 
 
 @contextmanager
@@ -89,37 +110,51 @@ def naming(file: Path | None = None, *, key: str | None = None) -> Iterator[None
         ) from None
 
 
-def _say(model: type[FileModel], detail: ErrorDetails) -> str:
+def _explain(model: Any, detail: ErrorDetails) -> str:
     """One sentence that says what is wrong with a key and what would be right."""
-    if detail["type"] == "extra_forbidden":
+    if detail["type"] in UNKNOWN:
         known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest(str(detail['loc'][-1]), known)}?"
-    if detail["type"] in ("model_type", "model_attributes_type"):
-        return f"must be a table (found {_told(detail['input'])})"
+    if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
+        return f"must be a table (found {_shown(detail['input'])})"
     if detail["type"] == "missing":
         return "this key is required"
     if detail["type"] == "literal_error":
-        return f"{_told(detail['input'])} is none of {detail['ctx']['expected']}"
+        return f"{_shown(detail['input'])} is none of {detail['ctx']['expected']}"
     message = detail["msg"].removeprefix("Value error, ")
     message = f"{message[:1].lower()}{message[1:]}"
     found = detail["input"]
-    return message if isinstance(found, dict) else f"{message} (found {_told(found)})"
+    return message if isinstance(found, dict) else f"{message} (found {_shown(found)})"
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     """A value in a message, cut short; nests of any depth and numbers of any length."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):
         return f"a {type(value).__name__} of great size"
-    return text if len(text) <= MOST_TOLD else f"{text[:MOST_TOLD]}…"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
 
 
-def _keys_at(model: type[FileModel], path: Sequence[str]) -> list[str]:
+def _keys_at(model: Any, path: Sequence[str]) -> list[str]:
     """Known keys of the table at a dotted path."""
     for part in path:
-        field = model.model_fields.get(part)
-        kinds = () if field is None else (field.annotation, *get_args(field.annotation))
-        inner = [k for k in kinds if isinstance(k, type) and issubclass(k, FileModel)]
+        inner = list(_tables(_fields(model).get(part)))
         model = inner[0] if inner else model
-    return list(model.model_fields)
+    return list(_fields(model))
+
+
+def _fields(model: Any) -> Mapping[str, Any]:
+    """Type of each key of a table."""
+    if issubclass(model, Settings):
+        found: Mapping[str, Any] = model.file_fields()
+        return found
+    return {name: field.annotation for name, field in model.model_fields.items()}
+
+
+def _tables(hint: Any) -> Iterator[type[FileModel | Settings]]:
+    """The tables that stand in a type, however deep."""
+    if isinstance(hint, type) and issubclass(hint, FileModel | Settings):
+        yield hint
+    for part in get_args(hint):
+        yield from _tables(part)

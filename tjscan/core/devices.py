@@ -1,0 +1,92 @@
+"""What all devices share: who they are, what they report, and how a driver registers them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+from tjscan.core.units import Settings
+
+C = TypeVar("C")
+D = TypeVar("D")
+
+Listener = Callable[[str, str], None]
+"""Receives an event: its name in one word, and a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Which device it is, as far as it reports that; empty where it does not.
+
+    Parameters
+    ----------
+    model, serial, software : str
+        Model, serial number, and version of its firmware or controller software.
+    """
+
+    model: str = ""
+    serial: str = ""
+    software: str = ""
+
+    def __bool__(self) -> bool:
+        return any((self.model, self.serial, self.software))
+
+    def __str__(self) -> str:
+        parts = (("serial number", self.serial), ("software", self.software))
+        return ", ".join((self.model or "unnamed", *(f"{k} {v}" for k, v in parts if v)))
+
+
+class Device:
+    """What a device of few words answers: it has no name and no events. A base for drivers."""
+
+    @property
+    def identity(self) -> Identity:
+        """Which device it is; known while connected."""
+        return Identity()
+
+    def listen(self, listener: Listener) -> None:
+        """Report every event from now on to a listener, before its effects: nothing happens."""
+
+
+class Kind(StrEnum):
+    """What a driver stands for."""
+
+    REAL = "real"
+    SIMULATED = "simulated"
+    REPLAYED = "replayed"
+
+
+@dataclass(frozen=True)
+class NoSettings(Settings):
+    """The table of a driver without settings."""
+
+
+@dataclass(frozen=True)
+class Driver(Generic[C, D]):
+    """How a device is made from a job file.
+
+    A driver is a module with one of these, registered by name in `tjscan.robot.drivers.ARMS` or
+    `tjscan.laser.drivers.LASERS`. A package of its own registers it by an entry point::
+
+        [project.entry-points."tjscan.laser"]
+        acme = "acme_tjscan:DRIVER"
+
+    Then a job may say ``laser.driver = "acme"``, and its table ``[laser.acme]`` is checked against
+    `table`. Import what is heavy inside `make`: tables are checked without it.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the device, not yet connected, from a context (`ArmContext`, `LaserContext`) and
+        the settings, an instance of `table`.
+    table : type of Settings, optional
+        Its own table in the job file.
+    kind : Kind, optional
+        A device, a simulation or a recording.
+    """
+
+    make: Callable[[C, Any], D]
+    table: type[Settings] = NoSettings
+    kind: Kind = Kind.REAL

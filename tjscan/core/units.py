@@ -1,0 +1,254 @@
+"""Settings that hold metres and radians, and stand in files in millimetres and degrees.
+
+A settings class is a frozen dataclass whose fields carry the unit of the file once::
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Plan(Settings):
+        step: Annotated[float, Ge(5), Le(300), MM] = 0.04
+
+The program writes ``Plan(step=0.04)`` and reads ``plan.step`` in metres. In a file the same number
+is the key ``step_mm``, between 5 and 300: bounds stand before the unit and count in the file's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import radians
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, get_args, get_type_hints
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from tjscan.core.frames import Array, from_euler_zyx, from_rounded
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+    from pydantic_core import CoreSchema
+
+_DIGITS: Final = (15, 16, 17)
+"""Decimal digits that may be needed to write a number so that it is read as the same again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """The unit in which a file holds a number, or numbers in tuples; the last item of `Annotated`.
+
+    Parameters
+    ----------
+    suffix : str
+        What the key in the file ends in.
+    factor : float
+        What one of it is in SI units.
+    """
+
+    suffix: str
+    factor: float = 1.0
+
+    def to_si(self, value: Any) -> Any:
+        """Convert what a file holds; numbers in tuples too, and nothing to nothing."""
+        if value is None:
+            return None
+        if isinstance(value, tuple):
+            return tuple(map(self.to_si, value))
+        return value * self.factor
+
+    def to_file(self, value: Any) -> Any:
+        """Convert back: the number of fewest digits that is read as the same."""
+        if value is None:
+            return None
+        if isinstance(value, tuple):
+            return tuple(map(self.to_file, value))
+        for digits in _DIGITS:
+            shortest = float(f"{value / self.factor:.{digits}g}")
+            if self.to_si(shortest) == value:
+                break
+        return shortest
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Check in the file's unit, convert after that, and convert back when it is written."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(
+            self.to_si,
+            _with_lists(handler(source)),
+            serialization=core_schema.plain_serializer_function_ser_schema(self.to_file),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Internal:
+    """Marks a field that no file holds: the program sets it, or its default counts."""
+
+
+MM: Final = Unit("mm", 1e-3)
+MM2: Final = Unit("mm2", 1e-6)
+MM_S: Final = Unit("mm_s", 1e-3)
+MM_S2: Final = Unit("mm_s2", 1e-3)
+DEG: Final = Unit("deg", radians(1.0))
+KG: Final = Unit("kg")
+SECONDS: Final = Unit("s")
+COLUMNS: Final = Unit("columns")
+POINTS: Final = Unit("points")
+INTERNAL: Final = Internal()
+
+
+class Settings:
+    """Base of frozen dataclasses that stand in a file as tables: closed, and strict about types.
+
+    A check across several fields stands in ``__post_init__`` and raises ValueError.
+    """
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[dict[str, Any]] = {
+        "strict": True,
+        "extra": "forbid",
+        "allow_inf_nan": False,
+        "serialize_by_alias": True,
+    }
+
+    @classmethod
+    def file_fields(cls) -> dict[str, Any]:
+        """Type of each key that the table has in a file."""
+        hints = get_type_hints(cls, include_extras=True)
+        own = {field.name: hints[field.name] for field in fields(cls)}  # type: ignore[arg-type]
+        return {
+            _key(name, hint): hint
+            for name, hint in own.items()
+            if INTERNAL not in getattr(hint, "__metadata__", ())
+        }
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of a dataclass whose keys end in their units."""
+        hints = get_type_hints(cls, include_extras=True)
+        schema: Any = handler(source)
+        table = schema
+        while table["type"] != "dataclass":
+            table = table["schema"]
+        table["strict"] = False  # a table of a file is not of this class yet
+        for field in table["schema"]["fields"]:
+            hint = hints[field["name"]]
+            if INTERNAL in getattr(hint, "__metadata__", ()):
+                field["init"], field["serialization_exclude"] = False, True
+            else:
+                key = _key(field["name"], hint)
+                field["validation_alias"] = field["serialization_alias"] = key
+        return schema  # type: ignore[no-any-return]
+
+
+def _key(name: str, hint: Any) -> str:
+    """A field's key in a file."""
+    unit = _unit(hint)
+    return name if unit is None else f"{name}_{unit.suffix}"
+
+
+def _unit(hint: Any) -> Unit | None:
+    """The unit that stands in a type, however deep."""
+    for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
+        found = part if isinstance(part, Unit) else _unit(part)
+        if found is not None:
+            return found
+    return None
+
+
+def _with_lists(schema: Any) -> Any:
+    """A schema whose tuples a file may hold as lists."""
+    inner = schema
+    while inner["type"] != "tuple" and "schema" in inner:
+        inner = inner["schema"]
+    if inner["type"] == "tuple":
+        inner["strict"] = False
+        for item in inner["items_schema"]:
+            _with_lists(item)
+    return schema
+
+
+class _Lists:
+    """Lets a file hold a tuple as a list."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return _with_lists(handler(source))  # type: ignore[no-any-return]
+
+
+LISTS: Final = _Lists()
+"""For tuples without a unit: a file holds them as lists."""
+
+FARTHEST_MM: Final = 1e5
+"""A hundred metres: nothing in a cell is further."""
+
+Coordinate = Annotated[float, Ge(-FARTHEST_MM), Le(FARTHEST_MM)]
+
+Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], MM]
+"""Three coordinates, metres."""
+
+Angles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
+"""Three angles, radians."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseTable(Settings):
+    """A pose as controllers show it.
+
+    Parameters
+    ----------
+    position : tuple of float
+        Of the inner frame's origin in the outer frame, metres.
+    euler_zyx : tuple of float
+        Z-Y-X Euler angles, radians; see `from_euler_zyx`.
+    """
+
+    position: Vector
+    euler_zyx: Angles
+
+    @property
+    def T(self) -> Array:
+        """The pose, shape (4, 4), metres."""
+        return from_euler_zyx(self.position, self.euler_zyx)
+
+
+Row = tuple[float, float, float, float]
+
+
+def rows_to_pose(rows: tuple[Row, Row, Row, Row]) -> Array:
+    """Pose, shape (4, 4), metres, from the rows of a file, millimetres.
+
+    Raises
+    ------
+    ValueError
+        If they are no pose; see `from_rounded`.
+    """
+    T = np.array(rows)
+    T[:3, 3] *= MM.factor
+    return from_rounded(T)
+
+
+def pose_to_rows(T: Array) -> tuple[Row, Row, Row, Row]:
+    """A file's rows, millimetres, from a pose, shape (4, 4), metres."""
+    in_mm = T.tolist()
+    for row in in_mm[:3]:
+        row[3] = MM.to_file(row[3])
+    a, b, c, d = map(tuple, in_mm)
+    return a, b, c, d
+
+
+class _IsPose:
+    """Refuses rows that are no pose."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        from pydantic_core import core_schema
+
+        def check(rows: Any) -> Any:
+            rows_to_pose(rows)
+            return rows
+
+        return core_schema.no_info_after_validator_function(check, _with_lists(handler(source)))
+
+
+PoseRows = Annotated[tuple[Row, Row, Row, Row], _IsPose()]
+"""A pose as a file holds it: the four rows of its matrix, millimetres."""
