@@ -31,11 +31,12 @@ from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate, points_r
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import Plane, incidence, transform_line
-from tjscan.calibration.refine import deletions, refine, stepped
+from tjscan.calibration.refine import deletions, refine
 from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.verify import verify
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
+from tjscan.core.lie import boxplus
 
 RECOVERED = 1e-9
 """Metres and radians: rounding alone."""
@@ -101,12 +102,12 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = samples(POSES, shots(POSES, HAND, rng))
     model = PlaneModel.of(POSES, [s.fit for s in taken], target(rng), NOISE)
-    T, by = stepped(T_F_S, 0.01 * rng.standard_normal(6)), 0.02 * rng.standard_normal(3)
+    T, by = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), 0.02 * rng.standard_normal(3)
     found, h = model.linearise(T, by), 1e-6
     for i in range(6):
         step = np.zeros(6)
         step[i] = h
-        up, down = (model.linearise(stepped(T, s * step), by).residuals for s in (1, -1))
+        up, down = (model.linearise(boxplus(T, s * step), by).residuals for s in (1, -1))
         np.testing.assert_allclose(found.by_pose[:, :, i], (up - down) / (2 * h), atol=1e-8)
     for i in range(3):
         step = h * np.eye(3)[i]

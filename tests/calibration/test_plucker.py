@@ -13,7 +13,6 @@ from tjscan.calibration.plucker import (
     line_through,
     plane_through,
     screw_matrix,
-    skew,
     transform_line,
     transform_plane,
 )
@@ -27,13 +26,6 @@ poses = st.builds(
     lambda r, p: pose(Rotation.from_rotvec(r).as_matrix(), p), coordinates, coordinates
 )
 laws = settings(max_examples=40, deadline=None)
-
-
-@laws
-@given(v=coordinates, w=coordinates)
-def test_the_skew_matrix_is_the_cross_product(v: Array, w: Array) -> None:
-    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=EXACT)
-    np.testing.assert_array_equal(skew(np.stack((v, w)))[1], skew(w))
 
 
 @laws

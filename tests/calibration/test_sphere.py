@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.circle_fit import fit_circle
 from tjscan.calibration.hand_eye import ArcSample, calibrate_on_sphere
-from tjscan.calibration.refine import stepped
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse, pose, transform
+from tjscan.core.lie import boxplus
 from tjscan.laser.faults import speckle
 from tjscan.laser.profile import Profile
 
@@ -75,11 +75,11 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     taken = arcs(rng, 6)
     poses = np.stack([s.T_b_f for s in taken])
     model = SphereModel.of(poses, [s.fit for s in taken], SphereTarget(), NOISE)
-    T, where = stepped(T_F_S, 0.01 * rng.standard_normal(6)), np.append(BALL_B + 0.01, 0.031)
+    T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), np.append(BALL_B + 0.01, 0.031)
     found, h = model.linearise(T, where), 1e-6
     for i in range(6):
         step = h * np.eye(6)[i]
-        up, down = (model.linearise(stepped(T, s * step), where).residuals for s in (1, -1))
+        up, down = (model.linearise(boxplus(T, s * step), where).residuals for s in (1, -1))
         np.testing.assert_allclose(found.by_pose[:, :, i], (up - down) / (2 * h), atol=1e-7)
     for i in range(4):
         step = h * np.eye(4)[i]

@@ -18,6 +18,7 @@ from tjscan.core.frames import (
     rot_y,
     rot_z,
     rotation_angle,
+    skew,
     to_euler_zyx,
     transform,
 )
@@ -98,3 +99,9 @@ def test_cross_products_are_those_of_numpy() -> None:
     a, b = np.random.default_rng(3).standard_normal((2, 4, 5, 3))
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
     np.testing.assert_allclose(cross(a[0, 0], b[0, 0]), np.cross(a[0, 0], b[0, 0]), atol=1e-15)
+
+
+@given(vectors, vectors)
+def test_the_skew_matrix_is_the_cross_product(v: Array, w: Array) -> None:
+    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=EXACT)
+    np.testing.assert_array_equal(skew(np.stack((v, w)))[1], skew(w))

@@ -7,11 +7,8 @@ from hypothesis import strategies as st
 from seams import Noise, seam
 
 from tjscan.scanning.seam.fit import Walls, fit_seam
-from tjscan.scanning.seam.kriging import Kriging
 from tjscan.scanning.seam.track import MOST_SECTIONS, track_of
 from tjscan.scanning.target import Direction
-
-PLACES = np.linspace(-0.2, 0.0, 9)
 
 
 @pytest.mark.parametrize("joint", ["tjoint-600x457", "yjoint-600x457-60deg", "tjoint-406x324"])
@@ -88,28 +85,3 @@ def test_a_wall_without_curvature_is_a_plane() -> None:
     distance, slope = walls.outside(np.full((2, 1, 3), 0.03), np.full((2, 1, 3), 0.6))
     np.testing.assert_allclose(distance, 0.03)
     np.testing.assert_allclose(slope, 0.6)
-
-
-def test_kriging_returns_what_was_measured_and_forgets_far_away() -> None:
-    values = np.sin(10 * PLACES)
-    kriging = Kriging(PLACES, values, np.full(9, 1e-6), 1.0, 0.15)
-    at, sigma = kriging.at(PLACES)
-    np.testing.assert_allclose(at, values, atol=1e-5)
-    assert sigma.max() < 1e-4
-    far, doubt = kriging.at(np.array([5.0]))
-    assert abs(far[0]) < 1.0
-    assert doubt[0] > 1.0  # the function's own, and that of its mean
-    change, none = kriging.change(np.array([PLACES[3], 0.05]), PLACES[3])
-    assert change[0] == pytest.approx(0.0, abs=1e-9)
-    assert none[0] == pytest.approx(0.0, abs=1e-6)
-    assert change[1] == pytest.approx(kriging.at(np.array([0.05]))[0][0] - values[3], abs=1e-4)
-
-
-def test_kriging_averages_noise() -> None:
-    rng = np.random.default_rng(4)
-    off = [
-        Kriging(PLACES, 3 + rng.standard_normal(9), np.ones(9), 0.3, 0.15).at(np.zeros(1))[0][0] - 3
-        for _ in range(200)
-    ]
-    assert np.std(off) < 0.5
-    assert abs(np.mean(off)) < 0.1

@@ -13,12 +13,12 @@ from free_stations import CAD, Cast, joint_named, true_station
 from scipy.spatial.transform import Rotation
 
 from tjscan.comparison.distance import corner_errors
+from tjscan.core import lie
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, rotation_angle
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.tubes.walls import Repeatability
 from tjscan.stitching.draft import Draft
-from tjscan.stitching.graph import motion_of
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.stations import Station
@@ -75,7 +75,7 @@ def test_exact_stations_are_placed_exactly(name: str) -> None:
     # The leaning joint's groove angle is prescribed with a kink, which is not smooth.
     tolerance = 20 * EXACT if name.startswith("y") else EXACT
     for T in off_truth(stitched, truth):
-        assert np.abs(motion_of(T)).max() < tolerance
+        assert np.abs(lie.log(T)).max() < tolerance
     joint = joint_named(name)
     assert stitched.shape.array == pytest.approx(
         (joint.brace_radius, joint.leg_radius, joint.angle, 0.0), abs=EXACT
@@ -129,7 +129,7 @@ def test_the_errors_of_the_poses_are_as_large_as_stated() -> None:
         stations, truth = two(seed=seed, arm=arm)
         stitched = stitch(stations, settings)
         for one, T in zip(stitched.stations, off_truth(stitched, truth), strict=True):
-            error = motion_of(T)
+            error = lie.log(T)
             squares.append(error @ np.linalg.solve(one.covariance, error) / 6)
     assert 0.6 < np.mean(squares) < 1.5
 
@@ -165,7 +165,7 @@ def test_stations_fit_each_other_though_tubes_are_out_of_round(oval: float) -> N
     ]
     stitched = stitch([station for station, _ in made])
     left, right = off_truth(stitched, [T_j_b for _, T_j_b in made])
-    between = motion_of(inverse(left) @ right)
+    between = lie.log(inverse(left) @ right)
     assert np.linalg.norm(between[:3]) < 0.1e-3
     assert np.linalg.norm(between[3:]) < np.radians(0.02)
     assert 0.1 * oval < stitched.out_of_round <= 2 * oval

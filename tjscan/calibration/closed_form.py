@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.plucker import Plane, skew
-from tjscan.core.frames import Array, pose, readonly
+from tjscan.calibration.plucker import Plane
+from tjscan.core.frames import Array, pose, readonly, skew
 
 DECISIVE: Final = 0.3
 """One sign's residual below this share of the other's decides between them."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.core.robust import mad_sigma
 
 SCORED: Final = 96
 """Points at which a hypothesis is scored: enough to rank, few enough to be quick."""
@@ -47,7 +48,7 @@ def best(distances: Array, tolerance: float) -> int:
 def scale(residuals: Array, stated: float) -> float:
     """Standard deviation of the points near the curve, between `stated` and `ROUGHEST` times it."""
     near = np.abs(residuals)[np.abs(residuals) < TRIM * ROUGHEST * stated]
-    spread = 1.4826 * float(np.median(near)) if near.size else stated
+    spread = mad_sigma(near) if near.size else stated
     return min(max(spread, stated), ROUGHEST * stated)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, unit
+from tjscan.core.lie import so3_log
 
 LEAST_TURN: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""
@@ -37,7 +37,7 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
         With the motion that is missing.
     """
     R = T_b_f[:, :3, :3]
-    turns = Rotation.from_matrix(R[0].T @ R).as_rotvec()
+    turns = so3_log(R[0].T @ R)
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
     if spread[0] < LEAST_TURN:

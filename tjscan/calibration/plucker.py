@@ -7,17 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly
-
-
-def skew(v: ArrayLike) -> Array:
-    """Matrices, shape (..., 3, 3), whose product with w is v × w, for v of shape (..., 3)."""
-    v = np.asarray(v, dtype=float)
-    out = np.zeros((*v.shape, 3))
-    out[..., 2, 1] = v[..., 0]
-    out[..., 0, 2] = v[..., 1]
-    out[..., 1, 0] = v[..., 2]
-    return out - np.swapaxes(out, -1, -2)
+from tjscan.core.frames import Array, readonly, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

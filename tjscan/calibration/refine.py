@@ -7,12 +7,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pytransform3d.rotations import left_jacobian_SO3
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.model import Linearised, Model
-from tjscan.core.frames import Array, pose, readonly
+from tjscan.core.frames import Array, readonly
+from tjscan.core.lie import boxplus, left_jacobian
 
 REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
@@ -79,12 +78,6 @@ class Deletion:
     step: Array
 
 
-def stepped(T_f_s: Array, step: Array) -> Array:
-    """T_f_s moved by a translation and a rotation vector in the axes of f, shape (6,)."""
-    R = Rotation.from_rotvec(step[3:6]).as_matrix()
-    return pose(R @ T_f_s[:3, :3], T_f_s[:3, 3] + step[:3])
-
-
 def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
     """Minimise the weighted sum of squares over the used profiles, from a start nearby.
 
@@ -97,21 +90,21 @@ def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
         whiten = _whitening(model.linearise(base, start[6:]).covariance[used])
 
         def residuals(theta: Array, base: Array = base, whiten: Array = whiten) -> Array:
-            found = model.linearise(stepped(base, theta), theta[6:])
+            found = model.linearise(boxplus(base, theta[:6]), theta[6:])
             return _stack(whiten, found.residuals[used], prior @ theta[6:])
 
         def jacobian(theta: Array, base: Array = base, whiten: Array = whiten) -> Array:
-            found = model.linearise(stepped(base, theta), theta[6:])
+            found = model.linearise(boxplus(base, theta[:6]), theta[6:])
             J = np.concatenate((found.by_pose, found.by_target), axis=2)[used]
             # From a small turn on top of theta's rotation to a change of the rotation vector.
-            J[:, :, 3:6] = J[:, :, 3:6] @ left_jacobian_SO3(theta[3:6])
+            J[:, :, 3:6] = J[:, :, 3:6] @ left_jacobian(theta[3:6])
             return _whiten_jacobian(whiten, J, prior)
 
         found = least_squares(
             residuals, start, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14
         )
         moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
-        base, start = stepped(base, found.x), np.concatenate((np.zeros(6), found.x[6:]))
+        base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
         if moved < SETTLED:
             break
     return _estimate(model, base, start[6:], used)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Plane, transform_plane
@@ -13,6 +12,7 @@ from tjscan.calibration.session import square_poses
 from tjscan.calibration.window import Window
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse, pose
+from tjscan.core.lie import so3_exp
 from tjscan.laser.faults import speckle
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm
@@ -47,7 +47,7 @@ class SimulatedHand:
         noise = self.noise
         if noise is not None:
             slip = pose(
-                Rotation.from_rotvec(noise.rotation * rng.standard_normal(3)).as_matrix(),
+                so3_exp(noise.rotation * rng.standard_normal(3)),
                 noise.position * rng.standard_normal(3),
             )
             T_b_f = pose(T_b_f[:3, :3] @ slip[:3, :3], T_b_f[:3, 3] + slip[:3, 3])

@@ -10,9 +10,8 @@ import numpy as np
 from tjscan.calibration.circle_fit import ArcFit
 from tjscan.calibration.model import Linearised
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import skew
 from tjscan.calibration.targets import SphereTarget
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

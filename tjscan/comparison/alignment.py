@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from tjscan.comparison.surface import SurfaceDistance
 from tjscan.core.errors import ComparisonRefused
 from tjscan.core.frames import Array, pose, readonly, rotation_angle, transform
+from tjscan.core.robust import TUKEY, mad_sigma
 
 MOST_POINTS: Final = 30_000
 """Points that are aligned; more would tell no more about six numbers."""
@@ -155,14 +156,14 @@ def align_icp(points: Array, partner: Partner) -> Alignment:
                 f"reference, {100 * LEAST_FITNESS:.0f} % must: they overlap too little, or begin "
                 "too far apart to be aligned from where they are"
             )
-        width = 3 * max(1.4826 * float(np.median(off[near])), NOISE_FLOOR)
+        width = 3 * max(mad_sigma(off[near]), NOISE_FLOOR)
         if move < STILL or rounds == MOST_ROUNDS:
             break
         source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(moved[near] - centre))
         target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(feet[near] - centre))
         target.normals = o3d.utility.Vector3dVector(normals[near])
         estimate = registration.TransformationEstimationPointToPlane(
-            registration.TukeyLoss(4.685 / 3 * width)
+            registration.TukeyLoss(TUKEY / 3 * width)
         )
         same = np.arange(near.sum(), dtype=np.int32)
         pairs = o3d.utility.Vector2iVector(np.column_stack((same, same)))

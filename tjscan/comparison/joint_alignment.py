@@ -14,6 +14,7 @@ from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.comparison.surface import SurfaceDistance
 from tjscan.core.errors import ComparisonRefused, TubesNotFound
 from tjscan.core.frames import Array, inverse, pose, rot_z, rotation_angle, transform
+from tjscan.core.robust import mad_sigma
 from tjscan.joint.tubes.find import find_tubes
 from tjscan.joint.tubes.frame import JointFrame, joint_frame
 
@@ -78,7 +79,7 @@ def align_joints(measured: Shape, reference: Shape, surface: SurfaceDistance | N
             "these are two different joints, or one of them was not seen well enough"
         )
     T = turns[chosen]
-    width = 3 * max(1.4826 * float(np.median(off[chosen][near])), NOISE_FLOOR)
+    width = 3 * max(mad_sigma(off[chosen][near]), NOISE_FLOOR)
     held = off[chosen] < width
     residual = float(np.sqrt(np.mean(off[chosen][held] ** 2)))
     moved = float(np.sqrt(np.mean(np.sum((transform(T, points) - points) ** 2, axis=1))))

@@ -35,11 +35,28 @@ def unit(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product of vectors, shape (..., 3).
+    """Cross product of vectors.
 
+    Parameters
+    ----------
+    a, b : ndarray, shape (..., 3)
+        Any shapes that broadcast.
+
+    Notes
+    -----
     `numpy.cross` allows for so much else that it takes ten times as long for a few vectors.
     """
     return np.asarray(a[..., _NEXT] * b[..., _NEXT_BUT_ONE] - a[..., _NEXT_BUT_ONE] * b[..., _NEXT])
+
+
+def skew(v: ArrayLike) -> Array:
+    """Matrices, shape (..., 3, 3), whose product with w is v × w, for v of shape (..., 3)."""
+    v = np.asarray(v, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1] = v[..., 0]
+    out[..., 0, 2] = v[..., 1]
+    out[..., 1, 0] = v[..., 2]
+    return out - np.swapaxes(out, -1, -2)
 
 
 def rot_x(angle: float) -> Array:
@@ -58,7 +75,19 @@ def rot_z(angle: float) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Pose from a rotation, shape (3, 3), and a position, shape (3,); identity where left out."""
+    """Pose from a rotation and a position; identity where left out.
+
+    Parameters
+    ----------
+    R : array_like, shape (3, 3), optional
+        Axes of the inner frame, as columns, in the outer one.
+    p : array_like, shape (3,), optional
+        Origin of the inner frame in the outer one, metres.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+    """
     T = np.eye(4)
     if R is not None:
         T[:3, :3] = R
@@ -73,12 +102,26 @@ def inverse(T: Array) -> Array:
 
 
 def transform(T: Array, points: ArrayLike) -> Array:
-    """Map points, shape (..., 3), from the inner frame of `T` to its outer frame."""
+    """Map points from the inner frame of a pose to its outer frame.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        Pose of the inner frame in the outer one.
+    points : array_like, shape (..., 3)
+        In the inner frame, metres.
+    """
     return np.asarray(points, dtype=float) @ T[:3, :3].T + T[:3, 3]
 
 
 def rotation_angle(T_1: Array, T_2: Array) -> float:
-    """Angle in radians by which the rotations of two poses (or two rotations) differ."""
+    """Angle in radians by which the rotations of two poses differ.
+
+    Parameters
+    ----------
+    T_1, T_2 : ndarray, shape (4, 4) or (3, 3)
+        Poses or rotations.
+    """
     return float(Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).magnitude())
 
 

@@ -6,8 +6,8 @@ from math import ceil, radians
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
@@ -112,9 +112,9 @@ def _line(T_start: Array, T_end: Array) -> Array:
     angle = rotation_angle(T_start, T_end)
     pieces = max(FEWEST, ceil(length / SPACING), ceil(angle / TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)[:, None]
-    turn = Rotation.from_matrix(T_start[:3, :3].T @ T_end[:3, :3]).as_rotvec()
+    turn = lie.so3_log(T_start[:3, :3].T @ T_end[:3, :3])
     poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
-    poses[:, :3, :3] = T_start[:3, :3] @ Rotation.from_rotvec(u * turn).as_matrix()
+    poses[:, :3, :3] = T_start[:3, :3] @ lie.so3_exp(u * turn)
     poses[:, :3, 3] = (1 - u) * T_start[:3, 3] + u * T_end[:3, 3]
     return poses
 

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.core.gp import Matern52, OrdinaryKriging
 from tjscan.scanning.seam.ahead import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.fit import fit_seam
-from tjscan.scanning.seam.kriging import Kriging
 from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import StepRule
@@ -58,8 +58,11 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
 
     def rule(sections: Sequence[ScannedSection]) -> float:
         track = track_of(sections)
-        angles = Kriging(
-            track.along, track.shape[:, 2], track.shape_sigmas[:, 2], SHAPE_SPREAD[2], SHAPE_WAVE
+        angles = OrdinaryKriging(
+            track.along,
+            track.shape[:, 2],
+            track.shape_sigmas[:, 2],
+            Matern52(SHAPE_SPREAD[2], SHAPE_WAVE),
         )
         allowed = (
             (_change(angles, steps) <= adaptive.angle_change)
@@ -71,15 +74,16 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
     return rule
 
 
-def _areas(sections: Sequence[ScannedSection], track: Track) -> Kriging:
+def _areas(sections: Sequence[ScannedSection], track: Track) -> OrdinaryKriging:
     grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
     sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)
-    return Kriging(track.along, areas, sigmas, AREA_SPREAD * float(areas.mean()), SHAPE_WAVE)
+    kernel = Matern52(AREA_SPREAD * float(areas.mean()), SHAPE_WAVE)
+    return OrdinaryKriging(track.along, areas, sigmas, kernel)
 
 
-def _change(function: Kriging, steps: Array) -> Array:
+def _change(process: OrdinaryKriging, steps: Array) -> Array:
     """How much it may change over steps from the last section: expected, and once its doubt."""
-    change, sigma = function.change(steps, 0.0)
+    change, sigma = process.change(steps, 0.0)
     return np.asarray(np.abs(change) + sigma)

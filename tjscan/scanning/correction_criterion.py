@@ -7,8 +7,8 @@ from math import radians
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.frames import Array, inverse
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.section import ScannedSection
@@ -60,8 +60,7 @@ def deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
     Metres and radians. The rotation about x counts the work angle with it.
     """
     T_t_ideal_t_taken = inverse(ideal.T_b_t) @ taken.view.T_b_s @ ideal.T_s_t
-    turn = Rotation.from_matrix(T_t_ideal_t_taken[:3, :3]).as_rotvec()
-    return np.concatenate((T_t_ideal_t_taken[:3, 3], turn))
+    return lie.log(T_t_ideal_t_taken)
 
 
 def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: Direction) -> Array:

@@ -8,8 +8,8 @@ from math import radians
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
 from tjscan.core.frames import Array, inverse, pose, rot_x
 from tjscan.laser.profile import Profile
@@ -218,8 +218,8 @@ def climb(
 
 def _halfway(T_1: Array, T_2: Array) -> Array:
     """The pose in the middle of two."""
-    turn = Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).as_rotvec()
-    R = T_1[:3, :3] @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+    turn = lie.so3_log(T_1[:3, :3].T @ T_2[:3, :3])
+    R = T_1[:3, :3] @ lie.so3_exp(0.5 * turn)
     return pose(R, 0.5 * (T_1[:3, 3] + T_2[:3, 3]))
 
 

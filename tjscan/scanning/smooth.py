@@ -8,8 +8,8 @@ from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks.guard import check_set_point
@@ -108,11 +108,11 @@ def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Ar
     """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
     if max(slack) == 0:
         return np.eye(3)
-    back = Rotation.from_matrix(R_b_t_ideal.T @ R_b_t_now).as_rotvec()
+    back = lie.so3_log(R_b_t_ideal.T @ R_b_t_now)
     for part, most in ((back[:1], slack[0]), (back[1:], slack[1])):
         angle = float(np.linalg.norm(part))
         part *= min(1.0, most / angle) if angle > 0 else 1.0
-    return np.asarray(Rotation.from_rotvec(back).as_matrix())
+    return lie.so3_exp(back)
 
 
 def _slack(plan: ScanPlan, covariance: Array, track: Track, step: float) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse, pose, rot_z, transform
+from tjscan.core.gp import PeriodicKernel, SimpleKriging
 from tjscan.joint.geometry import LegSurface, in_j
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.joint.tubes.walls import Repeatability
@@ -17,8 +18,7 @@ from tjscan.result.frame import ResultFrame
 from tjscan.result.measured import MeasuredSection, measure
 from tjscan.stitching.outline import WIDEST
 from tjscan.stitching.overlaps import TURN
-from tjscan.stitching.registration import place_covariance
-from tjscan.stitching.smooth import SmoothValue
+from tjscan.stitching.registration import SMOOTH, place_covariance
 from tjscan.stitching.stations import Station
 
 ONE_PLACE: Final = 0.55
@@ -131,7 +131,7 @@ def _turns(sections: Sequence[MeasuredSection]) -> Array:
     return np.unwrap([section.azimuth for section in sections])
 
 
-def _curves(unrolled: Sequence[Unrolled]) -> list[SmoothValue]:
+def _curves(unrolled: Sequence[Unrolled]) -> list[SimpleKriging]:
     """How out and up of p2, p3 and p4, and the four measures, change along the groove."""
     curves = []
     covariances = np.array([one.section.covariances for one in unrolled])
@@ -140,14 +140,20 @@ def _curves(unrolled: Sequence[Unrolled]) -> list[SmoothValue]:
         for i in range(1, 4):
             azimuth = np.array([one.azimuth[i] for one in unrolled])
             value = np.array([getattr(one, name)[i] for one in unrolled])
-            curves.append(SmoothValue.through(azimuth, value, max(sigma, LEAST_SIGMA)))
+            curves.append(_curve(azimuth, value, max(sigma, LEAST_SIGMA)))
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
     least = LEAST_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
-        curves.append(SmoothValue.through(azimuth, value, float(sigma)))
+        curves.append(_curve(azimuth, value, float(sigma)))
     return curves
+
+
+def _curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
+    """A smooth curve through values, shape (n,), over the azimuth."""
+    kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH)
+    return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 
 def _unroll(section: MeasuredSection, shape: JointShape) -> Unrolled:
@@ -164,7 +170,7 @@ def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
 
 
 def _one(
-    members: Sequence[tuple[float, Unrolled]], curves: Sequence[SmoothValue], shape: JointShape
+    members: Sequence[tuple[float, Unrolled]], curves: Sequence[SimpleKriging], shape: JointShape
 ) -> MeasuredSection:
     """One section of several, each carried along the groove to their middle."""
     middle = float(np.mean([azimuth for azimuth, _ in members]))

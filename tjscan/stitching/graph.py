@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import networkx as nx
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, inverse, pose, readonly, transform
+from tjscan.core import lie
+from tjscan.core.frames import Array, inverse, readonly, transform
 from tjscan.joint.tubes.frame import JointFrame, JointShape
 from tjscan.stitching.registration import Registration
 
@@ -50,16 +50,6 @@ class Placement:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def motion_of(T: Array) -> Array:
-    """Translation and rotation vector of a pose, shape (6,)."""
-    return np.concatenate((T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()))
-
-
-def pose_of(motion: Array) -> Array:
-    """Pose of a translation and a rotation vector."""
-    return pose(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3])
-
-
 def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -> Placement:
     """Weigh what every station and every overlap tells.
 
@@ -76,15 +66,15 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
     origin = np.mean([frame.shape.array for frame in frames], axis=0)
 
     def residuals(x: Array) -> Array:
-        T, shape = [pose_of(v) for v in x[: 6 * k].reshape(k, 6)], x[6 * k :] + origin
+        T, shape = [lie.exp(v) for v in x[: 6 * k].reshape(k, 6)], x[6 * k :] + origin
         told = [
             # The station takes its own frame for j: it finds j at the identity.
-            W @ np.concatenate((motion_of(inverse(T_own)), shape - frame.shape.array))
+            W @ np.concatenate((lie.log(inverse(T_own)), shape - frame.shape.array))
             for W, T_own, frame in zip(by_frame, T, frames, strict=True)
         ]
         for W, edge in zip(by_overlap, registrations, strict=True):
             between = inverse(T[edge.overlap.first]) @ T[edge.overlap.second]
-            told.append(W @ (motion_of(between) - motion_of(edge.T)))
+            told.append(W @ (lie.log(between) - lie.log(edge.T)))
         return np.concatenate(told)
 
     found = least_squares(
@@ -94,7 +84,7 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
     blocks = [covariance[i : i + 6, i : i + 6] for i in range(0, 6 * k, 6)]
     return Placement(
-        np.array([pose_of(v) for v in found.x[: 6 * k].reshape(k, 6)]),
+        np.array([lie.exp(v) for v in found.x[: 6 * k].reshape(k, 6)]),
         np.array(blocks),
         JointShape(*(found.x[6 * k :] + origin).tolist()),
         covariance[6 * k :, 6 * k :],

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tjscan.core import lie
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, pose, readonly, transform
 from tjscan.joint.geometry import LegSurface
@@ -115,7 +116,7 @@ def _tell(
     split = (3, 3 + len(brace))
     step = 1e-6  # deep in the linear range
     moves = np.array(
-        [np.eye(4)] + [_small(sign * step * np.eye(6)[k]) for sign in (1, -1) for k in range(6)]
+        [np.eye(4)] + [lie.exp(sign * step * np.eye(6)[k]) for sign in (1, -1) for k in range(6)]
     )
     moved = points @ np.swapaxes(moves[:, :3, :3], 1, 2) + moves[:, None, :3, 3]
     azimuth, value, walls = _unrolled(moved, split, shape)
@@ -124,9 +125,7 @@ def _tell(
 
     # The arm's error turns the view about its flange.
     lever = transform(T_j_b, look.view.T_b_f[:3, 3])
-    about = np.eye(6)
-    about[:3, 3:] = _cross_matrix(lever)  # t - r x lever
-    arm = by_pose @ about
+    arm = by_pose @ lie.adjoint(pose(p=lever))
     covariance = arm @ repeatability.covariance @ arm.T
     covariance[:6, :6] += _corner_covariance(look, T_j_s, points[:3], shape)
     for at, response, sigma in ((6, walls[0], brace_sigma), (8, walls[1], leg_sigma)):
@@ -185,14 +184,3 @@ def _corner_covariance(
     for i in range(3):
         spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = gradient[i]
     return spread @ look.groove.covariance_s @ spread.T
-
-
-def _small(motion: Array) -> Array:
-    """Pose of a tiny translation and rotation vector."""
-    return pose(np.eye(3) + _cross_matrix(motion[3:]), motion[:3])
-
-
-def _cross_matrix(v: Array) -> Array:
-    """What makes ``v x`` of a vector."""
-    x, y, z = v
-    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))

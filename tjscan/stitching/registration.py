@@ -15,21 +15,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, pose, readonly, unit
+from tjscan.core import lie
+from tjscan.core.frames import Array, readonly, skew, unit
+from tjscan.core.gp import PeriodicKernel
+from tjscan.core.robust import tukey_weights
 from tjscan.stitching.outline import CORNER_VALUES, VALUES, Outline
 from tjscan.stitching.overlaps import Overlap
-from tjscan.stitching.smooth import likeness, likeness_slope
 
-SPREAD: Final = 5e-3
-"""Metres by which that shape may change."""
+SMOOTH: Final = radians(30.0)
+"""Azimuth over which the section of a groove changes its shape."""
+
+SECTION: Final = PeriodicKernel(5e-3, SMOOTH)
+"""How that shape may change over the azimuth, in metres."""
 
 BEYOND: Final = radians(25.0)
 """Azimuth on either side of the overlap whose views help to tell the shape."""
-
-TUKEY: Final = 4.685
-"""Kernel width, in the root mean square of a view's ten standardised residuals."""
 
 ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
@@ -106,8 +107,7 @@ class Registration:
 def place_covariance(covariance: Array, points: Array) -> Array:
     """Covariances (..., 3, 3) of points (..., 3) that move with a pose about the origin."""
     p = np.asarray(points, dtype=float)
-    # Rows of [1, -p x]: a rotation vector r moves p by r x p.
-    turned = -np.cross(p[..., None, :], np.eye(3), axis=-1).swapaxes(-1, -2)
+    turned = -skew(p)  # a rotation vector r moves p by r × p
     by_pose = np.concatenate((np.broadcast_to(np.eye(3), turned.shape), turned), axis=-1)
     return np.asarray(by_pose @ covariance @ by_pose.swapaxes(-1, -2))
 
@@ -132,8 +132,8 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
     azimuth = overlap.arc.offset(views.azimuth)
     value = views.value - views.value.mean(axis=0)
     shape = value.shape
-    kernel = SPREAD**2 * np.stack([likeness(at, at) for at in azimuth.T], axis=-1)
-    slope_kernel = SPREAD**2 * np.stack([likeness_slope(at, at) for at in azimuth.T], axis=-1)
+    difference = azimuth[:, None] - azimuth
+    kernel, slope_kernel = SECTION(difference), SECTION.derivative(difference)
     weights, slope, motion = np.ones(len(value)), np.zeros(shape), np.zeros(6)
     residual = np.zeros(shape)
     for _ in range(ROUNDS):
@@ -152,16 +152,16 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
-        weights = _weights(_surprise(residual, views.covariance))
+        weights = _weights(_mahalanobis_sq(residual, views.covariance))
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
     own = np.einsum("ninj,nij->n", inverse, noise)
     degrees = max(float(own[counted].sum()) - 6, 1.0)
-    misfit = float(_surprise(residual, noise)[counted].sum()) / degrees
+    misfit = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
     return Registration(
         overlap,
-        pose(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3]),
+        lie.exp(motion),
         max(1.0, misfit) * spread,
         *_amid(overlap, first),
         misfit,
@@ -172,20 +172,20 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
     )
 
 
-def _surprise(residual: Array, covariance: Array) -> Array:
+def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
     """Squared standardised size of residuals (n, 10), shape (n,)."""
     standard = np.linalg.solve(covariance, residual[..., None])[..., 0]
     return np.asarray(np.sum(residual * standard, axis=1))
 
 
-def _weights(surprise: Array) -> Array:
+def _weights(mahalanobis_sq: Array) -> Array:
     """Tukey's weights of views, shape (n,).
 
     Where most are larger than stated the kernel widens: that is a misfit, and no outlier.
     """
-    size = np.sqrt(surprise / VALUES)
-    size /= TUKEY * max(1.0, float(np.median(size)))
-    return np.asarray(np.maximum((1 - np.minimum(size, 1) ** 2) ** 2, LEAST_WEIGHT))
+    # The root mean square of a view's ten standardised residuals.
+    size = np.sqrt(mahalanobis_sq / VALUES)
+    return tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
 
 
 def _amid(overlap: Overlap, seen: Outline) -> tuple[Array, Array]:

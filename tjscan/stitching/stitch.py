@@ -10,13 +10,14 @@ from itertools import combinations
 import networkx as nx
 import numpy as np
 
+from tjscan.core import lie
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, inverse, readonly
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.result.measured import MeasuredSection
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
-from tjscan.stitching.graph import Placement, chained, gap, motion_of, solve
+from tjscan.stitching.graph import Placement, chained, gap, solve
 from tjscan.stitching.outline import Outline, outline
 from tjscan.stitching.overlaps import (
     TURN,
@@ -200,7 +201,7 @@ def register_all(
         for _ in range(ROUNDS):
             edge = register(overlap, first, second)
             T = edge.T @ T
-            moved = float(np.abs(motion_of(edge.T)).max())
+            moved = float(np.abs(lie.log(edge.T)).max())
             if moved < STILL or moved > FAR:
                 break
             second = seen(overlap.second, T)

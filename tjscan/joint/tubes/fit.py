@@ -14,15 +14,13 @@ import numpy as np
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, readonly
+from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 from tjscan.joint.tubes.walls import Repeatability, WallPoints
 
 MOST_ROUNDS: Final = 60
 STILL: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
-
-TUKEY: Final = 4.685
-"""Standard deviations at which Tukey's kernel no longer listens: 95 % efficient on clean data."""
 
 LEAST_WEIGHT: Final = 1e-6
 
@@ -88,7 +86,7 @@ def fit_tubes(
         residuals, jacobian, shared = _linear(walls, brace, leg)
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
-            weights = _tukey(residuals / np.sqrt(own))
+            weights = _robust_weights(residuals / np.sqrt(own))
         white = _whitened(
             np.column_stack((jacobian, residuals)), shared, walls.sigma**2 / weights, common, views
         )
@@ -134,8 +132,6 @@ def _whitened(
     return white
 
 
-def _tukey(standardised: Array) -> Array:
-    """Weights of Tukey's kernel, which widens where most residuals are larger than stated."""
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(standardised))))
-    u = np.minimum(np.abs(standardised) / (TUKEY * scale), 1.0)
-    return np.asarray(np.maximum((1 - u * u) ** 2, LEAST_WEIGHT))
+def _robust_weights(standardised: Array) -> Array:
+    """Tukey's weights; the kernel widens where most residuals are larger than stated."""
+    return tukey_weights(standardised / max(1.0, mad_sigma(standardised)), LEAST_WEIGHT)

@@ -7,8 +7,8 @@ from math import radians
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, inverse, pose, readonly, unit
 from tjscan.joint.tubes.cylinder import Cylinder
@@ -95,9 +95,7 @@ def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
         T_moved, there = place(
             tubes.brace.stepped(moved[:5]), tubes.leg.stepped(moved[5:]), T[:3, 0]
         )
-        between = inverse(T) @ T_moved
-        turn = Rotation.from_matrix(between[:3, :3]).as_rotvec()
-        return np.concatenate((between[:3, 3], turn, there.array))
+        return np.concatenate((lie.log(inverse(T) @ T_moved), there.array))
 
     jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
     return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T)

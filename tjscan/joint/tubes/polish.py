@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.core.robust import mad_sigma, tukey_root_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 
 START: Final = 3e-3
@@ -14,9 +15,6 @@ START: Final = 3e-3
 
 FLOOR: Final = 10e-6
 """Metres; points are never taken for more certain than this."""
-
-TUKEY: Final = 4.685
-"""Standard deviations at which Tukey's kernel no longer listens: 95 % efficient on clean data."""
 
 REACH: Final = 6.0
 """Standard deviations within which the spread is judged anew."""
@@ -45,9 +43,8 @@ def polished(tube: Cylinder, points: Array) -> Cylinder:
         near = np.abs(off) < reach
         if near.sum() <= 5:
             return tube
-        sigma = max(1.4826 * float(np.median(np.abs(off[near]))), FLOOR)
-        u = np.minimum(np.abs(off) / (TUKEY * sigma), 1.0)
-        root = np.where(near, 1 - u * u, 0.0)  # of the kernel's weight
+        sigma = max(mad_sigma(off[near]), FLOOR)
+        root = np.where(near, tukey_root_weights(off / sigma), 0.0)
         jacobian = tube.jacobian(points)
         solved, *_ = np.linalg.lstsq(root[:, None] * jacobian, -root * off)
         step = np.asarray(solved, dtype=float)

@@ -9,10 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core import lie
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault, Order
-from tjscan.robot.loopback.motion import Motion, pose_of, values_of
+from tjscan.robot.loopback.motion import Motion
 from tjscan.robot.loopback.program import Program, read_offset
 from tjscan.robot.loopback.wire import REGISTERS, Value, zero
 
@@ -188,8 +189,8 @@ class Controller:
 
     def tcp_pose(self) -> list[float]:
         """Position in metres and rotation vector of the active TCP in frame b."""
-        T_b_tcp = self.kinematics.forward(self.q) @ pose_of(self.tcp)
-        return [float(value) for value in values_of(T_b_tcp)]
+        T_b_tcp = self.kinematics.forward(self.q) @ lie.exp(self.tcp)
+        return [float(value) for value in lie.log(T_b_tcp)]
 
     # What the program asks of it
 

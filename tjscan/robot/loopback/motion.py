@@ -7,9 +7,8 @@ from math import ceil
 from typing import Final, Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, pose
+from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits, timed
 from tjscan.robot.path import FEWEST, JOINT_SPACING, linear_path
@@ -94,13 +93,3 @@ def linear_motion(
     """
     limits = MotionLimits(speed, acceleration, 1.0, FASTEST_JOINTS)
     return linear_path(kinematics, q, T_b_f, limits)
-
-
-def pose_of(values: Array) -> Array:
-    """Pose, shape (4, 4), from position and rotation vector, shape (6,), as the script has it."""
-    return pose(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])
-
-
-def values_of(T: Array) -> Array:
-    """Position and rotation vector, shape (6,), of a pose."""
-    return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])

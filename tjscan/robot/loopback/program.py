@@ -11,6 +11,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from tjscan.core import lie
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse
 from tjscan.robot.kinematics import Kinematics
@@ -19,8 +20,6 @@ from tjscan.robot.loopback.motion import (
     braking,
     joint_motion,
     linear_motion,
-    pose_of,
-    values_of,
 )
 
 READY, DONE = 1, 2
@@ -161,10 +160,10 @@ class Program:
             near = self._six(6) if command == HAS_INVERSE_NEAR else None
             self._answer(self._inverse(self._six(0), near) is not None)
         elif command == FORWARD:
-            self._give(values_of(controller.kinematics.forward(controller.q) @ self._T_f_tcp))
+            self._give(lie.log(controller.kinematics.forward(controller.q) @ self._T_f_tcp))
         elif command == FORWARD_OF:
             T_b_f = controller.kinematics.forward(self._six(0))
-            self._give(values_of(T_b_f @ pose_of(self._six(6))))
+            self._give(lie.log(T_b_f @ lie.exp(self._six(6))))
         elif command == WATCHDOG:
             controller.patience = 1 / max(self._double(0), 1e-3)
         elif command == STEADY:
@@ -188,7 +187,7 @@ class Program:
             T_b_f = (
                 controller.kinematics.forward(target)
                 if command == MOVE_L_FK
-                else pose_of(target) @ inverse(self._T_f_tcp)
+                else lie.exp(target) @ inverse(self._T_f_tcp)
             )
             try:
                 return linear_motion(
@@ -228,11 +227,11 @@ class Program:
 
     @property
     def _T_f_tcp(self) -> Array:
-        return pose_of(self._controller.tcp)
+        return lie.exp(self._controller.tcp)
 
     def _inverse(self, target: Array, near: Array | None = None) -> Array | None:
         controller = self._controller
-        T_b_f = pose_of(target) @ inverse(self._T_f_tcp)
+        T_b_f = lie.exp(target) @ inverse(self._T_f_tcp)
         try:
             return controller.kinematics.inverse(T_b_f, controller.q if near is None else near)
         except PoseUnreachable:

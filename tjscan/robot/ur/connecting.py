@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core import lie
 from tjscan.core.errors import (
     ArmBusy,
     ArmFault,
@@ -23,7 +24,6 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import fault_of, start_fault
 from tjscan.robot.ur.link import ClientFailed, Link
-from tjscan.robot.ur.poses import pose_of
 from tjscan.robot.ur.session import Session, unready
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.robot.ur.words import Snapshot
@@ -119,7 +119,7 @@ def _set_tcp(session: Session) -> None:
     if len(offset) != 6 or np.abs(offset).max() > SAME:
         session.look()  # the true reason, if the arm is not well
         raise _disobeyed("TCP", "zero", offset)
-    session.T_tcp_f = inverse(pose_of(offset))
+    session.T_tcp_f = inverse(lie.exp(offset))
 
 
 def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:

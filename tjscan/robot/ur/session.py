@@ -8,6 +8,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from tjscan.core import lie
 from tjscan.core.errors import ArmFault, ArmLinkLost, ArmSilent, ProgramStopped
 from tjscan.core.frames import Array, inverse
 from tjscan.robot.arm import ArmState
@@ -20,7 +21,6 @@ from tjscan.robot.ur.faults import (
     safety_fault,
 )
 from tjscan.robot.ur.link import ClientFailed, Link
-from tjscan.robot.ur.poses import pose_of, values_of
 from tjscan.robot.ur.watch import ClockWatch
 from tjscan.robot.ur.words import Snapshot
 
@@ -73,11 +73,11 @@ class Session:
 
     def state_of(self, now: Snapshot) -> ArmState:
         """Joint angles, flange pose and time at one moment."""
-        return ArmState(np.array(now.q), pose_of(now.tcp) @ self.T_tcp_f, now.time)
+        return ArmState(np.array(now.q), lie.exp(now.tcp) @ self.T_tcp_f, now.time)
 
     def tcp_at(self, T_b_f: Array) -> tuple[float, ...]:
         """The active TCP, as the controller takes it, where the flange has a pose."""
-        return values_of(T_b_f @ inverse(self.T_tcp_f))
+        return tuple(lie.log(T_b_f @ inverse(self.T_tcp_f)).tolist())
 
     def ask(self, kind: type[T], name: str, *arguments: object) -> T:
         """Let the client do something, see `Link.ask`; what it raises becomes the arm's fault."""

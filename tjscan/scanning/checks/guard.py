@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import SetPointRefused
-from tjscan.core.frames import Array, inverse
+from tjscan.core.frames import Array, inverse, rotation_angle
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.step_request import StepRequest
@@ -51,7 +51,7 @@ def check_set_point(to: SetPoint, request: StepRequest, plan: ScanPlan) -> None:
             f"{1e3 * request.length:.1f} mm"
         )
     T_b_s = to.T_b_t @ inverse(to.T_s_t)
-    turn = turned(request.last.view.T_b_s, T_b_s)
+    turn = rotation_angle(request.last.view.T_b_s, T_b_s)
     if turn > request.largest_turn:
         raise SetPointRefused(
             f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
@@ -63,12 +63,6 @@ def check_set_point(to: SetPoint, request: StepRequest, plan: ScanPlan) -> None:
         raise SetPointRefused(
             f"the groove would appear {1e3 * beside:.1f} mm from where it is planned in the sensor"
         )
-
-
-def turned(T_1: Array, T_2: Array) -> float:
-    """Angle in radians between the rotations of two poses."""
-    cosine = 0.5 * (float(np.sum(T_1[:3, :3] * T_2[:3, :3])) - 1.0)
-    return float(np.arccos(min(1.0, max(-1.0, cosine))))
 
 
 def _is_pose(T: Array) -> bool:

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, unit
+from tjscan.core.frames import Array, rotation_angle, unit
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.checks.guard import turned
 from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.scanning.step_request import TIGHTEST, StepRequest
 
@@ -86,7 +85,7 @@ def check_step(found: ScannedSection, request: StepRequest) -> None:
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * step:.1f} mm was made",
         )
-    turn = turned(request.last.T_b_g, found.T_b_g)
+    turn = rotation_angle(request.last.T_b_g, found.T_b_g)
     if turn > request.largest_turn:
         raise GrooveNotFound(
             "implausible",
@@ -172,7 +171,7 @@ def check_agreement(found: ScannedSection, request: StepRequest) -> None:
     step_b = unit(found.T_b_g[:3, 3] - request.start_b)
     apart = (found.points_b - request.predicted.points_b)[1:4]  # the ends are not corners
     aside = float(np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1).max())
-    allowed = SAME + SKEW * turned(request.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    allowed = SAME + SKEW * rotation_angle(request.predicted.view.T_b_s, found.view.T_b_s) ** 2
     if aside > allowed:
         raise GrooveNotFound(
             "implausible",

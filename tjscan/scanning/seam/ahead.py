@@ -7,12 +7,12 @@ from math import radians
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.core import lie
 from tjscan.core.frames import Array, cross, inverse, unit
+from tjscan.core.gp import Matern52, OrdinaryKriging
 from tjscan.scanning.correction import correct
 from tjscan.scanning.seam.fit import Seam, Walls
-from tjscan.scanning.seam.kriging import Kriging
 from tjscan.scanning.seam.track import Track
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
@@ -61,12 +61,11 @@ class Ahead:
     def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> Ahead:
         """Expect the section a step beyond the last one of a track."""
         at = np.array([step])
+        kernels = (Matern52(spread, SHAPE_WAVE) for spread in SHAPE_SPREAD)
         shape = np.array(
             [
-                np.concatenate(Kriging(track.along, values, sigmas, spread, SHAPE_WAVE).at(at))
-                for values, sigmas, spread in zip(
-                    track.shape.T, track.shape_sigmas.T, SHAPE_SPREAD, strict=True
-                )
+                np.concatenate(OrdinaryKriging(track.along, *one).at(at))
+                for one in zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
             ]
         )
         left = (values[[0, 1, 4, 5]] for values in seam.left_at(step))
@@ -138,9 +137,7 @@ class Ahead:
     def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
         """Position, rotation vector and work angle of another section's ideal in this one's t."""
         (T, _), (T_other, work_angle) = self.ideal(section, R_b_s), self.ideal(other, R_b_s)
-        away = inverse(T) @ T_other
-        turn = Rotation.from_matrix(away[:3, :3]).as_rotvec()
-        return np.concatenate((away[:3, 3], turn, [work_angle]))
+        return np.append(lie.log(inverse(T) @ T_other), work_angle)
 
 
 def _tangents(section: Array, R_b_s: Array) -> Array:

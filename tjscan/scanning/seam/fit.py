@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, cross, readonly, unit
-from tjscan.scanning.seam.kriging import matern
+from tjscan.core.gp import Matern52
 from tjscan.scanning.seam.track import Track
 
 BRACE_RADIUS: Final = (0.2, 0.7)
@@ -181,7 +181,7 @@ class Seam:
             Derivatives of the values by `theta`: what is believed of the tubes and what they
             leave are wrong together.
         """
-        towards = np.array([matern(self.along - at, a, WAVE) for a in _LEAVES])
+        towards = np.array([Matern52(a, WAVE)(self.along - at) for a in _LEAVES])
         white = np.einsum("cmn,cn->cm", self.whiten, towards)
         weights = np.einsum("cmn,cm->cn", self.whiten, white)
         variances = np.array(_LEAVES) ** 2 - np.sum(white**2, axis=1)
@@ -224,7 +224,7 @@ def _fit(track: Track, sigmas: Array) -> Seam:
     between = track.along[:, None] - track.along
     whiten = np.array(
         [
-            np.linalg.inv(np.linalg.cholesky(matern(between, a, WAVE) + np.diag(s**2)))
+            np.linalg.inv(np.linalg.cholesky(Matern52(a, WAVE)(between) + np.diag(s**2)))
             for a, s in zip(_LEAVES, sigmas, strict=True)
         ]
     )

@@ -1,0 +1,113 @@
+"""Rotations and poses as vectors: exp, log and small steps.
+
+A pose counts as a position and a rotation side by side, the composite group R³ × SO(3) of
+[1]_, section IV: its vector is ``(x, y, z, rx, ry, rz)``, metres and a rotation vector in radians,
+as robot controllers show poses. Position and rotation do not mix as they do in the exponential of
+SE(3).
+
+References
+----------
+.. [1] Solà, Deray, Atchuthan (2018): A micro Lie theory for state estimation in robotics.
+   https://arxiv.org/abs/1812.01537
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pytransform3d.rotations import left_jacobian_SO3
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.frames import Array, pose, skew
+
+
+def so3_exp(rotation_vector: ArrayLike) -> Array:
+    """Rotation matrices of rotation vectors.
+
+    Parameters
+    ----------
+    rotation_vector : array_like, shape (..., 3)
+        Axis times angle, radians.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    return np.asarray(Rotation.from_rotvec(np.asarray(rotation_vector, dtype=float)).as_matrix())
+
+
+def so3_log(R: ArrayLike) -> Array:
+    """Rotation vectors, shape (..., 3), no longer than pi, of rotations, shape (..., 3, 3)."""
+    return np.asarray(Rotation.from_matrix(np.asarray(R, dtype=float)).as_rotvec())
+
+
+def left_jacobian(rotation_vector: Array) -> Array:
+    """Derivative of a rotation by its rotation vector, shape (3, 3).
+
+    ``so3_exp(w + dw) = so3_exp(left_jacobian(w) @ dw) @ so3_exp(w)`` for small dw ([1]_ eq. 145).
+
+    Parameters
+    ----------
+    rotation_vector : ndarray, shape (3,)
+        Radians.
+    """
+    return np.asarray(left_jacobian_SO3(rotation_vector))
+
+
+def exp(vector: ArrayLike) -> Array:
+    """Pose, shape (4, 4), of a position and a rotation vector.
+
+    Parameters
+    ----------
+    vector : array_like, shape (6,)
+        Metres, then radians.
+    """
+    v = np.asarray(vector, dtype=float)
+    return pose(so3_exp(v[3:]), v[:3])
+
+
+def log(T: Array) -> Array:
+    """Position (metres) and rotation vector (radians) of a pose, shape (6,)."""
+    return np.concatenate((T[:3, 3], so3_log(T[:3, :3])))
+
+
+def boxplus(T: Array, step: Array) -> Array:
+    """Pose a step away, along and about the axes of the outer frame.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        Where the step begins.
+    step : ndarray, shape (6,)
+        Translation in metres, then the rotation vector of a turn about the inner frame's origin
+        in radians; both in the outer frame's axes.
+    """
+    return pose(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
+
+
+def boxminus(T: Array, T_start: Array) -> Array:
+    """The step, shape (6,), with ``boxplus(T_start, step) = T``.
+
+    Parameters
+    ----------
+    T, T_start : ndarray, shape (4, 4)
+        Poses in the same outer frame.
+    """
+    return np.concatenate((T[:3, 3] - T_start[:3, 3], so3_log(T[:3, :3] @ T_start[:3, :3].T)))
+
+
+def adjoint(T: Array) -> Array:
+    """Maps a small motion about the inner frame's origin to that about the outer one's.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        Pose of the inner frame in the outer one.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        For translations before rotations ([1]_ eq. 175).
+    """
+    R = T[:3, :3]
+    return np.block([[R, skew(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
