@@ -30,7 +30,7 @@ from _steel import GROOVES, MM, NO_GROOVE, RHO, Fault, Groove, draw, noise, shoo
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.find import find_groove, find_outline
+from tjscan.groove.find import find_groove, fit_profile
 from tjscan.groove.models import BUTT_V, BUTT_V_SHARP
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
@@ -275,12 +275,12 @@ def _butt_corners(profile: Profile) -> Array | None:
     for model in (BUTT_V_SHARP, BUTT_V):
         settings = GrooveSettings(model=model)
         try:
-            row, outline = find_outline(profile, settings)
+            row, fitted = fit_profile(profile, settings)
         except GrooveNotFound:
             continue
-        spread = float(np.trace(corner_covariance(row, outline, model)[:-2, :-2]))
+        spread = float(np.trace(corner_covariance(row, fitted, model)[:-2, :-2]))
         if best is None or spread < best[0]:
-            best = spread, np.asarray(outline.corners)
+            best = spread, np.asarray(fitted.corners)
     return None if best is None else best[1]
 
 
