@@ -21,7 +21,8 @@ from tjscan.job import read_job
 from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import ResultFrame
-from tjscan.result.summary import Summary, summarise
+from tjscan.result.summary import Summary
+from tjscan.runs.results import summarise
 from tjscan.runs.scan import joint_of, plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import StopReason

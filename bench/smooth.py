@@ -22,7 +22,7 @@ from _table import Row, main
 from tjscan.job import read_job
 from tjscan.job.cell import mount_of, open_cell
 from tjscan.result.frame import ResultFrame
-from tjscan.result.summary import summarise
+from tjscan.runs.results import summarise
 from tjscan.runs.scan import joint_of, plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.method import predictor_of

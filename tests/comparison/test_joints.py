@@ -17,8 +17,8 @@ from tjscan.core.frames import Array, inverse, pose, rot_z, rotation_angle, tran
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh
-from tjscan.result.cloud import groove_points
 from tjscan.result.frame import ResultFrame
+from tjscan.runs.results import groove_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 PAPER, LEANING = CAD / "tjoint-600x457.toml", CAD / "yjoint-600x457-60deg.toml"

@@ -24,8 +24,8 @@ from tjscan.joint.tubes.find import find_tubes
 from tjscan.joint.tubes.fit import fit_tubes
 from tjscan.joint.tubes.frame import joint_frame, place
 from tjscan.joint.tubes.walls import Repeatability, WallPoints
-from tjscan.result.cloud import groove_points
 from tjscan.result.frame import ResultFrame
+from tjscan.runs.results import groove_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 JOINTS = [read_joint(file) for file in sorted(CAD.glob("*.toml"))]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, pose
-from tjscan.result.measured import MeasuredSection
+from tjscan.groove.measured import MeasuredSection
 from tjscan.result.sections import COLUMNS, IN_FILE, read_sections, write_sections
 
 PRINTED_MM = 0.51e-4

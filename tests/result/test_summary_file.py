@@ -8,14 +8,13 @@ from cells import PAPER, scan_example
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import read_job
 from tjscan.result.frame import ResultFrame
-from tjscan.result.measured import measure_all
 from tjscan.result.summary import (
     Summary,
     read_summary,
-    summarise,
     summarise_stations,
     write_summary,
 )
+from tjscan.runs.results import measure_all, summarise
 from tjscan.runs.scan import plan_of
 from tjscan.scanning.result import ScanResult
 

@@ -24,10 +24,10 @@ from tjscan.recording.writer import parts
 from tjscan.result.sections import read_sections
 from tjscan.result.summary import read_summary
 from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.stations import StationScan, resume_stations, run_stations
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.runs.stations import StationScan, resume_stations, run_stations
 
 STATION_FILES = {
     "job.toml",

@@ -12,8 +12,8 @@ from cells import EXAMPLES, Notes
 from command import tjscan
 
 from tjscan.job import read_job
-from tjscan.result.directory import make_directory
 from tjscan.result.sections import read_sections
+from tjscan.runs.directory import make_directory
 from tjscan.runs.scan import run_job
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import EXAMPLES, PAPER
+from cells import EXAMPLES
 from command import tjscan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from taught import HALF_DIGIT, example, standing
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, from_euler_zyx, pose, rot_y, rotation_angle
+from tjscan.core.frames import from_euler_zyx, pose, rot_y, rotation_angle
 from tjscan.job import read_job
-from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.teach import write_pose, written
+
 
 @pytest.mark.parametrize("which", ["first", "second"])
 def test_the_pose_written_is_the_pose_read_and_all_else_stays(

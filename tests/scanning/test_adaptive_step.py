@@ -8,9 +8,8 @@ import pytest
 from cells import scan_example
 from seams import NONE, Noise, Seam, seam
 
-from tjscan.result.summary import step_lengths
 from tjscan.scanning.adaptive import CHOICES, Adaptive, adaptive_rule
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.smooth import smooth_predictor
 

@@ -13,11 +13,10 @@ from tjscan.core.frames import pose, rot_y
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.result.summary import step_lengths
 from tjscan.scanning.checks.plausible import check_side
 from tjscan.scanning.events import EventCounts
 from tjscan.scanning.merged import AGREEING, merge
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING
 from tjscan.scanning.section import Substep

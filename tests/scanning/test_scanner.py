@@ -18,8 +18,7 @@ from cells import (
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, StartSeesNoGroove
 from tjscan.core.frames import rotation_angle
-from tjscan.result.summary import step_lengths
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import Substep
 

@@ -58,8 +58,8 @@ def calibrate(
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.config import naming
     from tjscan.job import read_calibration_job
-    from tjscan.result.directory import default_directory
     from tjscan.runs.calibrate import resume_calibration, start_calibration
+    from tjscan.runs.directory import default_directory
 
     operator = Unattended() if unattended else AtTerminal()
     if resume is not None:

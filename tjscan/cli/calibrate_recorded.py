@@ -22,7 +22,8 @@ from tjscan.core.config import validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.laser.files import ProfileFormat, read_profiles
-from tjscan.result.directory import CALIBRATION, default_directory
+from tjscan.result.directory import CALIBRATION
+from tjscan.runs.directory import default_directory
 
 TARGETS: Final = ("plane", "touched", "unknown_plane", "sphere_radius_mm", "unknown_sphere")
 NOISE: Final = ("range_mm", "correlation_columns", "position_mm", "rotation_deg", "touch_mm")

@@ -67,8 +67,8 @@ def groove(
     from tjscan.laser.files import ProfileFormat, ProfileTable, read_profiles
     from tjscan.recording.reader import read_run
     from tjscan.result.directory import JOB
-    from tjscan.result.picture import write_picture
-    from tjscan.result.readings import draw_readings, read_all, to_dict
+    from tjscan.result.picture import draw_readings, write_picture
+    from tjscan.result.readings import read_all, to_dict
 
     if plot is not None and (plot.suffix.lower() != ".png" or not plot.parent.is_dir()):
         raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")

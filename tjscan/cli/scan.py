@@ -51,7 +51,8 @@ def scan(
     from tjscan.core.config import naming
     from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_job
-    from tjscan.result.directory import JOB, default_directory
+    from tjscan.result.directory import JOB
+    from tjscan.runs.directory import default_directory
     from tjscan.runs.scan import check_job, plan_of, resume_job, run_job
 
     keys = parse_overrides(overrides)

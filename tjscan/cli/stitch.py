@@ -38,7 +38,7 @@ def stitch(
     from tjscan.cli.stitching_words import report_stitching
     from tjscan.core.errors import ConfigurationError
     from tjscan.joint.tubes.walls import Repeatability
-    from tjscan.result.directory import default_directory
+    from tjscan.runs.directory import default_directory
     from tjscan.runs.stitch import stitch_runs
     from tjscan.stitching.settings import DEFAULT, StitchSettings
 

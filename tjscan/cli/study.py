@@ -39,7 +39,7 @@ def study(
     from tjscan.cli.console import say
     from tjscan.cli.study_words import report, watching
     from tjscan.core.errors import ConfigurationError
-    from tjscan.result.directory import default_directory
+    from tjscan.runs.directory import default_directory
     from tjscan.study.cluster import ClusterScheduler
     from tjscan.study.file import read_study
     from tjscan.study.grid import tasks_of

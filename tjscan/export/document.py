@@ -11,9 +11,9 @@ from pydantic import Field, model_validator
 from tjscan.core.config import FileModel
 from tjscan.core.frames import Array
 from tjscan.export.surfaces import surfaces_of
+from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS
 from tjscan.result.frame import FRAME_WORDS
-from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import lengths, read_sections
 from tjscan.result.shapes import finished_summary
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly
-from tjscan.result.measured import MeasuredSection
+from tjscan.groove.measured import MeasuredSection
 
 WINDOW: Final = 60e-3
 """Metres to either side within which neighbours tell the direction."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, inverse, transform, unit
+from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial
-from tjscan.result.measured import MeasuredSection
 
 NEAR: Final = 30e-3
 """Metres from a measured corner within which its designed one is sought."""

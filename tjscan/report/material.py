@@ -15,13 +15,13 @@ from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import Told
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.log import RunLog, read_log
 from tjscan.report.stations import read_stitching, station_folders
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, SECTIONS, SUMMARY
-from tjscan.result.measured import MeasuredSection
 from tjscan.result.sections import read_sections
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import Summary, check_recorded, read_summary

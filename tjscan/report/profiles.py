@@ -9,10 +9,10 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.find import fit_profile
+from tjscan.groove.measured import MeasuredSection
 from tjscan.laser.profile import Profile
 from tjscan.report.material import Material, Place
 from tjscan.report.picture import Picture, inlined, sheet
-from tjscan.result.measured import MeasuredSection
 from tjscan.result.picture import CORNER, LASER, ROOT
 
 SHOWN: Final = 6

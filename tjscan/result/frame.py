@@ -37,7 +37,3 @@ class ResultFrame:
     def T_r_b(self) -> Array:
         """Pose of the base frame in it, shape (4, 4)."""
         return np.eye(4) if self.T_b_j is None else inverse(self.T_b_j)
-
-    def azimuth(self, p: Array) -> float:
-        """Angle about the brace's axis from the crown, radians; NaN where no joint is known."""
-        return float("nan") if self.T_b_j is None else float(np.arctan2(p[1], p[0]))

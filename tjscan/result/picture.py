@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil, sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,14 +13,17 @@ from matplotlib.figure import Figure
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
 from tjscan.laser.profile import Profile
-from tjscan.result.measured import MeasuredSection
+from tjscan.result.readings import Reading
 from tjscan.result.sections import IN_FILE, MEASURES, lengths
-from tjscan.scanning.section import ScannedSection
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
 POINTS_DRAWN = 6000
 """More would only make the picture slow."""
+
+MOST_DRAWN: Final = 48
+"""A picture of more profiles shows nothing any more."""
 
 SIGNS: Final = ("°", "mm", "mm", "mm²")
 ANGLE_AND_WIDTH, DEPTH_AND_AREA = (0, 1), (2, 3)
@@ -34,7 +38,7 @@ def draw_groove(
     title: str,
     outline: Sequence[Array] = (),
     paths: Sequence[Array] = (),
-    example: ScannedSection | None = None,
+    example: Reading | None = None,
 ) -> Figure:
     """Draw what was found: the groove in space, one profile, and its measures.
 
@@ -52,7 +56,7 @@ def draw_groove(
         Lines of the joint, metres, in the same frame; empty where no joint is known.
     paths : sequence of ndarray, shape (n, 3)
         Ways of the flange, metres, in the same frame, one for each station.
-    example : ScannedSection, optional
+    example : Reading, optional
         A section to show in the laser plane; depth and area are shown where left out.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")
@@ -65,8 +69,8 @@ def draw_groove(
     if example is None:
         _draw_measures(beside, sections, DEPTH_AND_AREA)
     else:
-        draw_profile(beside, example.view.profile, example.groove.points_s)
-        beside.set_title(f"section {example.view.index} in the laser plane")
+        draw_profile(beside, example.profile, example.points_s)
+        beside.set_title(f"{example.name} in the laser plane")
     _draw_measures(figure.add_subplot(grid[1, 1]), sections, ANGLE_AND_WIDTH)
     return figure
 
@@ -144,3 +148,18 @@ def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[
         part.set_ylabel(name, color=colour)
     axes.set_xlabel("along the groove / mm")
     axes.set_title(" and ".join(MEASURES[i].replace("_", " ") for i in which))
+
+
+def draw_readings(readings: Sequence[Reading]) -> Figure:
+    """Draw profiles with their fits, at most `MOST_DRAWN`, evenly chosen."""
+    chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
+    columns = ceil(sqrt(len(chosen)))
+    rows = ceil(len(chosen) / columns)
+    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    for i, reading in enumerate(chosen, start=1):
+        axes = figure.add_subplot(rows, columns, i)
+        draw_profile(axes, reading.profile, reading.points_s)
+        reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
+        axes.set_title(f"{reading.name}{reason}", fontsize=9)
+    return figure

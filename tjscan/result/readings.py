@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import ceil, sqrt
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -17,10 +14,6 @@ from tjscan.groove.find import GrooveSettings, find_groove, fit_profile
 from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.result.picture import draw_profile
-
-MOST_DRAWN: Final = 48
-"""A picture of more profiles shows nothing any more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,18 +82,3 @@ def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
         ("depth_mm", 1e3 * section.depth, 1e3 * section.depth_sigma),
         ("area_mm2", 1e6 * section.area, 1e6 * section.area_sigma),
     ]
-
-
-def draw_readings(readings: Sequence[Reading]) -> Figure:
-    """Draw profiles with their fits, at most `MOST_DRAWN`, evenly chosen."""
-    chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
-    columns = ceil(sqrt(len(chosen)))
-    rows = ceil(len(chosen) / columns)
-    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    for i, reading in enumerate(chosen, start=1):
-        axes = figure.add_subplot(rows, columns, i)
-        draw_profile(axes, reading.profile, reading.points_s)
-        reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
-        axes.set_title(f"{reading.name}{reason}", fontsize=9)
-    return figure

@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array, pose
-from tjscan.result.measured import MeasuredSection
+from tjscan.groove.measured import MeasuredSection
 
 MEASURES: Final = ("groove_angle", "root_width", "depth", "area")
 UNITS: Final = ("deg", "mm", "mm", "mm2")

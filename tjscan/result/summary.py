@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -15,14 +14,9 @@ from pydantic import TypeAdapter, ValidationError
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_size
-from tjscan.core.frames import Array, rotation_angle
-from tjscan.result.frame import ResultFrame
-from tjscan.result.measured import MeasuredSection
+from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
 from tjscan.result.sections import lengths
-from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import complete, groove_length
-from tjscan.scanning.result import ScanResult
-from tjscan.scanning.section import ScannedSection, Substep
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -122,72 +116,6 @@ class Summary:
     merged: int = 0
     nudges: int = 0
     retreats: int = 0
-
-
-def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
-    """Distances in metres between the groove origins of the steps that no hand taught."""
-    origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
-    lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
-    return lengths
-
-
-def summarise(
-    result: ScanResult,
-    plan: ScanPlan,
-    frame: ResultFrame,
-    corner_error: Array | None,
-    calibration: str = "",
-) -> Summary:
-    """Draw the numbers from what a scan found.
-
-    Parameters
-    ----------
-    result, plan, frame
-        What was found, what was asked, and the frame it is told in.
-    corner_error : ndarray, optional
-        Raw distances of the corners from the joint's edges, metres, any shape.
-    calibration : str
-        What the sensor's pose on the hand comes from.
-    """
-    steps = 1e3 * np.array(step_lengths(result.sections))
-    views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
-    hops = list(pairwise(views))
-    return Summary(
-        sections=len(result.sections),
-        scans=len(result.views),
-        complete=complete(result.stop, plan),
-        stopped_because=str(result.stop),
-        detail=result.detail,
-        frame=frame.name,
-        groove_length_mm=1e3 * groove_length(result.sections),
-        half_steps=result.counts.half_steps,
-        step_mm=StepStatistics(
-            nominal=1e3 * plan.step,
-            mean=float(steps.mean()) if len(steps) else None,
-            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
-        ),
-        flange_travel_mm=1e3
-        * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
-        flange_rotation_deg=float(
-            np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops))
-        ),
-        motion_time_s=views[-1].time - views[0].time,
-        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
-        calibration=calibration,
-        scans_per_section=_scans_per_section(result),
-        corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
-        taken_again=result.counts.taken_again,
-        merged=result.counts.merged,
-        nudges=result.counts.nudges,
-        retreats=result.counts.retreats,
-    )
-
-
-def _scans_per_section(result: ScanResult) -> float | None:
-    """Profiles for each section that no hand taught."""
-    found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
-    taken = sum(view.substep is not Substep.TAUGHT for view in result.views)
-    return taken / found if found else None
 
 
 def summarise_stations(

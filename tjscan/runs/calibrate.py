@@ -9,11 +9,12 @@ from tjscan.calibration.file import Calibrated, pose_to_rows, to_file, write_cal
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.wizard import Wizard
-from tjscan.job.cell import mount_of, open_board_cell, task_of
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import sole_writer
 from tjscan.job import CalibrationJob, CalibrationTable, read_calibration_job
-from tjscan.result.directory import CALIBRATION, JOB, make_directory
+from tjscan.job.cell import mount_of, open_board_cell, task_of
+from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.runs.directory import make_directory
 
 MEASURED: Final = "measured.jsonl"
 

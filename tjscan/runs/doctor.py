@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.job.cell import Cell, clearance_of, mount_of
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
+from tjscan.job.cell import Cell, clearance_of, mount_of
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import identity_words
 from tjscan.robot.cleared import ClearedArm

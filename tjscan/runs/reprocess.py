@@ -11,22 +11,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.job.cell import mount_of
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
 from tjscan.core.files import check_inside, drafted
 from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
+from tjscan.job.cell import mount_of
 from tjscan.joint.definition import JointDefinition
 from tjscan.recording.reader import Finished, Recorded, read_recorded
 from tjscan.recording.writer import parts
-from tjscan.result.directory import COPIES, JOB, make_directory
+from tjscan.result.directory import JOB
 from tjscan.result.summary import Summary
+from tjscan.runs.directory import COPIES, make_directory
 from tjscan.runs.scan import joint_of, plan_of, reader_of, write_run
-from tjscan.scanning.progress import StopReason
-from tjscan.scanning.section import ScannedSection, View
-from tjscan.scanning.result import ScanResult
 from tjscan.runs.stitch import StitchedRun, stitch_runs
+from tjscan.scanning.progress import StopReason
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.section import ScannedSection, View
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
 """Keys that say how recorded profiles are read and told, not how they were taken."""

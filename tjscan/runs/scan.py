@@ -9,7 +9,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from tjscan.job.cell import Cell, mount_of, open_cell
 from tjscan.core.config import naming
 from tjscan.core.errors import (
     ConfigurationError,
@@ -22,6 +21,7 @@ from tjscan.core.files import check_inside, sole_writer
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import AdaptiveTable, JobFile, ScanTable, read_job
+from tjscan.job.cell import Cell, mount_of, open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
@@ -29,23 +29,23 @@ from tjscan.recording.origin import Origin, changes
 from tjscan.recording.reader import read_messages, read_origin, read_progress
 from tjscan.recording.writer import Recording, next_part, parts
 from tjscan.report.write import write_report
-from tjscan.result.calibration import calibration_name
-from tjscan.result.directory import COPIES, JOB, is_untouched, make_directory, origin_of
+from tjscan.result.directory import JOB
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
-from tjscan.result.write import write_scan
 from tjscan.robot.arm import Arm, identity_words
 from tjscan.robot.cleared import ClearedArm
+from tjscan.runs.directory import COPIES, is_untouched, make_directory, origin_of
+from tjscan.runs.results import write_scan
 from tjscan.scanning.adaptive import Adaptive
+from tjscan.scanning.correction_criterion import CorrectionCriterion
+from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
 from tjscan.scanning.result import InterruptedScan, ScanResult
-from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.scanned_surface import ScannedSurface
-from tjscan.scanning.correction_criterion import CorrectionCriterion
+from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.target import Direction
 
 RESUMABLE: Final = (
@@ -362,7 +362,6 @@ def write_run(
         frame,
         None if frame.T_b_j is None else joint,
         station=job.station[0].name if job.station else "1",
-        calibration=calibration_name(directory),
     )
     write_report(directory)
     return summary

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from tjscan.calibration.operator import Question
-from tjscan.job.cell import mount_of
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
+from tjscan.job.cell import mount_of
 from tjscan.recording.reader import read_progress
-from tjscan.result.directory import COPIES, JOB, SUMMARY, is_untouched, make_directory
+from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import Summary, read_summary
+from tjscan.runs.directory import COPIES, is_untouched, make_directory
 from tjscan.runs.scan import (
     cell_of,
     check_resumable,
@@ -27,10 +28,10 @@ from tjscan.runs.scan import (
     resume_job,
     run_job,
 )
+from tjscan.runs.stitch import StitchedRun, stitch_runs
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.runs.stitch import StitchedRun, stitch_runs
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""

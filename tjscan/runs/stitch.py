@@ -21,13 +21,13 @@ from tjscan.joint.edges import feature_edges
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.report.write import write_report
-from tjscan.result.cloud import groove_points
 from tjscan.result.directory import JOB, JOINT, SUMMARY
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
 from tjscan.result.write import write_results
+from tjscan.runs.results import groove_points
 from tjscan.runs.scan import joint_of, reader_of
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.picture import draw_stitching

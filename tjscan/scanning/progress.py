@@ -30,6 +30,13 @@ def groove_length(sections: Sequence[ScannedSection]) -> float:
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
 
 
+def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
+    """Distances in metres between the groove origins of the steps that no hand taught."""
+    origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
+    lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
+    return lengths
+
+
 def complete(stop: StopReason, plan: ScanPlan) -> bool:
     """Tell whether a scan that ended so did what it was asked to."""
     if stop is StopReason.UNREACHABLE:

@@ -9,13 +9,12 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, inverse, pose, rot_z, transform
+from tjscan.core.frames import Array, pose, rot_z, transform
 from tjscan.core.gp import PeriodicKernel, SimpleKriging
+from tjscan.groove.measured import MeasuredSection, measure
 from tjscan.joint.geometry import LegSurface, in_j
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.joint.tubes.walls import Repeatability
-from tjscan.result.frame import ResultFrame
-from tjscan.result.measured import MeasuredSection, measure
 from tjscan.stitching.outline import WIDEST
 from tjscan.stitching.overlaps import TURN
 from tjscan.stitching.registration import SMOOTH, place_covariance
@@ -61,9 +60,10 @@ def placed_sections(
     The covariances of their corners hold the laser's noise, the error of the view's pose and that
     of the station's.
     """
-    frame, sections = ResultFrame(inverse(T_j_b)), []
+    sections = []
     for scan in station.sections:
-        section = measure(scan, frame, station.name)
+        T_j_s = T_j_b @ scan.view.T_b_s
+        section = measure(scan.groove, T_j_s, "j", index=scan.view.index, station=station.name)
         corners = section.points[CORNERS]
         flange = transform(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + place_covariance(covariance, corners)

@@ -13,8 +13,8 @@ import numpy as np
 from tjscan.core import lie
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, inverse, readonly
+from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import JointShape
-from tjscan.result.measured import MeasuredSection
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
 from tjscan.stitching.graph import Placement, chained, gap, solve

@@ -16,7 +16,8 @@ from tjscan.job.cell import open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import ResultFrame
-from tjscan.result.summary import Summary, summarise
+from tjscan.result.summary import Summary
+from tjscan.runs.results import summarise
 from tjscan.runs.scan import plan_of, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.plan import ScanPlan

@@ -1,15 +1,13 @@
-"""A section as it is handed on: in the frame of the result, with the uncertainty of all of it."""
+"""A section in the frame of the result, with the uncertainty of all of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tjscan.core.frames import Array, readonly, transform
-from tjscan.result.frame import ResultFrame
-from tjscan.scanning.section import ScannedSection
+from tjscan.groove.section import GrooveSection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,16 +60,36 @@ class MeasuredSection:
         return np.sqrt(np.diag(self.measure_covariance))
 
 
-def measure(scan: ScannedSection, frame: ResultFrame, station: str = "1") -> MeasuredSection:
-    """A finished section in the frame of the result."""
-    groove = scan.groove
-    T_r_s = frame.T_r_b @ scan.view.T_b_s
+def measure(
+    groove: GrooveSection,
+    T_r_s: Array,
+    frame: str,
+    *,
+    index: int,
+    station: str = "1",
+) -> MeasuredSection:
+    """Put a section that was read in a profile into the frame of the result.
+
+    Parameters
+    ----------
+    groove : GrooveSection
+        As it was read, in frame s.
+    T_r_s : ndarray, shape (4, 4)
+        Pose of the sensor in the frame of the result.
+    frame : str
+        Letter of that frame: in j the section has an azimuth, in b it has none.
+    index : int
+        Number of the section in its scan.
+    station : str
+        Name of the station that it was scanned from.
+    """
     T_r_g = T_r_s @ groove.T_s_g
     in_plane = T_r_s[:3, [0, 2]]  # x and z of frame s
+    x, y = T_r_g[:2, 3]
     return MeasuredSection(
-        index=scan.view.index,
+        index=index,
         station=station,
-        azimuth=frame.azimuth(T_r_g[:3, 3]),
+        azimuth=float(np.arctan2(y, x)) if frame == "j" else float("nan"),
         T_r_g=T_r_g,
         points=transform(T_r_s, groove.points_s),
         covariances=in_plane @ groove.corner_covariances_s @ in_plane.T,
@@ -80,10 +98,3 @@ def measure(scan: ScannedSection, frame: ResultFrame, station: str = "1") -> Mea
         work_angle=groove.work_angle,
         rms=groove.rms,
     )
-
-
-def measure_all(
-    sections: Sequence[ScannedSection], frame: ResultFrame, station: str = "1"
-) -> tuple[MeasuredSection, ...]:
-    """Every finished section in the frame of the result."""
-    return tuple(measure(scan, frame, station) for scan in sections)

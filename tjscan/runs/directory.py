@@ -1,0 +1,104 @@
+"""The run directory: made before anything moves, with the resolved job in it."""
+
+from __future__ import annotations
+
+import shutil
+from datetime import datetime
+from pathlib import Path
+from typing import Final
+
+import tomli_w
+
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import DRAFT, drafted, locked
+from tjscan.job import CalibrationTable, CellFile
+from tjscan.recording.origin import Origin, digest
+from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF
+
+COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
+"""What a run directory is made with."""
+
+
+def default_directory(job_file: Path, station: str | None = None) -> Path:
+    """``runs/JOB-DATE``, or ``runs/JOB-STATION-DATE``, below the working directory."""
+    words = (job_file.stem, *(() if station is None else (station,)))
+    return Path("runs") / f"{'-'.join(words)}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def make_directory(
+    directory: Path, job: CellFile, *, joint: Path | None = None, calibration: Path | None = None
+) -> None:
+    """Make a run directory that holds the resolved job, and the files that it names.
+
+    The job in it names these copies, so the directory can be moved and run again.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds something already.
+    RecordingError
+        If it can't be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
+    with locked(directory), drafted(directory, last=JOB) as draft:
+        _check_empty(directory, draft)
+        if joint is not None:
+            shutil.copyfile(joint, draft / JOINT)
+        if calibration is not None:
+            shutil.copyfile(calibration, draft / CALIBRATION)
+        if Path(job.arm.model).suffix == ".urdf":
+            shutil.copyfile(job.arm.model, draft / URDF)
+        (draft / JOB).write_text(_text(job, draft), encoding="utf-8")
+
+
+def _check_empty(directory: Path, draft: Path) -> None:
+    """Refuse a directory that holds anything but what one killed in the making of it left."""
+    names = {file.name for file in directory.iterdir()} - {draft.name}
+    files = {name for name in names if not name.startswith(DRAFT)}
+    half_made = files < names and files <= {*COPIES} - {JOB}
+    if files and not half_made:
+        raise ConfigurationError(
+            "is not empty; a run never overwrites another. Choose another --out", file=directory
+        )
+
+
+def is_untouched(directory: Path) -> bool:
+    """Whether a run directory was made and nothing was recorded in it yet."""
+    return all(file.name in COPIES or file.name.startswith(DRAFT) for file in directory.iterdir())
+
+
+def origin_of(directory: Path, job: CellFile) -> Origin:
+    """What a run directory's recording is made with: a job as it now is, and the files it names.
+
+    Raises
+    ------
+    RecordingError
+        If a file there can't be read.
+    """
+    try:
+        texts = {
+            name: file.read_text(encoding="utf-8") if file.is_file() else ""
+            for name, file in (
+                ("joint", directory / JOINT),
+                ("calibration", directory / CALIBRATION),
+            )
+        }
+        urdf = directory / URDF
+        arm = digest(urdf) if urdf.is_file() else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{directory}: can't be read: {error}") from error
+    return Origin(_text(job, directory), **texts, arm=arm)
+
+
+def _text(job: CellFile, directory: Path) -> str:
+    """A job as TOML that names the copies which stand in a directory."""
+    if job.joint is not None and (directory / JOINT).is_file():
+        job = job.model_copy(update={"joint": job.joint.model_copy(update={"file": JOINT})})
+    if (directory / CALIBRATION).is_file():
+        job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
+    if (directory / URDF).is_file():
+        job = job.model_copy(update={"arm": job.arm.model_copy(update={"model": URDF})})
+    return tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))

@@ -1,0 +1,167 @@
+"""From what a scan found to the numbers and files of its run directory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.calibration.file import read_calibration
+from tjscan.comparison.distance import DistanceStatistics, corner_errors
+from tjscan.core.frames import Array, rotation_angle, transform
+from tjscan.groove.measured import MeasuredSection, measure
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import feature_edges
+from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.frame import ResultFrame
+from tjscan.result.outline import joint_outline
+from tjscan.result.picture import draw_groove
+from tjscan.result.readings import Reading
+from tjscan.result.summary import StepStatistics, Summary
+from tjscan.result.write import write_results
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.progress import complete, groove_length, step_lengths
+from tjscan.scanning.result import ScanResult
+from tjscan.scanning.section import ScannedSection, Substep
+
+
+def calibration_name(directory: Path) -> str:
+    """Which calibration a run was made with, or that its job states the sensor's pose.
+
+    Raises
+    ------
+    ConfigurationError
+        If the ``calibration.toml`` in the run directory can't be read.
+    """
+    file = directory / CALIBRATION
+    if not file.is_file():
+        return f"T_f_s_mm in {JOB}"
+    found = read_calibration(file)
+    return f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
+
+
+def measure_all(
+    sections: Sequence[ScannedSection], frame: ResultFrame, station: str = "1"
+) -> tuple[MeasuredSection, ...]:
+    """Put every finished section into the frame of the result."""
+    return tuple(
+        measure(
+            scan.groove,
+            frame.T_r_b @ scan.view.T_b_s,
+            frame.name,
+            index=scan.view.index,
+            station=station,
+        )
+        for scan in sections
+    )
+
+
+def groove_points(sections: Sequence[ScannedSection], frame: ResultFrame) -> Array:
+    """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
+    return np.concatenate(
+        [transform(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s) for scan in sections]
+    )
+
+
+def summarise(
+    result: ScanResult,
+    plan: ScanPlan,
+    frame: ResultFrame,
+    corner_error: Array | None,
+    calibration: str = "",
+) -> Summary:
+    """Draw the numbers from what a scan found.
+
+    Parameters
+    ----------
+    result, plan, frame
+        What was found, what was asked, and the frame it is told in.
+    corner_error : ndarray, optional
+        Raw distances of the corners from the joint's edges, metres, any shape.
+    calibration : str
+        What the sensor's pose on the hand comes from.
+    """
+    steps = 1e3 * np.array(step_lengths(result.sections))
+    views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
+    hops = list(pairwise(views))
+    return Summary(
+        sections=len(result.sections),
+        scans=len(result.views),
+        complete=complete(result.stop, plan),
+        stopped_because=str(result.stop),
+        detail=result.detail,
+        frame=frame.name,
+        groove_length_mm=1e3 * groove_length(result.sections),
+        half_steps=result.counts.half_steps,
+        step_mm=StepStatistics(
+            nominal=1e3 * plan.step,
+            mean=float(steps.mean()) if len(steps) else None,
+            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
+        ),
+        flange_travel_mm=1e3
+        * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
+        flange_rotation_deg=float(
+            np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops))
+        ),
+        motion_time_s=views[-1].time - views[0].time,
+        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
+        calibration=calibration,
+        scans_per_section=_scans_per_section(result),
+        corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
+        taken_again=result.counts.taken_again,
+        merged=result.counts.merged,
+        nudges=result.counts.nudges,
+        retreats=result.counts.retreats,
+    )
+
+
+def _scans_per_section(result: ScanResult) -> float | None:
+    """Profiles for each section that no hand taught."""
+    found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
+    taken = sum(view.substep is not Substep.TAUGHT for view in result.views)
+    return taken / found if found else None
+
+
+def write_scan(
+    directory: Path,
+    result: ScanResult,
+    plan: ScanPlan,
+    frame: ResultFrame,
+    joint: JointDefinition | None,
+    *,
+    station: str = "1",
+) -> Summary:
+    """Write what a scan from one place found; raises as `write_results` does.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    result, plan, frame
+        What was found, what was asked, and the frame to tell it in.
+    joint : JointDefinition, optional
+        What to compare the corners with.
+    station : str
+        Where it was scanned from.
+    """
+    sections = measure_all(result.sections, frame, station)
+    points = groove_points(result.sections, frame)
+    corners = np.array([section.points for section in sections])
+    error = None if joint is None else corner_errors(corners, feature_edges(joint))
+    summary = summarise(result, plan, frame, error, calibration_name(directory))
+    middle = result.sections[len(result.sections) // 2]
+    picture = draw_groove(
+        sections,
+        points,
+        frame=frame.name,
+        title=f"{len(sections)} sections, {result.stop}",
+        outline=() if joint is None else joint_outline(joint),
+        paths=[transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
+        example=Reading(
+            f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
+        ),
+    )
+    write_results(directory, sections, points, summary, picture)
+    return summary
