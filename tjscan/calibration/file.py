@@ -5,19 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Final, Self
+from typing import TYPE_CHECKING, Annotated, Final, Self
 
 import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, model_validator
 
-from tjscan.calibration.hand_eye import HandEye, Residual
 from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
-from tjscan.calibration.verify import Verification
 from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import drafted
 from tjscan.core.frames import Array, from_rounded
+
+if TYPE_CHECKING:
+    from tjscan.calibration.hand_eye import HandEye, Residual
+    from tjscan.calibration.verify import Verification
 
 Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Rows = tuple[Row4, Row4, Row4, Row4]

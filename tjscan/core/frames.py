@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 from pytransform3d.rotations import active_matrix_from_angle
 from pytransform3d.transformations import invert_transform
-from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,9 @@ def rotation_angle(T_1: Array, T_2: Array) -> float:
     T_1, T_2 : ndarray, shape (4, 4) or (3, 3)
         Poses or rotations.
     """
-    return float(Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).magnitude())
+    return float(
+        scipy.spatial.transform.Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).magnitude()
+    )
 
 
 def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
@@ -138,12 +140,19 @@ def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
     angles : array_like, shape (3,)
         a, b, c in radians, about the moving z, y, x axes in turn.
     """
-    return pose(Rotation.from_euler("ZYX", np.asarray(angles, dtype=float)).as_matrix(), position)
+    return pose(
+        scipy.spatial.transform.Rotation.from_euler(
+            "ZYX", np.asarray(angles, dtype=float)
+        ).as_matrix(),
+        position,
+    )
 
 
 def to_euler_zyx(T: Array) -> tuple[Array, Array]:
     """Position in metres and Z-Y-X Euler angles in radians of a pose, each of shape (3,)."""
-    return T[:3, 3].copy(), np.asarray(Rotation.from_matrix(T[:3, :3]).as_euler("ZYX"))
+    return T[:3, 3].copy(), np.asarray(
+        scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_euler("ZYX")
+    )
 
 
 def from_rounded(T: ArrayLike) -> Array:
