@@ -14,7 +14,7 @@ from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.mesh import build_mesh
 from tjscan.laser.faults import Streams, disturb
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Sight, Surface, fan, look
+from tjscan.laser.optics import RayHits, Surface, fan, raycast
 from tjscan.laser.profile import Profile
 
 STANDOFF: Final = 0.240
@@ -113,40 +113,40 @@ def _tangent(normal: Array, y_j: Array, towards: Array) -> Array:
     return t if t @ towards > 0 else -t
 
 
-def sight_of(stage: Stage, v: View, model: LaserModel) -> Sight:
-    return look(stage.surface, v.T_j_s, model, fan(model))
+def hits_of(stage: Stage, v: View, model: LaserModel) -> RayHits:
+    return raycast(stage.surface, v.T_j_s, model, fan(model))
 
 
-def profile_of(sight: Sight, model: LaserModel, seed: int) -> Profile:
-    points = disturb(sight, model, Streams.spawn(np.random.default_rng(seed)))
+def profile_of(hits: RayHits, model: LaserModel, seed: int) -> Profile:
+    points = disturb(hits, model, Streams.spawn(np.random.default_rng(seed)))
     return Profile(points.x_s, points.z_s, points.intensity)
 
 
-def sides_of(sight: Sight, v: View, model: LaserModel) -> NDArray[np.intp]:
+def sides_of(hits: RayHits, v: View, model: LaserModel) -> NDArray[np.intp]:
     """Side that each column sees: 0 wall, 1 bevel, 2 root, 3 leg; -1 nothing."""
-    z = model.emitter_z + sight.distance * sight.directions_s[:, 2]
-    tangent = -sight.directions_s[:, 0] / sight.directions_s[:, 2]
+    z = model.emitter_z + hits.distance * hits.directions_s[:, 2]
+    tangent = -hits.directions_s[:, 0] / hits.directions_s[:, 2]
     c = v.corners
     bounds = -c[:, 0] / (c[:, 1] - model.emitter_z)
     side = np.searchsorted(bounds, tangent)
-    return np.where(sight.seen & np.isfinite(z), side, -1)
+    return np.where(hits.seen & np.isfinite(z), side, -1)
 
 
-def bound(sight: Sight, v: View, model: LaserModel) -> Array:
+def bound(hits: RayHits, v: View, model: LaserModel) -> Array:
     """Cramér–Rao bound of each corner's error: root of the covariance's trace, shape (3,).
 
     Points are known to belong to their true sides; each side is a line or, where it truly
     bends by more than `STRAIGHT`, a parabola. The noise is that of the model: along the rays,
     correlated over columns, rounded to steps.
     """
-    side = sides_of(sight, v, model)
+    side = sides_of(hits, v, model)
     found = []
     for k in range(4):
         index = np.flatnonzero(side == k)
         x = np.column_stack(
             (
-                sight.distance[index] * sight.directions_s[index, 0],
-                model.emitter_z + sight.distance[index] * sight.directions_s[index, 2],
+                hits.distance[index] * hits.directions_s[index, 0],
+                model.emitter_z + hits.distance[index] * hits.directions_s[index, 2],
             )
         )
         corner = v.corners[min(k, 2)]
@@ -156,7 +156,7 @@ def bound(sight: Sight, v: View, model: LaserModel) -> Array:
         line = np.polynomial.Polynomial.fit(s, (x - corner) @ n, 1)
         degree = 1 if np.ptp((x - corner) @ n - line(s)) < STRAIGHT else 2
         # A change of height across the side changes the range by 1 / cosine.
-        basis = s ** np.arange(degree + 1)[:, None] / sight.cosine[index]
+        basis = s ** np.arange(degree + 1)[:, None] / hits.cosine[index]
         lag = index[:, None] - index
         R = np.exp(-((lag / max(model.noise_correlation, 1e-9)) ** 2)) * model.noise**2
         # Noise this smooth could be told from its neighbours almost exactly: the bound would

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 from _table import Row, main
-from _views import Stage, View, bound, profile_of, sight_of, view
+from _views import Stage, View, bound, hits_of, profile_of, view
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -26,7 +26,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile, read_joint
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Sight
+from tjscan.laser.optics import RayHits
 from tjscan.laser.profile import Profile
 
 CAD: Final = Path(__file__).parent.parent / "cad"
@@ -66,7 +66,7 @@ def joints() -> list[JointDefinition]:
 
 def views(
     stages: list[Stage], count: int, model: LaserModel, seed: int, slop: float = 1.0
-) -> Iterator[tuple[View, Sight]]:
+) -> Iterator[tuple[View, RayHits]]:
     """Poses all round all joints."""
     rng = np.random.default_rng(seed)
     for k in range(count):
@@ -77,7 +77,7 @@ def views(
             turn=slop * math.radians(5) * rng.uniform(-1, 1, 3),
             shift=slop * 5e-3 * rng.uniform(-1, 1, 3),
         )
-        yield v, sight_of(stages[k % len(stages)], v, model)
+        yield v, hits_of(stages[k % len(stages)], v, model)
 
 
 @dataclass
@@ -120,10 +120,10 @@ def read(profile: Profile, times: int) -> tuple[GrooveSection | None, float]:
 def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
     model = LaserModel.ideal(noise=sigma)
     tally, bounds = Tally([], [], [], []), []
-    for k, (v, sight) in enumerate(views(stages, POSES, model, 1)):
-        truth, limit = section_from_points(v.five), bound(sight, v, model)
+    for k, (v, hits) in enumerate(views(stages, POSES, model, 1)):
+        truth, limit = section_from_points(v.five), bound(hits, v, model)
         for r in range(REPEATS):
-            tally.add(v, profile_of(sight, model, REPEATS * k + r), truth)
+            tally.add(v, profile_of(hits, model, REPEATS * k + r), truth)
             bounds.append(limit)
     name = f"noise {1e3 * sigma:g} mm"
     rows = [Row(f"{name}: refused", tally.refused, 0)]
@@ -142,10 +142,10 @@ def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
 def reflections(stages: list[Stage]) -> list[Row]:
     tally = Tally([], [], [], [])
     gc.disable()
-    for k, (v, sight) in enumerate(views(stages, REFLECTIVE_POSES, REFLECTIVE, 2)):
+    for k, (v, hits) in enumerate(views(stages, REFLECTIVE_POSES, REFLECTIVE, 2)):
         truth = section_from_points(v.five)
         for r in range(REPEATS):
-            profile = profile_of(sight, REFLECTIVE, REPEATS * k + r)
+            profile = profile_of(hits, REFLECTIVE, REPEATS * k + r)
             tally.add(v, profile, truth, timed=r == 0)
         gc.collect(0)
     gc.enable()
@@ -174,7 +174,7 @@ def no_groove(stages: list[Stage]) -> list[Row]:
         for k in range(EMPTY_VIEWS):
             stage, shift = stages[k % len(stages)], np.array([away, 0.0, 0.0])
             v = view(stage, rng.uniform(0, 2 * np.pi), pull=PULL, turn=np.zeros(3), shift=shift)
-            section, _ = read(profile_of(sight_of(stage, v, REFLECTIVE), REFLECTIVE, k), 1)
+            section, _ = read(profile_of(hits_of(stage, v, REFLECTIVE), REFLECTIVE, k), 1)
             read_, total = read_ + (section is not None), total + 1
     for k in range(EMPTY_VIEWS):
         for draw in (plane, edge, valley, pipe, dust, empty):

@@ -13,7 +13,7 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh
 from tjscan.laser.faults import Streams, disturb
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface, fan, look
+from tjscan.laser.optics import Surface, fan, raycast
 from tjscan.laser.profile import Profile
 
 STANDOFF = 0.24
@@ -69,8 +69,8 @@ def corners(edges: FeatureEdges, T_j_s: Array, phi: float) -> Array:
 
 
 def profile(surface: Surface, T_j_s: Array, model: LaserModel, seed: int) -> Profile:
-    sight = look(surface, T_j_s, model, fan(model))
-    points = disturb(sight, model, Streams.spawn(np.random.default_rng(seed)))
+    hits = raycast(surface, T_j_s, model, fan(model))
+    points = disturb(hits, model, Streams.spawn(np.random.default_rng(seed)))
     return Profile(points.x_s, points.z_s)
 
 

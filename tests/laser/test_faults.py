@@ -19,7 +19,7 @@ from tjscan.laser.faults import (
     speckle,
 )
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Sight, fan
+from tjscan.laser.optics import RayHits, fan
 
 N = 640
 EXACT = 1e-12
@@ -27,9 +27,9 @@ RAYS = fan(LaserModel.ideal())
 ALL_ON = LaserModel(ghosts=0.1, missing=0.05, flyers=0.8)
 
 
-def sight(
+def hits(
     incidence: float = 0.0, z: Array | float = 0.24, ghost: NDArray[np.bool_] | None = None
-) -> Sight:
+) -> RayHits:
     """A face at depth z, under the same incidence in every column, square to no ray's side.
 
     Ghosts, where there are any, lie 20 mm behind it.
@@ -37,10 +37,10 @@ def sight(
     distance = (np.broadcast_to(z, N) - LaserModel().emitter_z) / RAYS[:, 2]
     toward = -RAYS * np.cos(incidence) + np.array([0, 1.0, 0]) * np.sin(incidence)
     images = np.where(np.zeros(N, bool) if ghost is None else ghost, distance + 0.02, np.nan)
-    return Sight(RAYS, distance, toward, np.ones(N, bool), images)
+    return RayHits(RAYS, distance, toward, np.ones(N, bool), images)
 
 
-def taken(view: Sight, model: LaserModel, seed: int = 0) -> SimulatedPoints:
+def taken(view: RayHits, model: LaserModel, seed: int = 0) -> SimulatedPoints:
     return disturb(view, model, Streams.spawn(np.random.default_rng(seed)))
 
 
@@ -55,13 +55,13 @@ def runs_of(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.asarray(np.flatnonzero(steps == -1) - np.flatnonzero(steps == 1))
 
 
-def groove() -> Sight:
+def groove() -> RayHits:
     """A view with everything in it: a jump, a crease, mirrors, a grazing face."""
     z = np.where(np.arange(N) < 200, 0.23, 0.26)
-    view = sight(0.5, z, ghost=(np.arange(N) > 250) & (np.arange(N) < 500))
+    view = hits(0.5, z, ghost=(np.arange(N) > 250) & (np.arange(N) < 500))
     normals = view.normals_s.copy()
     normals[400:, 0] += 0.9
-    normals[560:] = sight(np.radians(70)).normals_s[560:]
+    normals[560:] = hits(np.radians(70)).normals_s[560:]
     return replace(view, normals_s=normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
@@ -87,29 +87,29 @@ def test_noise_has_its_sigma_everywhere_and_its_correlation(correlation: float) 
 
 
 def test_noise_moves_points_along_their_rays() -> None:
-    points = taken(sight(), LaserModel.ideal(noise=50e-6))
+    points = taken(hits(), LaserModel.ideal(noise=50e-6))
     z = points.z_s - LaserModel().emitter_z
     np.testing.assert_allclose(points.x_s * RAYS[:, 2], z * RAYS[:, 0], atol=EXACT)
-    assert np.std(along(points) - sight().distance) == pytest.approx(50e-6, rel=0.3)
+    assert np.std(along(points) - hits().distance) == pytest.approx(50e-6, rel=0.3)
 
 
 def test_bias_grows_with_incidence_and_is_bounded() -> None:
     model = LaserModel.ideal(bias=LaserModel().bias)
     biases = np.array(
-        [along(taken(sight(a), model)) - sight(a).distance for a in np.radians(range(0, 90, 2))]
+        [along(taken(hits(a), model)) - hits(a).distance for a in np.radians(range(0, 90, 2))]
     )
     assert np.all(np.diff(biases, axis=0) >= -EXACT)
     np.testing.assert_allclose(biases[0], 0, atol=EXACT)
     assert biases.max() == pytest.approx(0.1e-3, abs=EXACT)
-    middle = along(taken(sight(np.pi / 4), model)) - sight().distance
+    middle = along(taken(hits(np.pi / 4), model)) - hits().distance
     assert middle[N // 2] == pytest.approx(model.bias, rel=0.01)
 
 
 def test_points_drop_out_with_growing_incidence() -> None:
     model = LaserModel.ideal(dropout=1.0)
-    # Every ray of `sight` lies in the x-z plane, so the incidence is the same in each column.
+    # Every ray of `hits` lies in the x-z plane, so the incidence is the same in each column.
     left = [
-        np.mean([(taken(sight(np.radians(a)), model, s).kind == Kind.TRUE) for s in range(20)])
+        np.mean([(taken(hits(np.radians(a)), model, s).kind == Kind.TRUE) for s in range(20)])
         for a in (0, 40, 59.9, 64, 68, 72, 76, 80.1, 89)
     ]
     assert np.all(np.diff(left) <= 0)
@@ -144,7 +144,7 @@ def test_runs_hold_the_count_and_keep_their_lengths(
 
 @pytest.mark.parametrize("fraction", [0.0, 0.02, 0.065, 0.15])
 def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
-    view = sight(ghost=np.arange(N) >= 300)
+    view = hits(ghost=np.arange(N) >= 300)
     model = LaserModel.ideal(ghosts=fraction)
     kinds = np.array([taken(view, model, seed).kind for seed in range(40)])
     ghosts = kinds == Kind.GHOST
@@ -158,7 +158,7 @@ def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
 
 
 def test_ghosts_lie_at_their_image_and_are_dim() -> None:
-    view = sight(ghost=np.ones(N, bool))
+    view = hits(ghost=np.ones(N, bool))
     points = taken(view, LaserModel.ideal(ghosts=0.15))
     ghosts = points.kind == Kind.GHOST
     np.testing.assert_allclose(along(points)[ghosts], view.ghost[ghosts], atol=EXACT)
@@ -167,16 +167,16 @@ def test_ghosts_lie_at_their_image_and_are_dim() -> None:
 
 
 def test_no_face_turns_into_a_mirror_altogether() -> None:
-    view = sight(ghost=np.arange(N) >= 600)
+    view = hits(ghost=np.arange(N) >= 600)
     model = LaserModel.ideal(ghosts=0.15)
     assert np.sum(taken(view, model).kind == Kind.GHOST) == model.ghost_share * 40
-    assert not np.any(taken(sight(), model).kind == Kind.GHOST)
+    assert not np.any(taken(hits(), model).kind == Kind.GHOST)
 
 
 @pytest.mark.parametrize("fraction", [0.02, 0.1])
 def test_missing_points_are_the_asked_fraction_in_short_runs(fraction: float) -> None:
     model = LaserModel.ideal(missing=fraction)
-    missing = np.array([taken(sight(), model, s).kind == Kind.MISSING for s in range(60)])
+    missing = np.array([taken(hits(), model, s).kind == Kind.MISSING for s in range(60)])
     assert missing.mean() == pytest.approx(fraction, abs=0.5 / N)
     assert max(runs_of(row).max() for row in missing) <= model.missing_run[1]
 
@@ -191,12 +191,12 @@ def test_flyers_fly_only_beside_edges_and_between_their_sides() -> None:
     jumped = along(points)[[199, 200]]
     assert np.all((jumped >= sides[0] - EXACT) & (jumped <= sides[1] + EXACT))
     assert np.all(np.abs(jumped - view.distance[[199, 200]]) > 1e-4)
-    smooth = taken(sight(0.5), replace(model, flyer_jump=5e-3))
+    smooth = taken(hits(0.5), replace(model, flyer_jump=5e-3))
     assert not np.any(smooth.kind == Kind.FLYER)
 
 
 def test_where_the_surface_ends_nothing_flies() -> None:
-    view = sight()
+    view = hits()
     gone = np.arange(N) >= 300
     view = replace(
         view,
@@ -215,17 +215,17 @@ def test_flyers_come_as_often_as_asked() -> None:
 
 
 def test_raw_coordinates_are_whole_steps() -> None:
-    points = taken(sight(), LaserModel.ideal(step=5e-6, noise=30e-6))
+    points = taken(hits(), LaserModel.ideal(step=5e-6, noise=30e-6))
     for values in (points.x_s, points.z_s):
         np.testing.assert_allclose(values / 5e-6, np.round(values / 5e-6), atol=1e-6)
-    exact = taken(sight(), LaserModel.ideal(noise=30e-6))
+    exact = taken(hits(), LaserModel.ideal(noise=30e-6))
     assert np.abs(points.z_s - exact.z_s).max() <= 2.5e-6 + EXACT
 
 
 def test_no_fault_carries_a_point_outside_the_range() -> None:
     model = LaserModel.ideal(noise=1e-3)
     for edge in (model.near, model.far):
-        points = taken(sight(z=edge), model)
+        points = taken(hits(z=edge), model)
         there = points.kind != Kind.MISSING
         assert 0 < there.sum() < N
         assert np.all((points.z_s[there] >= model.near) & (points.z_s[there] <= model.far))
@@ -242,7 +242,7 @@ def test_a_missing_point_is_nan_and_dark_and_no_other_is() -> None:
 
 
 def test_intensity_falls_with_incidence() -> None:
-    bright = [taken(sight(a), LaserModel.ideal()).intensity[0] for a in (0.0, 0.5, 1.0, 1.5)]
+    bright = [taken(hits(a), LaserModel.ideal()).intensity[0] for a in (0.0, 0.5, 1.0, 1.5)]
     np.testing.assert_allclose(bright, np.cos([0.0, 0.5, 1.0, 1.5]), atol=EXACT)
 
 

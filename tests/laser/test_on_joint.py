@@ -12,7 +12,7 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh, chord_error
 from tjscan.laser.faults import Kind
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Sight, Surface, fan, look
+from tjscan.laser.optics import RayHits, Surface, fan, raycast
 from tjscan.laser.simulated import SimulatedLaser
 
 STANDOFF = 0.24
@@ -50,10 +50,10 @@ def before(edges: FeatureEdges, phi: float) -> Array:
     return pose(R, 0.5 * (p2 + p4) - STANDOFF * R[:, 2])
 
 
-def points_of(sight: Sight) -> Array:
+def points_of(hits: RayHits) -> Array:
     """Points of all columns in frame s."""
     apex_s = np.array([0, 0, LaserModel().emitter_z])
-    return np.asarray(apex_s + sight.distance[:, None] * sight.directions_s)
+    return np.asarray(apex_s + hits.distance[:, None] * hits.directions_s)
 
 
 @pytest.mark.parametrize("phi", AZIMUTHS)
@@ -62,8 +62,8 @@ def test_points_lie_on_the_true_surfaces(
 ) -> None:
     model = LaserModel.ideal()
     T_j_s = before(edges, phi)
-    sight = look(surface, T_j_s, model, fan(model))
-    points_s = points_of(sight)[sight.seen]
+    hits = raycast(surface, T_j_s, model, fan(model))
+    points_s = points_of(hits)[hits.seen]
     x, y, z = transform(T_j_s, points_s).T
     above_leg = np.hypot(y, z) - joint.leg_radius
     inside_brace = joint.brace_radius - np.hypot(x, y)
@@ -102,7 +102,7 @@ def test_flyers_stand_at_the_edges_of_the_groove(
 ) -> None:
     model = LaserModel.ideal(flyers=1.0)
     T_j_s = before(edges, phi)
-    sight = look(surface, T_j_s, model, fan(model))
+    hits = raycast(surface, T_j_s, model, fan(model))
     with SimulatedLaser(
         surface,
         lambda: T_j_s,
@@ -111,7 +111,7 @@ def test_flyers_stand_at_the_edges_of_the_groove(
         clock=lambda: 0.0,
     ) as laser:
         flyers = laser.observe().kind == Kind.FLYER
-    points_s = points_of(sight)[flyers]
+    points_s = points_of(hits)[flyers]
     away = edges.distances(transform(T_j_s, points_s))
     assert np.all(away.min(axis=1) < PITCH)
     assert np.all(away.min(axis=0) < PITCH)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import MELT, Sight, Surface, fan, look
+from tjscan.laser.optics import MELT, RayHits, Surface, fan, raycast
 
 EXACT = 1e-9
 """Metres: distances come from float64 planes; float32 only chooses the triangle."""
@@ -46,13 +46,13 @@ def together(*parts: Part) -> Surface:
     )
 
 
-def points(sight: Sight, distance: Array, model: LaserModel = IDEAL) -> Array:
+def points(hits: RayHits, distance: Array, model: LaserModel = IDEAL) -> Array:
     """Points in frame s at these distances."""
-    return np.asarray(distance[:, None] * sight.directions_s + [0, 0, model.emitter_z])
+    return np.asarray(distance[:, None] * hits.directions_s + [0, 0, model.emitter_z])
 
 
-def seen_points(sight: Sight) -> Array:
-    return points(sight, sight.distance)[sight.seen]
+def seen_points(hits: RayHits) -> Array:
+    return points(hits, hits.distance)[hits.seen]
 
 
 def wedge(opening: float, pull: float) -> tuple[list[Part], tuple[Array, Array], Array]:
@@ -98,19 +98,19 @@ def test_a_plane_is_seen_exactly_where_it_is(
     normal_s = rot_x(tilt[0]) @ rot_y(tilt[1]) @ [0, 0, -1]
     point_s = np.array([0, 0, z])
     surface = Surface(*plane(normal_s, point_s, T_j_s))
-    sight = look(surface, T_j_s, IDEAL, fan(IDEAL))
-    found = seen_points(sight)
+    hits = raycast(surface, T_j_s, IDEAL, fan(IDEAL))
+    found = seen_points(hits)
     assert len(found) > 0
     np.testing.assert_allclose((found - point_s) @ normal_s, 0, atol=EXACT)
     np.testing.assert_allclose(found[:, 1], 0, atol=EXACT)
-    np.testing.assert_allclose(sight.cosine, -sight.directions_s @ normal_s, atol=EXACT)
+    np.testing.assert_allclose(hits.cosine, -hits.directions_s @ normal_s, atol=EXACT)
 
 
 @pytest.mark.parametrize(("z", "width"), [(0.190, 0.083), (0.290, 0.121)])
 def test_the_range_is_the_sensors_trapezoid(z: float, width: float) -> None:
     inside = z + (1e-9 if z < 0.24 else -1e-9)
     surface = Surface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, inside])))
-    x = seen_points(look(surface, T_J_S, IDEAL, fan(IDEAL)))[:, 0]
+    x = seen_points(raycast(surface, T_J_S, IDEAL, fan(IDEAL)))[:, 0]
     assert len(x) == IDEAL.columns
     assert np.all(np.diff(x) > 0)
     np.testing.assert_allclose((x[0], x[-1]), (-width / 2, width / 2), atol=1e-8)
@@ -119,12 +119,12 @@ def test_the_range_is_the_sensors_trapezoid(z: float, width: float) -> None:
 def test_nothing_is_seen_outside_the_range() -> None:
     for z in (IDEAL.near - 1e-6, IDEAL.far + 1e-6):
         surface = Surface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, z])))
-        assert not look(surface, T_J_S, IDEAL, fan(IDEAL)).seen.any()
+        assert not raycast(surface, T_J_S, IDEAL, fan(IDEAL)).seen.any()
     steep = Surface(*plane(rot_y(1.2) @ [0, 0, 1.0], np.array([0, 0, 0.24])))
-    sight = look(steep, T_J_S, IDEAL, fan(IDEAL))
-    z_s = points(sight, sight.distance)[:, 2]
-    np.testing.assert_array_equal(sight.seen, (z_s >= IDEAL.near) & (z_s <= IDEAL.far))
-    assert 0 < sight.seen.sum() < IDEAL.columns
+    hits = raycast(steep, T_J_S, IDEAL, fan(IDEAL))
+    z_s = points(hits, hits.distance)[:, 2]
+    np.testing.assert_array_equal(hits.seen, (z_s >= IDEAL.near) & (z_s <= IDEAL.far))
+    assert 0 < hits.seen.sum() < IDEAL.columns
 
 
 def test_all_points_lie_on_the_mesh() -> None:
@@ -141,7 +141,7 @@ def test_all_points_lie_on_the_mesh() -> None:
     z_s = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2)
     R_j_s = np.column_stack((np.cross([0, -1.0, 0], z_s), [0, -1.0, 0], z_s))
     T_j_s = pose(R_j_s, np.array([0.2286, 0, 0.3]) - 0.24 * z_s)
-    found = seen_points(look(surface, T_j_s, IDEAL, fan(IDEAL)))
+    found = seen_points(raycast(surface, T_j_s, IDEAL, fan(IDEAL)))
     assert len(found) > 400
     points_j = transform(T_j_s, found).astype(np.float32)
     away = scene.compute_distance(o3d.core.Tensor.from_numpy(points_j)).numpy()
@@ -165,14 +165,14 @@ def test_a_step_hides_its_foot_from_the_detector(height: float, hidden: bool) ->
     )
     wall = (transform(T_J_S, wall_s), QUAD)
     surface = together(floor, wall)
-    seen = look(surface, T_J_S, IDEAL, fan(IDEAL)).seen
+    seen = raycast(surface, T_J_S, IDEAL, fan(IDEAL)).seen
     assert seen.all() != hidden
     assert seen.any() != hidden
     for free in (
         LaserModel.ideal(detector_y=-0.08),
         LaserModel.ideal(detector_y=0, detector_z=IDEAL.emitter_z),
     ):
-        assert look(surface, T_J_S, free, fan(free)).seen.all()
+        assert raycast(surface, T_J_S, free, fan(free)).seen.all()
 
 
 @pytest.mark.parametrize("half", [0.5, 0.002])  # the small one's other side hides nothing
@@ -183,10 +183,10 @@ def test_a_face_turned_away_from_the_detector_is_not_seen(
     edge_on = np.arctan((0.24 - IDEAL.detector_z) / IDEAL.detector_y)
     a = edge_on + beyond
     normal, point = np.array([0, -np.sin(a), -np.cos(a)]), np.array([0, 0, 0.24])
-    sight = look(Surface(*plane(normal, point, half=half)), T_J_S, IDEAL, fan(IDEAL))
-    hit = np.isfinite(sight.distance)
+    hits = raycast(Surface(*plane(normal, point, half=half)), T_J_S, IDEAL, fan(IDEAL))
+    hit = np.isfinite(hits.distance)
     assert hit.sum() > 10
-    np.testing.assert_array_equal(sight.seen[hit], seen)
+    np.testing.assert_array_equal(hits.seen[hit], seen)
 
 
 @pytest.mark.parametrize("opening", np.radians([50, 70, 90, 110]))
@@ -194,26 +194,26 @@ def test_a_face_turned_away_from_the_detector_is_not_seen(
 def test_a_ghost_is_the_mirror_image_of_the_other_face(opening: float, pull: float) -> None:
     parts, normals, bottom = wedge(opening, pull)
     surface = together(*parts)
-    sight = look(surface, T_J_S, MIRRORING, fan(MIRRORING))
-    images = points(sight, sight.ghost)
+    hits = raycast(surface, T_J_S, MIRRORING, fan(MIRRORING))
+    images = points(hits, hits.ghost)
     for own, other in (normals, normals[::-1]):
-        on_own = np.abs((points(sight, sight.distance) - bottom) @ own) < EXACT
+        on_own = np.abs((points(hits, hits.distance) - bottom) @ own) < EXACT
         mirrored = other - 2 * (other @ own) * own
-        ghosts = images[on_own & np.isfinite(sight.ghost)]
+        ghosts = images[on_own & np.isfinite(hits.ghost)]
         assert len(ghosts) > 20
         np.testing.assert_allclose((ghosts - bottom) @ mirrored, 0, atol=EXACT)
         assert np.all((ghosts - bottom) @ own < 0)  # behind the mirror
         assert np.all((ghosts[:, 2] >= IDEAL.near) & (ghosts[:, 2] <= IDEAL.far))
-    ghosting = np.isfinite(sight.ghost)
-    assert np.all(sight.ghost[ghosting] - sight.distance[ghosting] > MELT)
+    ghosting = np.isfinite(hits.ghost)
+    assert np.all(hits.ghost[ghosting] - hits.distance[ghosting] > MELT)
 
 
 def test_what_the_detector_does_not_see_shows_no_ghost_either() -> None:
     valley, _, _ = wedge(np.pi / 2, 0.0)
     screen_s = [[0, 0.005, 0.1], [0.2, 0.005, 0.1], [0.2, 0.005, 0.24], [0, 0.005, 0.24]]
     screen = (transform(T_J_S, screen_s), QUAD)
-    open_view = look(together(*valley), T_J_S, MIRRORING, fan(MIRRORING))
-    view = look(together(*valley, screen), T_J_S, MIRRORING, fan(MIRRORING))
+    open_view = raycast(together(*valley), T_J_S, MIRRORING, fan(MIRRORING))
+    view = raycast(together(*valley, screen), T_J_S, MIRRORING, fan(MIRRORING))
     hidden = open_view.seen & ~view.seen
     assert np.sum(hidden & np.isfinite(open_view.ghost)) > 100
     assert not np.any(hidden & np.isfinite(view.ghost))
@@ -223,17 +223,17 @@ def test_what_the_detector_does_not_see_shows_no_ghost_either() -> None:
 @pytest.mark.parametrize("opening", np.radians([180, 220]))
 def test_without_a_second_face_there_is_no_ghost(opening: float) -> None:
     parts, _, _ = wedge(opening, 0.1)
-    sight = look(together(*parts), T_J_S, MIRRORING, fan(MIRRORING))
-    assert sight.seen.any()
-    assert np.isnan(sight.ghost).all()
+    hits = raycast(together(*parts), T_J_S, MIRRORING, fan(MIRRORING))
+    assert hits.seen.any()
+    assert np.isnan(hits.ghost).all()
 
 
 def test_moving_surface_and_sensor_together_changes_nothing() -> None:
     T = pose(rot_x(1.0) @ rot_z(-2.0), (0.8, -0.5, 0.9))
     v = np.vstack([plane(rot_y(t) @ [0, 0, -1.0], np.array([0, 0, 0.27]))[0] for t in (-0.7, 0.7)])
     t = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
-    here = look(Surface(v, t), T_J_S, MIRRORING, fan(MIRRORING))
-    there = look(Surface(transform(T, v), t), T @ T_J_S, MIRRORING, fan(MIRRORING))
+    here = raycast(Surface(v, t), T_J_S, MIRRORING, fan(MIRRORING))
+    there = raycast(Surface(transform(T, v), t), T @ T_J_S, MIRRORING, fan(MIRRORING))
     np.testing.assert_array_equal(here.seen, there.seen)
     np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
     np.testing.assert_allclose(here.ghost, there.ghost, atol=EXACT)
@@ -242,15 +242,15 @@ def test_moving_surface_and_sensor_together_changes_nothing() -> None:
 def test_a_scene_far_from_the_origin_is_seen_as_well_as_a_near_one() -> None:
     T = pose(p=(1e4, -2e4, 3e4))  # where float32 has steps of 2 mm
     v, t = plane(rot_y(0.3) @ [0, 0, -1.0], np.array([0, 0, 0.24]))
-    here = look(Surface(v, t), T_J_S, IDEAL, fan(IDEAL))
-    there = look(Surface(transform(T, v), t), T @ T_J_S, IDEAL, fan(IDEAL))
+    here = raycast(Surface(v, t), T_J_S, IDEAL, fan(IDEAL))
+    there = raycast(Surface(transform(T, v), t), T @ T_J_S, IDEAL, fan(IDEAL))
     np.testing.assert_array_equal(here.seen, there.seen)
     np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
 
 
 def test_the_sense_of_the_triangles_does_not_matter() -> None:
     v, t = plane(rot_y(0.3) @ [0, 0, -1.0], np.array([0, 0, 0.24]))
-    one, other = (look(Surface(v, k), T_J_S, IDEAL, fan(IDEAL)) for k in (t, t[:, ::-1]))
+    one, other = (raycast(Surface(v, k), T_J_S, IDEAL, fan(IDEAL)) for k in (t, t[:, ::-1]))
     np.testing.assert_allclose(one.distance, other.distance, atol=EXACT)
     np.testing.assert_allclose(one.normals_s, other.normals_s, atol=EXACT)
 
@@ -260,7 +260,7 @@ def test_drawing_the_sensor_back_moves_the_points_away() -> None:
     back = T_J_S @ pose(p=(0, 0, -0.01))
     for T_j_s, z in ((T_J_S, 0.24), (back, 0.25)):
         np.testing.assert_allclose(
-            seen_points(look(surface, T_j_s, IDEAL, fan(IDEAL)))[:, 2], z, atol=EXACT
+            seen_points(raycast(surface, T_j_s, IDEAL, fan(IDEAL)))[:, 2], z, atol=EXACT
         )
 
 

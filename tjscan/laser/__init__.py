@@ -1,1 +1,1 @@
-"""What a line laser is, and the one that is simulated."""
+"""Line lasers: the protocol, the simulated one, recorded ones, and profiles from files."""

@@ -1,4 +1,4 @@
-"""What a line laser makes of what it sees: noise, bias, gaps, ghosts, flyers, quantisation."""
+"""Measurement faults of a line laser: noise, bias, gaps, ghosts, flyers, quantisation."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Sight
+from tjscan.laser.optics import RayHits
 
 
 class Kind(IntEnum):
-    """What the point in a column really is."""
+    """Origin of the point in a column."""
 
     MISSING = 0
     TRUE = 1
@@ -64,25 +64,25 @@ class Streams:
         return cls(*rng.spawn(5))
 
 
-def disturb(sight: Sight, model: LaserModel, streams: Streams) -> SimulatedPoints:
+def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoints:
     """Points that a sensor with these faults reports of what it sees.
 
     A ghost takes the place of the direct point, also of one that dropped out; a missing
     column stays empty whatever it saw; no point lies outside the range.
     """
-    cosine = np.clip(sight.cosine, 0.0, 1.0)
-    distance = np.where(sight.seen, sight.distance, np.nan)
-    kind = np.where(sight.seen, Kind.TRUE, Kind.MISSING).astype(np.int8)
-    intensity = np.where(sight.seen, cosine, 0.0)
+    cosine = np.clip(hits.cosine, 0.0, 1.0)
+    distance = np.where(hits.seen, hits.distance, np.nan)
+    kind = np.where(hits.seen, Kind.TRUE, Kind.MISSING).astype(np.int8)
+    intensity = np.where(hits.seen, cosine, 0.0)
 
-    flying = _flyers(sight, model, streams.flyers)
+    flying = _flyers(hits, model, streams.flyers)
     flies = np.isfinite(flying)
     distance += _bias(cosine, model)
     distance[flies], kind[flies] = flying[flies], Kind.FLYER
     kind[_dropped(cosine, model, streams.dropout)] = Kind.MISSING
 
-    ghosts = _ghosts(sight, model, streams.ghosts)
-    distance[ghosts], kind[ghosts] = sight.ghost[ghosts], Kind.GHOST
+    ghosts = _ghosts(hits, model, streams.ghosts)
+    distance[ghosts], kind[ghosts] = hits.ghost[ghosts], Kind.GHOST
     intensity[ghosts] *= model.ghost_intensity
 
     count = _whole(model.missing * model.columns, streams.missing)
@@ -90,8 +90,8 @@ def disturb(sight: Sight, model: LaserModel, streams: Streams) -> SimulatedPoint
     kind[scatter_runs(streams.missing, everywhere, count, model.missing_run)] = Kind.MISSING
 
     distance += speckle(streams.noise, model.columns, model.noise, model.noise_correlation)
-    x_s = _quantised(distance * sight.directions_s[:, 0], model.step)
-    z_s = _quantised(model.emitter_z + distance * sight.directions_s[:, 2], model.step)
+    x_s = _quantised(distance * hits.directions_s[:, 0], model.step)
+    z_s = _quantised(model.emitter_z + distance * hits.directions_s[:, 2], model.step)
     kind[~((z_s >= model.near) & (z_s <= model.far))] = Kind.MISSING
     gone = kind == Kind.MISSING
     x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0
@@ -166,17 +166,17 @@ def _dropped(cosine: Array, model: LaserModel, rng: np.random.Generator) -> NDAr
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
 
 
-def _ghosts(sight: Sight, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
+def _ghosts(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
     """Columns that show the mirror image instead of the face."""
     if model.ghosts == 0:
         return np.empty(0, dtype=np.intp)
-    possible = np.flatnonzero(np.isfinite(sight.ghost))
-    wanted = model.ghosts * np.count_nonzero(sight.seen)
+    possible = np.flatnonzero(np.isfinite(hits.ghost))
+    wanted = model.ghosts * np.count_nonzero(hits.seen)
     count = _whole(min(wanted, model.ghost_share * len(possible)), rng)
     return scatter_runs(rng, possible, count, model.ghost_run)
 
 
-def _flyers(sight: Sight, model: LaserModel, rng: np.random.Generator) -> Array:
+def _flyers(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> Array:
     """Distances of the points that fly, NaN where none does, shape (n,).
 
     They lie somewhere between the two sides of an edge, and miss that span at random.
@@ -184,22 +184,22 @@ def _flyers(sight: Sight, model: LaserModel, rng: np.random.Generator) -> Array:
     columns = model.columns
     flies = rng.random(columns) < model.flyers
     share, overshoot = rng.random(columns), rng.normal(size=columns) * model.flyer_overshoot
-    edge = _edges(sight, model)
+    edge = _edges(hits, model)
     right, left = np.append(edge, False), np.append(False, edge)
-    flies &= sight.seen & (right | left)
+    flies &= hits.seen & (right | left)
     index = np.flatnonzero(flies)
     other = np.where(right[index], index + 1, index - 1)
     flying = np.full(columns, np.nan)
-    span = sight.distance[other] - sight.distance[index]
-    flying[index] = sight.distance[index] + share[index] * span + overshoot[index]
+    span = hits.distance[other] - hits.distance[index]
+    flying[index] = hits.distance[index] + share[index] * span + overshoot[index]
     return flying
 
 
-def _edges(sight: Sight, model: LaserModel) -> NDArray[np.bool_]:
+def _edges(hits: RayHits, model: LaserModel) -> NDArray[np.bool_]:
     """Whether a crease or a jump lies between each column and the next, shape (n - 1,)."""
-    hit = np.isfinite(sight.distance)
-    points = np.where(hit, sight.distance, 0.0)[:, None] * sight.directions_s
-    normals = sight.normals_s
+    hit = np.isfinite(hits.distance)
+    points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s
+    normals = hits.normals_s
     step = np.diff(points, axis=0)
     away = np.maximum(
         np.abs(np.einsum("ij,ij->i", step, normals[:-1])),

@@ -1,4 +1,4 @@
-"""Where the light of a line laser goes: fan, first hit, view of the detector, mirror image."""
+"""Ray casting of a line laser: fan, first hits, view of the detector, mirror images."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MELT: Final = 0.5e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class FirstHits:
     """Where rays meet a surface first.
 
     Parameters
@@ -77,7 +77,7 @@ class Surface:
             o3d.core.Tensor.from_numpy(t.astype(np.uint32)),
         )
 
-    def cast(self, origins: Array, directions: Array) -> Hits:
+    def cast(self, origins: Array, directions: Array) -> FirstHits:
         """First hits of rays.
 
         Embree finds the triangle in float32; the distance is then that to the triangle's
@@ -97,7 +97,7 @@ class Surface:
         cosine = np.einsum("ij,ij->i", normals, directions)
         height = self._offsets[face] - np.einsum("ij,ij->i", normals, o)
         np.divide(height, cosine, out=distance, where=np.abs(cosine) > GRAZING)
-        return Hits(distance, np.where(cosine[:, None] > 0, -normals, normals))
+        return FirstHits(distance, np.where(cosine[:, None] > 0, -normals, normals))
 
     def blocks(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
         """Whether anything stands between points on the surface and an eye, shape (n,).
@@ -119,8 +119,8 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """What the optics see before any fault: one entry per column.
+class RayHits:
+    """What the rays of a laser hit, before any fault: one entry per column.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def fan(model: LaserModel) -> Array:
     return readonly(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def look(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Array) -> Sight:
+def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Array) -> RayHits:
     """Trace every column's light to the surface and to the detector.
 
     Parameters
@@ -190,11 +190,11 @@ def look(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Array)
     if model.ghosts > 0 and index.size:
         ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
         ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
-    return Sight(directions_s, hits.distance, hits.normals @ R, seen, ghost)
+    return RayHits(directions_s, hits.distance, hits.normals @ R, seen, ghost)
 
 
 def _mirror_images(
-    surface: Surface, points: Array, rays: Array, hits: Hits, index: NDArray[np.intp]
+    surface: Surface, points: Array, rays: Array, hits: FirstHits, index: NDArray[np.intp]
 ) -> Array:
     """Distances at which faces show the image of what their mirrored rays hit; NaN for nothing.
 

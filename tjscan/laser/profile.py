@@ -1,4 +1,4 @@
-"""One profile: what a line laser sees at one moment."""
+"""One profile of a line laser."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Profile:
         Coordinates in the laser plane, in metres; z along the central ray. Both are NaN
         where the sensor has no point.
     intensity : ndarray, shape (n,), optional
-        Brightness of each point, 0 to 1, where the sensor tells it.
+        Brightness of each point, 0 to 1, where the sensor reports it.
     time : float
-        Seconds on the clock of the cell; 0 where the sensor tells none.
+        Seconds on the clock of the cell; 0 where the sensor reports none.
     """
 
     x_s: Array

@@ -1,4 +1,4 @@
-"""A line laser that sees again what it once saw."""
+"""A line laser that plays back recorded profiles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ReplayedLaser:
     Parameters
     ----------
     profiles : sequence of Profile
-        What it saw, in the order of the recording.
+        Its profiles, in the order of the recording.
     take : callable
         Gives the number of the profile that is taken now, as the arm that carried the laser
         stands; raises LaserFault where none was.

@@ -1,4 +1,4 @@
-"""A line laser that looks at triangles instead of steel."""
+"""A simulated line laser, before a surface of triangles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.laser.faults import SimulatedPoints, Streams, disturb
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface, fan, look
+from tjscan.laser.optics import Surface, fan, raycast
 from tjscan.laser.profile import Profile
 
 
@@ -67,17 +67,17 @@ class SimulatedLaser:
         Raises
         ------
         LaserFault
-            Outside a ``with`` block, or if the pose is no pose.
+            Outside a ``with`` block, or if the pose is not one.
         """
         points = self.observe()
         return Profile(points.x_s, points.z_s, points.intensity, self._clock())
 
     def observe(self) -> SimulatedPoints:
-        """Take one profile and tell the truth about each point; raises as `capture` does."""
+        """Take one profile with the origin of each point; raises as `capture` does."""
         if not self._connected:
             raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
         T_j_s = np.asarray(self._pose(), dtype=np.float64)
         if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
-            raise LaserFault(f"the simulated laser was put at a pose that is none: {T_j_s}")
-        sight = look(self._surface, T_j_s, self.model, self._directions_s)
-        return disturb(sight, self.model, Streams.spawn(self._rng))
+            raise LaserFault(f"the simulated laser was put at a pose that is not one: {T_j_s}")
+        hits = raycast(self._surface, T_j_s, self.model, self._directions_s)
+        return disturb(hits, self.model, Streams.spawn(self._rng))
