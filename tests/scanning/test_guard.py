@@ -13,13 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse, pose, rot_x, rotation_angle
-from tjscan.scanning.checks.guard import BESIDE, FARTHEST, check_set_point
+from tjscan.scanning.checks import FARTHEST, LARGEST_VIEW_SHIFT, check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.retries import LARGEST_SHIFT, TURN, Nudge
 from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.step_request import StepRequest
+from tjscan.scanning.set_point import SetPoint, StepRequest
 from tjscan.scanning.target import Direction
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
@@ -38,7 +37,10 @@ def nothing_further(to: SetPoint) -> None:
     turned = rotation_angle(LAST.view.T_b_s, T_b_s)
     lever = np.linalg.norm(to.T_s_t[:3, 3])
     assert turned <= REQUEST.largest_turn + 1e-6
-    assert moved <= FARTHEST * REQUEST.length + 2 * lever * np.sin(turned / 2) + BESIDE + 1e-3
+    assert (
+        moved
+        <= FARTHEST * REQUEST.length + 2 * lever * np.sin(turned / 2) + LARGEST_VIEW_SHIFT + 1e-3
+    )
 
 
 @settings(max_examples=200)

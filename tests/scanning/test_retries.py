@@ -13,9 +13,9 @@ from tjscan.core.frames import pose, rot_y
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.scanning.checks.plausible import check_side
+from tjscan.scanning.checks import check_side
 from tjscan.scanning.events import EventCounts
-from tjscan.scanning.merged import AGREEING, merge
+from tjscan.scanning.merge import AGREEING, merge
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING

@@ -14,14 +14,13 @@ from tjscan.core.errors import GrooveNotFound, TubesNotFound
 from tjscan.core.frames import Array, inverse, pose, rotation_angle
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
-from tjscan.scanning.checks.guard import check_set_point
+from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.set_point import SetPoint, StepRequest
 from tjscan.scanning.smooth import smooth_predictor
-from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.target import Direction
 
 JOINTS = pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
 from tjscan.runs.scan import joint_of, plan_of
+from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ScannedSection, View
@@ -65,8 +66,8 @@ class Notes:
     def view(self, view: View) -> None:
         self.views.append(view)
 
-    def section(self, scan: ScannedSection) -> None:
-        self.sections.append(scan)
+    def section(self, section: ScannedSection) -> None:
+        self.sections.append(section)
 
     def event(self, name: str, detail: str) -> None:
         self.events.append((name, detail))
@@ -87,10 +88,7 @@ def scan_example(
     joint = joint_of(job, file)
     with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
         scanner = Scanner(
-            cell.arm,
-            through(cell.laser),
-            cell.T_f_s,
-            read,
+            Setup(cell.arm, through(cell.laser), cell.T_f_s, read),
             plan_of(job),
             notes or Notes(),
             predictor,

@@ -28,6 +28,7 @@ from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES
+from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.target import Direction
 from tjscan.stitching.stations import Station, station_of
@@ -153,7 +154,7 @@ def true_station(
     )
     notes = Notes()
     with laser:
-        scanner = Scanner(arm, laser, T_F_S, find_groove, plan, notes)
+        scanner = Scanner(Setup(arm, laser, T_F_S, find_groove), plan, notes)
         poses = [inverse(T_j_b) @ view_of(joint, start + k * taught, plan) for k in (0, 1)]
         result = scanner.run(*poses)
     return station_of(name, nominal, result.sections, result.views, find_groove), T_j_b

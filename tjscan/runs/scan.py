@@ -42,6 +42,7 @@ from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
+from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.result import InterruptedScan, ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurface
 from tjscan.scanning.scanner import Scanner
@@ -175,9 +176,8 @@ def scan_in(
     journal = Journals(journal, seen)
     with cell, stop.halting(cell.arm.stop):
         _note_arm(cell.arm, journal)
-        scanner = Scanner(
-            cell.arm, cell.laser, cell.T_f_s, reader_of(job), plan_of(job), journal, stop=stop
-        )
+        setup = Setup(cell.arm, cell.laser, cell.T_f_s, reader_of(job))
+        scanner = Scanner(setup, plan_of(job), journal, stop=stop)
         try:
             if done is not None and len(done.sections) >= 2:
                 return scanner.resume(done)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class ScanEvent(StrEnum):
-    """Names under which journals and recordings hear of it."""
+    """Their names in journals and recordings."""
 
     TAKEN_AGAIN = "taken again"
     MERGED = "merged"
@@ -24,7 +24,7 @@ class ScanEvent(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EventCounts:
-    """How often each remedy was tried.
+    """How often each kind of retry was made.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class EventCounts:
     merged : int
         Profiles made of what several of the same place agree on.
     nudges : int
-        Looks from a little beside the set-point.
+        Views from a little beside the set-point.
     half_steps : int
         Steps tried again at half their length.
     retreats : int
@@ -47,7 +47,7 @@ class EventCounts:
     retreats: int = 0
 
     def counting(self, name: str) -> EventCounts:
-        """With one more event of that name; the same for events that are no remedy."""
+        """With one more event of that name; the same for events that are no retry."""
         field = _COUNTED.get(name)
         return self if field is None else replace(self, **{field: getattr(self, field) + 1})
 

@@ -1,25 +1,35 @@
-"""What a scan tells while it runs, to whoever writes it down or shows it."""
+"""What a scan reports while it runs, to whoever writes it down or shows it."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+from tjscan.scanning.events import EventCounts
+from tjscan.scanning.result import InterruptedScan
 from tjscan.scanning.section import ScannedSection, View
 
 
 class Journal(Protocol):
-    """Told of everything at once, in the order in which it happens."""
+    """Receives everything at once, in the order in which it happens."""
 
     def view(self, view: View) -> None:
-        """Note that a profile was taken, before anybody tries to read it."""
+        """Note that a profile was taken, before it is read."""
         ...
 
-    def section(self, scan: ScannedSection) -> None:
+    def section(self, section: ScannedSection) -> None:
         """Note that a section is finished."""
         ...
 
     def event(self, name: str, detail: str) -> None:
-        """Note that something out of the ordinary happened."""
+        """Note that something out of the ordinary happened.
+
+        Parameters
+        ----------
+        name : str
+            What, by its stable name; see `tjscan.scanning.events.ScanEvent`.
+        detail : str
+            The same in a sentence, with numbers.
+        """
         ...
 
 
@@ -40,12 +50,57 @@ class Journals:
         for journal in self._journals:
             journal.view(view)
 
-    def section(self, scan: ScannedSection) -> None:
+    def section(self, section: ScannedSection) -> None:
         """Pass a section on."""
         for journal in self._journals:
-            journal.section(scan)
+            journal.section(section)
 
     def event(self, name: str, detail: str) -> None:
-        """Pass an event on."""
+        """Pass an event on; for the parameters see `Journal.event`."""
         for journal in self._journals:
             journal.event(name, detail)
+
+
+class ScanLog:
+    """A journal that keeps what a scan has found so far, and passes it on.
+
+    Parameters
+    ----------
+    journal : Journal
+        Receives everything next.
+
+    Attributes
+    ----------
+    sections : list of ScannedSection
+        The finished sections in order.
+    views : list of View
+        Every profile taken, in order.
+    counts : EventCounts
+        How often each kind of retry was made.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self.sections: list[ScannedSection] = []
+        self.views: list[View] = []
+        self.counts = EventCounts()
+
+    def restore(self, done: InterruptedScan) -> None:
+        """Continue from what was found before, which is in the journal already."""
+        self.sections, self.views = list(done.sections), list(done.views)
+        self.counts = done.counts
+
+    def view(self, view: View) -> None:
+        """Keep a profile and pass it on."""
+        self.views.append(view)
+        self._journal.view(view)
+
+    def section(self, section: ScannedSection) -> None:
+        """Keep a section and pass it on."""
+        self.sections.append(section)
+        self._journal.section(section)
+
+    def event(self, name: str, detail: str) -> None:
+        """Count an event and pass it on; for the parameters see `Journal.event`."""
+        self.counts = self.counts.counting(name)
+        self._journal.event(name, detail)

@@ -1,221 +1,162 @@
-"""The arm with the laser on it: goes where it is told, and looks until it can read."""
+"""The arm with the laser on it: moves to set-points and takes profiles that show what is there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from typing import Final
 
-from tjscan.core.errors import GrooveNotFound, LaserFault, PoseUnreachable, SetPointRefused
-from tjscan.core.frames import Array, inverse
+import numpy as np
+
+from tjscan.core.errors import LaserFault, PoseUnreachable
+from tjscan.core.frames import Array, inverse, readonly
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.checks.frozen_profile import FrozenProfileCheck
-from tjscan.scanning.checks.guard import check_set_point
-from tjscan.scanning.checks.plausible import check_agreement, check_measures, check_side, check_step
-from tjscan.scanning.events import EventCounts, ScanEvent
-from tjscan.scanning.journal import Journal
-from tjscan.scanning.merged import merge
-from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.retries import FEW, MERGED, MISSING, others, takes
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.journal import ScanLog
+from tjscan.scanning.merge import merge
+from tjscan.scanning.retries import MERGED, MISSING
+from tjscan.scanning.section import Substep, View
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.step_request import StepRequest
 from tjscan.scanning.stopping import StopRequest
 
+MOVED: Final = 1e-4
+"""Metres, or entries of a rotation: a sensor that moved further sees another profile."""
 
-class ProfileTaker:
-    """Takes views and reads them, by remedies where a profile is bad; see `remedies`.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """What a scan is made with.
 
     Parameters
     ----------
-    arm, laser, T_f_s, read, plan, journal, stop
-        As `Scanner` has them.
+    arm : Arm
+        Carries the laser.
+    laser : LineLaser
+        Takes the profiles.
+    T_f_s : ndarray, shape (4, 4)
+        Pose of the sensor on the flange, from calibration, metres.
+    read : callable
+        Turns a profile into a groove section, or raises GrooveNotFound.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        laser: LineLaser,
-        T_f_s: Array,
-        read: Callable[[Profile], GrooveSection],
-        plan: ScanPlan,
-        journal: Journal,
-        stop: StopRequest,
-    ) -> None:
-        self._arm, self._laser, self._T_f_s = arm, laser, T_f_s
-        self._read, self._plan, self._journal, self._stop = read, plan, journal, stop
-        self._seen = FrozenProfileCheck()
-        self.views: list[View] = []
-        self.counts = EventCounts()
+    arm: Arm
+    laser: LineLaser
+    T_f_s: Array
+    read: Callable[[Profile], GrooveSection]
 
-    def remember(self, views: Iterable[View], counts: EventCounts) -> None:
-        """Go on from what was done before."""
-        self.views, self.counts = list(views), counts
-        for view in self.views:
-            self._seen.add(view)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_f_s", readonly(self.T_f_s))
 
-    def note(self, event: ScanEvent, detail: str) -> None:
-        """Tell the journal of an event, and count it."""
-        self.counts = self.counts.counting(event)
-        self._journal.event(event, detail)
 
-    def move(self, by: Callable[[Array], ArmState], T_b_f: Array) -> ArmState:
-        """Move the arm, unless everything is to stop."""
+class ProfileTaker:
+    """Moves the arm and takes profiles, again while they are missing, late or frozen.
+
+    Parameters
+    ----------
+    setup : Setup
+        Arm and laser.
+    log : ScanLog
+        Receives every view and event.
+    stop : StopRequest
+        Lets nothing begin once everything is to stop.
+    """
+
+    def __init__(self, setup: Setup, log: ScanLog, stop: StopRequest) -> None:
+        self._setup, self._log, self._stop = setup, log, stop
+        self._frozen = FrozenProfileCheck()
+
+    def remember(self, views: Iterable[View]) -> None:
+        """Recognise profiles that were taken before."""
+        for view in views:
+            self._frozen.add(view)
+
+    def move_joint(self, T_b_f: Array) -> ArmState:
+        """Move the flange to a pose, shape (4, 4), on a path in joint space."""
         self._stop.check()
-        return by(T_b_f)
+        return self._setup.arm.move_joint(T_b_f)
 
-    def look(
-        self,
-        index: int,
-        substep: Substep,
-        state: ArmState,
-        read: Callable[[View], ScannedSection],
-        *,
-        again: bool = True,
-    ) -> ScannedSection:
-        """Take profiles where the arm stands until one is read, a bounded number of times.
+    def move_linear(self, T_b_f: Array) -> ArmState:
+        """Move the flange to a pose, shape (4, 4), on a straight line."""
+        self._stop.check()
+        return self._setup.arm.move_linear(T_b_f)
 
-        Without `again` only the first one is read.
+    def go(self, to: SetPoint) -> ArmState:
+        """Move to a set-point: on a line where that is wanted or the path in joint space blocked.
 
         Raises
         ------
-        GrooveNotFound
-            What was wrong with the last one.
-        LaserFault
-            If no profile comes.
+        PoseUnreachable
+            If it can't be reached on a line.
+        ArmFault
+            If the arm stopped on the way.
         """
-        views: list[View] = []
-        while True:
-            views.append(self._take(index, substep, state))
+        T_b_f = to.T_b_t @ inverse(self._setup.T_f_s @ to.T_s_t)
+        if not to.straight:
             try:
-                return read(views[-1])
-            except GrooveNotFound as error:
-                lost = error
-            if not again or len(views) >= takes(lost):
-                break
-            self.note(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
-        if again and lost.reason != FEW and (merged := self._merged(views, state)) is not None:
-            self.note(ScanEvent.MERGED, f"section {index}, {substep}, {MERGED} profiles: {lost}")
-            return read(merged)
-        raise lost
+                # In the present configuration or not at all: the arm never changes sides on its
+                # way round a joint.
+                self._stop.check()
+                return self._setup.arm.move_joint(T_b_f, near=self._setup.arm.state().q)
+            except PoseUnreachable as error:
+                self._log.event(ScanEvent.STRAIGHT, str(error))
+        return self.move_linear(T_b_f)
 
-    def read(self, view: View, T_s_t: Array | None = None) -> ScannedSection:
-        """Read the groove in a view; without T_s_t frame t is laid as the plan lays it."""
-        groove = self._read(view.profile)
-        check_side(groove)
-        return ScannedSection(
-            view, groove, self._plan.target(groove.work_angle) if T_s_t is None else T_s_t
-        )
-
-    def scan(
-        self,
-        index: int,
-        substep: Substep,
-        to: SetPoint,
-        request: StepRequest,
-        before: ScannedSection,
-    ) -> ScannedSection:
-        """Lay frame t on a set-point and read the groove, from a little beside if need be.
+    def take(self, index: int, substep: Substep, state: ArmState) -> View:
+        """Take a profile that shows what is before the sensor now.
 
         Parameters
         ----------
-        index, substep
-            As in `View`.
-        to : SetPoint
-            Where.
-        request : StepRequest
-            The step under way, which the set-point and the section have to fit.
-        before : ScannedSection
-            The section before the one that the step starts from.
+        index : int
+            Number of the section.
+        substep : Substep
+            What the profile is taken for.
+        state : ArmState
+            Where the arm came to rest.
 
         Raises
         ------
-        SetPointRefused
-            Before anything moves, if the set-point does not fit.
-        GrooveNotFound
-            If none is read that fits.
-        PoseUnreachable, LaserFault
-            As devices do.
+        LaserFault
+            If more than `MISSING` profiles in a row are missing, late or frozen.
+        Interrupted
+            If everything is to stop at once.
         """
-        try:
-            return self._lay(index, substep, to, request)
-        except (GrooveNotFound, SetPointRefused) as error:
-            lost = error
-        seen = self.views[-1].profile
-        for words, other in others(lost, to, seen, before, request, self._plan.direction):
-            self.note(ScanEvent.NUDGE, f"section {index}, {substep}, {words}: {lost}")
-            try:
-                return self._lay(index, substep, other, request, again=False)
-            except (GrooveNotFound, SetPointRefused, PoseUnreachable):
-                continue
-        raise lost
-
-    def _lay(
-        self,
-        index: int,
-        substep: Substep,
-        to: SetPoint,
-        request: StepRequest,
-        *,
-        again: bool = True,
-    ) -> ScannedSection:
-        """Lay frame t on a set-point and look."""
-        check_set_point(to, request, self._plan)
-        state = self._go(to)
-
-        def read(view: View) -> ScannedSection:
-            found = self.read(view, to.T_s_t)
-            check_step(found, request)
-            if substep is Substep.CORRECTION:
-                check_measures(found, request)
-                check_agreement(found, request)
-            return found
-
-        return self.look(index, substep, state, read, again=again)
-
-    def _go(self, to: SetPoint) -> ArmState:
-        """Go to a set-point, on a line where that is wanted or the joints' way is not clear."""
-        T_b_f = to.T_b_t @ inverse(self._T_f_s @ to.T_s_t)
-        if not to.straight:
-            try:
-                # As it stands, or not at all: on its way round a joint no arm changes sides.
-                return self.move(partial(self._arm.move_joint, near=self._arm.state().q), T_b_f)
-            except PoseUnreachable as error:
-                self.note(ScanEvent.STRAIGHT, str(error))
-        return self.move(self._arm.move_linear, T_b_f)
-
-    def _merged(self, views: list[View], state: ArmState) -> View | None:
-        """Merge profiles of where the arm stands, where they hold different points."""
-        first = views[0]
-        while len(views) < MERGED:
-            views.append(self._take(first.index, first.substep, state))
-        profile = merge([view.profile for view in views])
-        return None if profile is None else self._keep(replace(first, profile=profile))
-
-    def _take(self, index: int, substep: Substep, state: ArmState) -> View:
-        """Take a profile that shows what is before the sensor now."""
         profile = self._capture(index, substep, state)
-        T_b_s = state.T_b_f @ self._T_f_s
+        T_b_s = state.T_b_f @ self._setup.T_f_s
         view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._seen.add(view)
-        return self._keep(view)
+        self._frozen.add(view)
+        self._log.view(view)
+        return view
 
-    def _keep(self, view: View) -> View:
-        self.views.append(view)
-        self._journal.view(view)
+    def merge(self, views: Sequence[View], state: ArmState) -> View | None:
+        """Merge `MERGED` profiles of one place; None where they do not hold different points.
+
+        Parameters
+        ----------
+        views : sequence of View
+            Those taken there already, one at least; the others are taken now.
+        state : ArmState
+            Where the arm came to rest.
+        """
+        first, profiles = views[0], [view.profile for view in views]
+        while len(profiles) < MERGED:
+            profiles.append(self.take(first.index, first.substep, state).profile)
+        if (profile := merge(profiles)) is None:
+            return None
+        view = replace(first, profile=profile)
+        self._log.view(view)
         return view
 
     def _capture(self, index: int, substep: Substep, state: ArmState) -> Profile:
-        """Take a profile, again while it is missing, late or frozen."""
         missed = 0
         while True:
             self._stop.check()
             try:
-                profile = self._laser.capture()
-                self._seen.check(profile, state)
+                profile = self._setup.laser.capture()
+                self._frozen.check(profile, state)
                 return profile
             except LaserFault as error:
                 missed += 1
@@ -223,4 +164,46 @@ class ProfileTaker:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
-                self.note(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+                self._log.event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+
+
+class FrozenProfileCheck:
+    """Recognises profiles that were taken before, by their bits, and profiles that come late."""
+
+    def __init__(self) -> None:
+        self._places: dict[bytes, Array] = {}
+
+    def add(self, view: View) -> None:
+        """Remember a profile and where it was taken; all profiles without a point are alike."""
+        if view.profile.valid.any():
+            self._places.setdefault(_digest(view.profile), view.T_b_f)
+
+    def check(self, profile: Profile, state: ArmState) -> None:
+        """Refuse a profile that is late or frozen.
+
+        Parameters
+        ----------
+        profile : Profile
+            As it came.
+        state : ArmState
+            Where the arm came to rest before.
+
+        Raises
+        ------
+        LaserFault
+            If it was taken before the arm came to rest (where the sensor gives the time), or is
+            the same to the last bit as one of another place, however long ago: no sensor measures
+            the same noise twice.
+        """
+        if 0.0 < profile.time < state.time:
+            raise LaserFault(
+                f"the profile is late: it was taken {1e3 * (state.time - profile.time):.0f} ms "
+                "before the arm came to rest"
+            )
+        place = self._places.get(_digest(profile))
+        if place is not None and np.abs(state.T_b_f - place).max() > MOVED:
+            raise LaserFault("the profile is frozen: it is one of a place before")
+
+
+def _digest(profile: Profile) -> bytes:
+    return sha256(profile.z_s.tobytes() + profile.x_s.tobytes()).digest()

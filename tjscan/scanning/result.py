@@ -24,7 +24,7 @@ class ScanResult:
     detail : str
         The same in one sentence, with numbers.
     counts : EventCounts
-        How often what was tried again.
+        How often each kind of retry was made.
     """
 
     sections: tuple[ScannedSection, ...]

@@ -1,8 +1,13 @@
-"""What is tried where a section is not read: again, from beside, a shorter step, from before."""
+"""Every retry of a scan: what is tried again where a section is not read, how often, and why.
+
+The scanner goes through them from the mildest to the strongest: another profile at the same place,
+several of them merged, the same section from a set-point beside, a shorter step, and a shorter
+step from where the last section is seen again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import radians
 from typing import Final
@@ -10,14 +15,16 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import lie
-from tjscan.core.errors import GrooveNotFound, JointMoved, PoseUnreachable, SetPointRefused
+from tjscan.core.errors import GrooveNotFound, SetPointRefused
 from tjscan.core.frames import Array, inverse, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.step_request import StepRequest
+from tjscan.scanning.set_point import SetPoint, StepRequest
 from tjscan.scanning.target import Direction
+
+NotRead = (GrooveNotFound, SetPointRefused)
+"""What another set-point or another step may mend."""
 
 MISSING: Final = 6
 """Profiles in a row that may be missing, late, frozen or empty before the sensor is given up."""
@@ -31,11 +38,50 @@ MERGED: Final = 7
 FEW: Final = "too few points"
 """Reason of a profile that is as good as missing."""
 
+
+@dataclass(frozen=True, slots=True)
+class StepRetry:
+    """Another step, where a step led to no section.
+
+    Parameters
+    ----------
+    event : ScanEvent
+        Its name in journals and recordings.
+    share : float
+        Its length as a share of the step that failed.
+    from_last_section : bool
+        Whether the arm first returns to the last section and checks that it lies where it was.
+    """
+
+    event: ScanEvent
+    share: float
+    from_last_section: bool = False
+
+    def describe(self, step: float, error: GrooveNotFound | SetPointRefused) -> str:
+        """What is done, and why, in a sentence.
+
+        Parameters
+        ----------
+        step : float
+            The length that failed, metres.
+        error : GrooveNotFound or SetPointRefused
+            Why it failed.
+        """
+        then = "then " if self.from_last_section else ""
+        return f"{then}{1e3 * self.share * step:.1f} mm: {error}"
+
+
+STEP_RETRIES: Final = (
+    StepRetry(ScanEvent.HALF_STEP, 0.5),
+    StepRetry(ScanEvent.RETREAT, 0.25, from_last_section=True),
+)
+"""The groove changes less over a shorter step; and an arm that lost its way finds it again."""
+
 SHIFT: Final = 6e-3
 """Metres by which a nudge moves the groove in the sensor."""
 
 LARGEST_SHIFT: Final = 10e-3
-"""Metres by which it does so on evidence."""
+"""Metres by which it does so where the surface was seen nearer or further."""
 
 TURN: Final = radians(5)
 """By which a nudge turns the sensor about the groove: reflections and shadows move by more."""
@@ -45,12 +91,6 @@ EVIDENT: Final = 5e-3
 
 ENOUGH: Final = 20
 """Points that say how far a surface is."""
-
-SHORTER: Final = (0.5, 0.25)
-"""Shares of a step that are tried: at once, and after a retreat."""
-
-NotRead = (GrooveNotFound, SetPointRefused)
-"""What a remedy may mend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +126,7 @@ class Nudge:
         return ", ".join(f"{value:+.1f} {name}" for value, name in parts if value)
 
 
-def takes(error: GrooveNotFound) -> int:
+def max_attempts(error: GrooveNotFound) -> int:
     """How many profiles are taken at one place before it is left."""
     return 1 + (MISSING if error.reason == FEW else AGAIN)
 
@@ -126,12 +166,12 @@ def nudges(
     return [*turns, nearer, further]
 
 
-def others(
+def fallback_set_points(
     error: GrooveNotFound | SetPointRefused,
     to: SetPoint,
     seen: Profile,
     before: ScannedSection,
-    request: StepRequest,
+    step: StepRequest,
     direction: Direction,
 ) -> Iterator[tuple[str, SetPoint]]:
     """Set-points beside one that showed no groove, and what is other about them.
@@ -146,7 +186,7 @@ def others(
         What was seen last.
     before : ScannedSection
         The section before the one that the step starts from.
-    request : StepRequest
+    step : StepRequest
         The step under way.
     direction : Direction
         Which way round.
@@ -156,64 +196,14 @@ def others(
     Where a correction shows nothing, the prediction view did show something: half of the
     correction is made, then none of it. A prediction that was refused has no others.
     """
-    if (predicted := request.predicted) is not None:
+    if (predicted := step.predicted) is not None:
         T_b_s = to.T_b_t @ inverse(to.T_s_t)
         half = _halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
         yield "half of the correction", replace(to, T_b_t=half)
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
     elif isinstance(error, GrooveNotFound):
-        for nudge in nudges(error, seen, before, request.last):
+        for nudge in nudges(error, seen, before, step.last):
             yield str(nudge), nudge.applied(to, direction)
-
-
-def climb(
-    make: Callable[[float], ScannedSection],
-    retreat: Callable[[], None],
-    step: float,
-    note: Callable[[ScanEvent, str], None],
-) -> ScannedSection:
-    """Make a step, or a shorter one, or one from where the last section is seen again.
-
-    Parameters
-    ----------
-    make : callable
-        Makes a step of a length.
-    retreat : callable
-        Goes back to the last section and sees that it lies where it lay.
-    step : float
-        Length in metres.
-    note : callable
-        Is told of every rung, and why it is climbed.
-
-    Raises
-    ------
-    GrooveNotFound, SetPointRefused
-        If the groove is not read by any of them.
-    JointMoved
-        If the last section is not where it was.
-    PoseUnreachable
-        If the step itself leads out of reach.
-    """
-    half, quarter = (share * step for share in SHORTER)
-    try:
-        return make(step)
-    except NotRead as error:
-        lost = error
-    note(ScanEvent.HALF_STEP, f"{1e3 * half:.1f} mm: {lost}")
-    try:
-        return make(half)
-    except NotRead as error:
-        lost = error
-    except PoseUnreachable:
-        pass  # a shorter step on a bend may be out of reach: from before it looks otherwise
-    note(ScanEvent.RETREAT, f"then {1e3 * quarter:.1f} mm: {lost}")
-    try:
-        retreat()
-        return make(quarter)
-    except PoseUnreachable:
-        raise lost from None
-    except JointMoved as moved:
-        raise JointMoved(f"after {lost}, {moved.evidence}") from None
 
 
 def _halfway(T_1: Array, T_2: Array) -> Array:

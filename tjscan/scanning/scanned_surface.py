@@ -12,40 +12,51 @@ from tjscan.scanning.section import ScannedSection, View
 
 
 class ScannedSurface:
-    """A journal that tells an arm's clearance of the surface through the sections' points.
+    """A journal that adds the surface through the sections' points to what the arm keeps clear of.
 
     Parameters
     ----------
     clearance : Clearance
-        Is told after every section.
+        Receives the surface after every section.
     sections : iterable of ScannedSection, optional
         What was found before.
     """
 
     def __init__(self, clearance: Clearance, sections: Iterable[ScannedSection] = ()) -> None:
         self._clearance = clearance
-        self._points_b = [scan.points_b for scan in sections]
-        self._tell()
+        self._points_b = [section.points_b for section in sections]
+        self._update()
 
     def view(self, view: View) -> None:
-        """Leave a profile alone: its ghosts and flyers are nowhere."""
+        """Pass over profiles: their false points are no surface."""
 
-    def section(self, scan: ScannedSection) -> None:
+    def section(self, section: ScannedSection) -> None:
         """Keep clear of the strip from the last section to this one."""
-        self._points_b.append(scan.points_b)
-        self._tell()
+        self._points_b.append(section.points_b)
+        self._update()
 
     def event(self, name: str, detail: str) -> None:
-        """Pass over what happens otherwise."""
+        """Pass over events."""
 
-    def _tell(self) -> None:
+    def _update(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
             self._clearance.see(points.reshape(-1, 3), strip_triangles(*points.shape[:2]))
 
 
 def strip_triangles(rows: int, columns: int) -> NDArray[np.int64]:
-    """Triangles of the surface through a grid of points, numbered row by row, shape (m, 3)."""
+    """Triangles of the surface through a grid of points, numbered row by row.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Of the grid.
+
+    Returns
+    -------
+    ndarray, shape (m, 3)
+        Numbers of each triangle's corners.
+    """
     grid = np.arange(rows * columns, dtype=np.int64).reshape(rows, columns)
     a, b, c, d = (
         corner.ravel() for corner in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,24 +15,34 @@ from tjscan.core.errors import (
     StartSeesNoGroove,
 )
 from tjscan.core.frames import Array
-from tjscan.groove.section import GrooveSection
-from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.profile import Profile
-from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.checks.plausible import check_measures
+from tjscan.robot.arm import ArmState
+from tjscan.scanning.checks import (
+    check_agreement,
+    check_measures,
+    check_set_point,
+    check_side,
+    check_step,
+    measures_can_follow,
+)
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import deviation, uncertainty
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import Journal
+from tjscan.scanning.journal import Journal, ScanLog
 from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.profile_taker import ProfileTaker
+from tjscan.scanning.profile_taker import ProfileTaker, Setup
 from tjscan.scanning.progress import StopReason, finished, groove_length
 from tjscan.scanning.result import InterruptedScan, ScanResult
-from tjscan.scanning.retries import climb
-from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import Predictor, SetPoint, StepRule
-from tjscan.scanning.step_request import StepRequest
+from tjscan.scanning.retries import (
+    FEW,
+    MERGED,
+    STEP_RETRIES,
+    NotRead,
+    fallback_set_points,
+    max_attempts,
+)
+from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.set_point import Predictor, SetPoint, StepRequest, StepRule
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.target import Direction
 
@@ -43,68 +52,64 @@ class Scanner:
 
     Parameters
     ----------
-    arm : Arm
-        Carries the laser.
-    laser : LineLaser
-        Takes the profiles.
-    T_f_s : ndarray, shape (4, 4)
-        The laser on the hand, from calibration.
-    read : callable
-        Turns a profile into a groove section, or raises GrooveNotFound.
+    setup : Setup
+        Arm, laser, how the laser is mounted, and what reads its profiles.
     plan : ScanPlan
         Step, direction, view and end.
     journal : Journal
-        Is told of everything at once.
+        Receives everything at once.
     predictor : Predictor, optional
-        Says where the next section lies; the plan's where left out.
-    step_of : StepRule, optional
-        Says how far to step; the plan's where left out.
+        Predicts where the next section lies; the plan's where left out.
+    step_rule : StepRule, optional
+        Chooses the length of each step; the plan's where left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
 
     def __init__(
         self,
-        arm: Arm,
-        laser: LineLaser,
-        T_f_s: Array,
-        read: Callable[[Profile], GrooveSection],
+        setup: Setup,
         plan: ScanPlan,
         journal: Journal,
         predictor: Predictor | None = None,
-        step_of: StepRule | None = None,
+        step_rule: StepRule | None = None,
         stop: StopRequest | None = None,
     ) -> None:
-        self._arm, self._plan, self._journal = arm, plan, journal
+        self._setup, self._plan = setup, plan
         self._predict = predictor or predictor_of(plan)
-        self._step_of = step_of or step_rule_of(plan)
+        self._step_length = step_rule or step_rule_of(plan)
         self._stop = stop or StopRequest()
-        self._hand = ProfileTaker(arm, laser, T_f_s, read, plan, journal, self._stop)
-        self._sections: list[ScannedSection] = []
+        self._log = ScanLog(journal)
+        self._taker = ProfileTaker(setup, self._log, self._stop)
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses until the plan is fulfilled or no step is possible.
 
+        Parameters
+        ----------
+        T_b_f_first, T_b_f_second : ndarray, shape (4, 4)
+            The taught poses, the second about a step further along the groove, metres.
+
         Raises
         ------
         StartSeesNoGroove
-            If a taught pose sees no groove.
+            If no groove is seen from a taught pose.
         PoseUnreachable
             If a taught pose can't be reached.
         ConfigurationError
-            If the taught poses don't go the way that the plan asks for.
+            If the taught poses don't lead the way that the plan asks for.
         ArmFault, LaserFault
             If a device fails; what was measured until then is in the journal.
         Interrupted
             If everything was to stop at once.
         """
-        self._finish(self._taught("first", self._arm.move_joint, T_b_f_first))
-        self._finish(self._taught("second", self._arm.move_linear, T_b_f_second))
+        self._scan_taught("first", self._taker.move_joint(T_b_f_first))
+        self._scan_taught("second", self._taker.move_linear(T_b_f_second))
         self._check_direction()
-        return self._go_on()
+        return self._scan_on()
 
     def resume(self, done: InterruptedScan) -> ScanResult:
-        """Go back to the last section of an interrupted scan, see that nothing moved, and go on.
+        """Go back to the last section of an interrupted scan, check that it lies there, and go on.
 
         Parameters
         ----------
@@ -114,106 +119,208 @@ class Scanner:
         Raises
         ------
         JointMoved
-            If it lies elsewhere now, or is not found any more.
+            If the last section lies elsewhere now, or is not found any more.
         ArmFault, LaserFault, Interrupted
             As `run` does.
         """
-        self._sections = list(done.sections)
-        self._hand.remember(done.views, done.counts)
-        moved = self._return(self._arm.move_joint)
-        last = len(self._sections) - 1
-        self._hand.note(ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
-        return self._go_on()
+        self._log.restore(done)
+        self._taker.remember(done.views)
+        moved = self._check_last_section(self._taker.move_joint(done.sections[-1].view.T_b_f))
+        last = len(done.sections) - 1
+        self._log.event(ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
+        return self._scan_on()
 
-    def _go_on(self) -> ScanResult:
+    def _scan_on(self) -> ScanResult:
         """Step until the plan is fulfilled or no step is possible."""
+        sections = self._log.sections
         while True:
-            step = self._step_of(self._sections)
-            if (stop := finished(self._plan, self._sections, step)) is not None:
+            d_st = self._step_length(sections)
+            if (stop := finished(self._plan, sections, d_st)) is not None:
                 return self._end(stop)
             self._stop.check()
             if self._stop.wanted:
-                self._hand.note(
-                    ScanEvent.STOP_REQUESTED, f"after section {len(self._sections) - 1}"
-                )
+                self._log.event(ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}")
                 return self._end(StopReason.REQUESTED)
             try:
-                scan = climb(self._step, self._retreat, step, self._hand.note)
+                self._log.section(self._step_with_retries(d_st))
             except PoseUnreachable as error:
                 return self._end(StopReason.UNREACHABLE, str(error))
             except (GrooveNotFound, JointMoved) as error:
                 return self._end(StopReason.LOST, str(error))
             except SetPointRefused as error:
                 return self._end(StopReason.REFUSED, str(error))
-            self._finish(scan)
+
+    def _step_with_retries(self, d_st: float) -> ScannedSection:
+        """Make a step; where the groove is not read, one of `STEP_RETRIES`.
+
+        Raises
+        ------
+        GrooveNotFound, SetPointRefused
+            If the groove is not read in any of them.
+        JointMoved
+            If the last section is not where it was.
+        PoseUnreachable
+            If the step itself leads out of reach.
+        """
+        lost: GrooveNotFound | SetPointRefused
+        try:
+            return self._step(d_st)
+        except NotRead as error:
+            lost = error
+        for retry in STEP_RETRIES:
+            self._log.event(retry.event, retry.describe(d_st, lost))
+            try:
+                if retry.from_last_section:
+                    T_b_f = self._log.sections[-1].view.T_b_f
+                    self._check_last_section(self._taker.move_linear(T_b_f))
+                return self._step(retry.share * d_st)
+            except NotRead as error:
+                lost = error
+            except PoseUnreachable:
+                continue  # of a step on a bend: the next one starts or ends elsewhere
+            except JointMoved as moved:
+                raise JointMoved(f"after {lost}, {moved.evidence}") from None
+        raise lost
 
     def _step(self, d_st: float) -> ScannedSection:
         """Algorithm 1: from the finished sections to the next one."""
-        last = self._sections[-1]
+        last = self._log.sections[-1]
 
         # Prediction substep
-        ahead = self._predict(self._sections, d_st)  # (7)
-        request = StepRequest(last, ahead.T_b_t[:3, 3], d_st)
-        predicted = self._scan(Substep.PREDICTION, ahead, request)
+        ahead = self._predict(self._log.sections, d_st)  # (7)
+        step = StepRequest(last, ahead.T_b_t[:3, 3], d_st)
+        predicted = self._scan(Substep.PREDICTION, ahead, step)
 
         # Correction substep
         T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
         ideal = SetPoint(correct(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
-        if self._is_good_enough(predicted, ideal, ahead, request):
+        if self._needs_no_correction(predicted, ideal, ahead, step):
             return predicted
-        return self._scan(Substep.CORRECTION, ideal, replace(request, predicted=predicted))
+        return self._scan(Substep.CORRECTION, ideal, replace(step, predicted=predicted))
 
-    def _is_good_enough(
-        self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, request: StepRequest
+    def _needs_no_correction(
+        self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, step: StepRequest
     ) -> bool:
-        """Whether the prediction view may be the section's: it looks well, and fits the last."""
-        skip = self._plan.skip
-        if skip is None:
+        """Whether the prediction view may be the section's: near the ideal one, and plausible."""
+        criterion = self._plan.skip
+        if criterion is None:
             return False
-        sigma = uncertainty(predicted.groove, ahead, request.length, self._plan.direction)
-        if not skip.allows(deviation(predicted, ideal), sigma):
-            return False
+        sigma = uncertainty(predicted.groove, ahead, step.length, self._plan.direction)
+        near = criterion.allows(deviation(predicted, ideal), sigma)
+        return near and measures_can_follow(predicted, step)
+
+    def _scan(self, substep: Substep, to: SetPoint, step: StepRequest) -> ScannedSection:
+        """Read the groove from a set-point, or from others near it.
+
+        Raises
+        ------
+        SetPointRefused
+            Before anything moves, if the set-point does not fit the step.
+        GrooveNotFound
+            If no section is read that fits the step.
+        PoseUnreachable, LaserFault
+            As devices do.
+        """
+        lost: GrooveNotFound | SetPointRefused
         try:
-            check_measures(predicted, request)
-        except GrooveNotFound:
-            return False
-        return True
+            return self._scan_from(to, substep, step)
+        except NotRead as error:
+            lost = error
+        before, seen = self._log.sections[-2], self._log.views[-1].profile
+        others = fallback_set_points(lost, to, seen, before, step, self._plan.direction)
+        for change, other in others:
+            where = f"section {len(self._log.sections)}, {substep}"
+            self._log.event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
+            try:
+                return self._scan_from(other, substep, step, once=True)
+            except (*NotRead, PoseUnreachable):
+                continue
+        raise lost
 
-    def _scan(self, substep: Substep, to: SetPoint, request: StepRequest) -> ScannedSection:
-        """Lay frame t on its set-point, take a profile and read it."""
-        return self._hand.scan(len(self._sections), substep, to, request, self._sections[-2])
-
-    def _taught(
-        self, which: str, move: Callable[[Array], ArmState], T_b_f: Array
+    def _scan_from(
+        self, to: SetPoint, substep: Substep, step: StepRequest, *, once: bool = False
     ) -> ScannedSection:
-        """Go to a taught pose and read the groove there."""
-        state = self._hand.move(move, T_b_f)
+        """Move frame t to a set-point and read the groove there."""
+        check_set_point(to, step, self._plan)
+        state = self._taker.go(to)
+        return self._read_at(state, len(self._log.sections), substep, to.T_s_t, step, once=once)
+
+    def _read_at(
+        self,
+        state: ArmState,
+        index: int,
+        substep: Substep,
+        T_s_t: Array | None = None,
+        step: StepRequest | None = None,
+        *,
+        once: bool = False,
+    ) -> ScannedSection:
+        """Take profiles where the arm stands until one is read; only one of them where `once`.
+
+        Raises
+        ------
+        GrooveNotFound
+            What was wrong with the last one.
+        LaserFault
+            If no profile comes.
+        """
+        views: list[View] = []
+        while True:
+            views.append(self._taker.take(index, substep, state))
+            try:
+                return self._read(views[-1], T_s_t, step)
+            except GrooveNotFound as error:
+                lost = error
+            if once or len(views) >= max_attempts(lost):
+                break
+            self._log.event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
+        if once or lost.reason == FEW or (merged := self._taker.merge(views, state)) is None:
+            raise lost
+        what = f"section {index}, {substep}, {MERGED} profiles: {lost}"
+        self._log.event(ScanEvent.MERGED, what)
+        return self._read(merged, T_s_t, step)
+
+    def _read(self, view: View, T_s_t: Array | None, step: StepRequest | None) -> ScannedSection:
+        """Read the groove in a view and check that it fits the step, if there is one.
+
+        Without T_s_t frame t lies where the plan wants it for this groove.
+
+        Raises
+        ------
+        GrooveNotFound
+            If no groove is read, or another one than was expected.
+        """
+        groove = self._setup.read(view.profile)
+        check_side(groove)
+        T_s_t = self._plan.target(groove.work_angle) if T_s_t is None else T_s_t
+        section = ScannedSection(view, groove, T_s_t)
+        if step is not None:
+            check_step(section, step)
+            if view.substep is Substep.CORRECTION:
+                check_measures(section, step)
+                check_agreement(section, step)
+        return section
+
+    def _scan_taught(self, which: str, state: ArmState) -> None:
+        """Read the groove at a taught pose, as the next section."""
         try:
-            return self._hand.look(len(self._sections), Substep.TAUGHT, state, self._hand.read)
+            section = self._read_at(state, len(self._log.sections), Substep.TAUGHT)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
+        self._log.section(section)
 
-    def _retreat(self) -> None:
-        """Go back to the last section on a line, and see that it lies where it lay."""
-        self._return(self._arm.move_linear)
-
-    def _return(self, move: Callable[[Array], ArmState]) -> float:
-        """Go back to the last section; gives the metres that it seems to have moved since.
+    def _check_last_section(self, state: ArmState) -> float:
+        """Read the last section again; gives the metres that it seems to have moved.
 
         Raises
         ------
         JointMoved
             If they are too many, or it is not found any more.
         """
-        last, tolerance = self._sections[-1], self._plan.return_tolerance
-        state = self._hand.move(move, last.view.T_b_f)
+        last, tolerance = self._log.sections[-1], self._plan.return_tolerance
+        index = len(self._log.sections) - 1
         try:
-            now = self._hand.look(
-                len(self._sections) - 1,
-                Substep.RESUMED,
-                state,
-                lambda view: self._hand.read(view, last.T_s_t),
-            )
+            now = self._read_at(state, index, Substep.RESUMED, last.T_s_t)
         except GrooveNotFound as error:
             raise JointMoved(f"the last section is not there any more: {error}") from None
         moved = float(np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4].max())
@@ -224,13 +331,9 @@ class Scanner:
             )
         return moved
 
-    def _finish(self, scan: ScannedSection) -> None:
-        self._sections.append(scan)
-        self._journal.section(scan)
-
     def _check_direction(self) -> None:
         """Refuse taught poses that coincide or lead the other way round than the plan."""
-        first, second = (scan.T_b_g for scan in self._sections)
+        first, second = (section.T_b_g for section in self._log.sections)
         forward = float((second[:3, 3] - first[:3, 3]) @ first[:3, 0])
         if self._plan.direction is Direction.CLOCKWISE:
             forward = -forward
@@ -244,9 +347,9 @@ class Scanner:
             )
 
     def _end(self, stop: StopReason, cause: str = "") -> ScanResult:
-        length = 1e3 * groove_length(self._sections[1:])
+        log = self._log
+        length = 1e3 * groove_length(log.sections[1:])
         detail = f"{stop} after {length:.1f} mm from the second taught section"
         detail = f"{detail}: {cause}" if cause else detail
-        self._hand.note(ScanEvent.STOP, detail)
-        views = tuple(self._hand.views)
-        return ScanResult(tuple(self._sections), views, stop, detail, self._hand.counts)
+        log.event(ScanEvent.STOP, detail)
+        return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)

@@ -1,17 +1,17 @@
-"""One look at the groove: where the hand was, what the laser saw, what was read in it."""
+"""One view of the groove: where the sensor was, what the laser saw, what was read in it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.frames import Array, transform
+from tjscan.core.frames import Array, readonly, transform
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
 
 class Substep(StrEnum):
-    """Why the hand is where it is."""
+    """What a profile is taken for."""
 
     TAUGHT = "taught"
     PREDICTION = "prediction"
@@ -28,9 +28,9 @@ class View:
     index : int
         Number of the section it is taken for, 0 for the first taught one.
     substep : Substep
-        Why the hand is there.
+        What it is taken for.
     T_b_f, T_b_s : ndarray, shape (4, 4)
-        Flange and sensor pose as reached.
+        Flange and sensor pose as reached, metres.
     profile : Profile
         What the laser saw.
     time : float
@@ -47,6 +47,10 @@ class View:
     time: float
     q: Array
 
+    def __post_init__(self) -> None:
+        for name in ("T_b_f", "T_b_s", "q"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScannedSection:
@@ -59,12 +63,15 @@ class ScannedSection:
     groove : GrooveSection
         The five points and measures, in the sensor frame.
     T_s_t : ndarray, shape (4, 4)
-        The target frame in the sensor, eq. (14).
+        The target frame in the sensor, eq. (14), metres.
     """
 
     view: View
     groove: GrooveSection
     T_s_t: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_s_t", readonly(self.T_s_t))
 
     @property
     def T_b_g(self) -> Array:

@@ -1,13 +1,29 @@
-"""Where to look next, and what says so."""
+"""Where to move next, and the step that it belongs to."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from math import radians
+from typing import Final, Protocol
+
+import numpy as np
 
 from tjscan.core.frames import Array, readonly
-from tjscan.scanning.section import ScannedSection
+from tjscan.scanning.section import ScannedSection, Substep
+
+TIGHTEST_BEND: Final = 0.04
+"""Metres: radius of the tightest bend of a groove. A brace of 168 mm on a leg hardly larger bends
+its groove so at the saddle."""
+
+EXTRA_TURN: Final = radians(20)
+"""Turn from section to section beside the groove's own: noise, and retries that turn the sensor."""
+
+EXTRA_TURN_TAUGHT: Final = radians(45)
+"""How much further the first turn may go, from where the operator held the sensor."""
+
+LARGEST_TURN: Final = radians(100)
+"""Largest turn from section to section, whatever the step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,15 +33,15 @@ class SetPoint:
     Parameters
     ----------
     T_b_t : ndarray, shape (4, 4)
-        Frame t in the base frame.
+        Frame t in the base frame, metres.
     T_s_t : ndarray, shape (4, 4)
-        Frame t in the sensor frame, eq. (14).
+        Frame t in the sensor frame, eq. (14), metres.
     covariance : ndarray, shape (7, 7), optional
         Of where the ideal set-point will turn out to be: position and rotation vector in frame t
-        (metres, radians), and work angle (radians). None where the predictor can't tell.
+        (metres, radians), and work angle (radians). None where the predictor does not know.
     straight : bool
-        Whether the flange shall go there on a straight line, as the paper's does. The joints'
-        own way is shorter for them and takes less time.
+        Whether the flange shall go there on a straight line, as the paper's does. A path in
+        joint space is shorter for the joints and takes less time.
     """
 
     T_b_t: Array
@@ -39,19 +55,75 @@ class SetPoint:
                 object.__setattr__(self, name, readonly(value))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StepRequest:
+    """One step, as it was meant.
+
+    Parameters
+    ----------
+    last : ScannedSection
+        The section it starts from.
+    p_b_ahead : ndarray, shape (3,)
+        Where it leads: origin of frame t in the prediction substep, metres.
+    length : float
+        Metres.
+    predicted : ScannedSection, optional
+        What the prediction view showed, once it is read.
+    """
+
+    last: ScannedSection
+    p_b_ahead: Array
+    length: float
+    predicted: ScannedSection | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p_b_ahead", readonly(self.p_b_ahead))
+
+    @property
+    def direction_b(self) -> Array:
+        """Unit vector of the step, shape (3,).
+
+        It starts from frame t or from the groove, whichever fits its length better: of a section
+        that was taught, frame t lies beside the groove.
+        """
+        steps = np.stack((self.p_b_ahead - self.last.T_b_t[:3, 3], self.p_b_ahead - self.start_b))
+        lengths = np.linalg.norm(steps, axis=1)
+        best = int(np.abs(lengths - self.length).argmin())
+        return np.asarray(steps[best] / lengths[best])
+
+    @property
+    def start_b(self) -> Array:
+        """The groove's origin that it starts from, shape (3,), metres."""
+        return self.last.T_b_g[:3, 3]
+
+    @property
+    def largest_turn(self) -> float:
+        """Radians that sensor or groove may turn over the step."""
+        turn = min(EXTRA_TURN + self.length / TIGHTEST_BEND, LARGEST_TURN)
+        return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
+
+
 class Predictor(Protocol):
     """Predicts the set-point of the next section from the finished ones, and from nothing else.
 
-    A scan that was interrupted goes on as if it had not been: no predictor remembers.
+    It keeps no state: a scan that was interrupted goes on as if it had not been.
     """
 
     def __call__(self, sections: Sequence[ScannedSection], step: float) -> SetPoint:
-        """Set-point a step (metres) beyond the last of two or more sections."""
+        """Predict.
+
+        Parameters
+        ----------
+        sections : sequence of ScannedSection
+            Two or more, the last one last.
+        step : float
+            How far beyond the last one, metres.
+        """
         ...
 
 
 class StepRule(Protocol):
-    """Says how long the next step shall be, from the finished sections and from nothing else."""
+    """Chooses the length of the next step, from the finished sections and from nothing else."""
 
     def __call__(self, sections: Sequence[ScannedSection]) -> float:
         """Length of the step beyond the last of two or more sections, metres."""

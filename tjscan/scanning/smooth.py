@@ -12,15 +12,14 @@ import numpy as np
 from tjscan.core import lie
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, pose
-from tjscan.scanning.checks.guard import check_set_point
+from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.seam.ahead import Ahead
 from tjscan.scanning.seam.fit import fit_seam
 from tjscan.scanning.seam.track import Track, track_of
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import Predictor, SetPoint
-from tjscan.scanning.step_request import StepRequest
+from tjscan.scanning.set_point import Predictor, SetPoint, StepRequest
 from tjscan.scanning.target import Direction
 
 ROUNDS: Final = 30

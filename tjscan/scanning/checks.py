@@ -1,0 +1,260 @@
+"""What every set-point has to pass before the arm moves, and every section before it counts."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import GrooveNotFound, SetPointRefused
+from tjscan.core.frames import Array, inverse, rotation_angle, unit
+from tjscan.groove.section import GrooveSection
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.section import ScannedSection, Substep
+from tjscan.scanning.set_point import TIGHTEST_BEND, SetPoint, StepRequest
+
+FARTHEST: Final = 2.0
+"""Steps that a set-point lies from the last section, at most."""
+
+LARGEST_VIEW_SHIFT: Final = 0.02
+"""Metres that the groove may be meant to appear from where the plan wants it in the sensor."""
+
+ORTHONORMAL: Final = 1e-6
+"""How far from orthonormal a rotation may be that was computed."""
+
+AHEAD: Final = (0.3, 2.0)
+"""Steps that a section lies ahead of the last one, at least and at most."""
+
+ASIDE: Final = 1.0
+"""Steps that it lies aside of where the step led, at most."""
+
+ASIDE_ANYWAY: Final = 3e-3
+"""Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
+
+UPRIGHT: Final = 0.25
+"""Least cosine between the wall's tangent and x_s, and between the wall's normal and the view."""
+
+SIGMAS: Final = 5.0
+"""Standard deviations by which two readings of the same groove hardly ever differ."""
+
+ANGLE_CHANGE: Final = (radians(3), radians(250))
+"""Radians by which the groove angle differs from section to section, and radians per metre.
+
+The tightest groove (see `TIGHTEST_BEND`) changes by 200° per metre; a laser plane that is turned a
+little further than the last one sees a little more.
+"""
+
+ROOT_CHANGE: Final = (0.1, 5.0)
+DEPTH_CHANGE: Final = (0.1, 3.0)
+"""Share by which root width and depth differ, and share per metre, of the same groove."""
+
+BEAD: Final = 0.8e-3
+"""Metres by which root width and depth may differ besides: weld beads are no planes."""
+
+SAME: Final = 0.5e-3
+"""Metres by which the corners differ that are read in two views of the same section."""
+
+SAME_TURNED: Final = 0.08
+"""Metres by which they differ more, per squared radian between the views.
+
+A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
+on joints of 168 to 610 mm that made up to half of it.
+"""
+
+
+def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
+    """Refuse a set-point that is further from the last section than its step allows.
+
+    Parameters
+    ----------
+    to : SetPoint
+        Of either substep.
+    step : StepRequest
+        The step under way.
+    plan : ScanPlan
+        Where in the sensor the groove shall appear.
+
+    Raises
+    ------
+    SetPointRefused
+        If it is no pose, too far away, turned too far, or at another stand-off than was planned.
+    """
+    for name, T in (("T_b_t", to.T_b_t), ("T_s_t", to.T_s_t)):
+        if not _is_pose(T):
+            raise SetPointRefused(f"its {name} is no pose")
+    p_b = to.T_b_t[:3, 3]
+    starts = (step.start_b, step.last.T_b_t[:3, 3])
+    away = min(float(np.linalg.norm(p_b - start)) for start in starts)
+    if not away <= FARTHEST * step.length:  # a length that is no number allows none
+        raise SetPointRefused(
+            f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
+            f"{1e3 * step.length:.1f} mm"
+        )
+    T_b_s = to.T_b_t @ inverse(to.T_s_t)
+    turn = rotation_angle(step.last.view.T_b_s, T_b_s)
+    if turn > step.largest_turn:
+        raise SetPointRefused(
+            f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
+            f"{np.degrees(step.largest_turn):.0f}° are plausible for a step of "
+            f"{1e3 * step.length:.1f} mm"
+        )
+    beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
+    if beside > LARGEST_VIEW_SHIFT:
+        raise SetPointRefused(
+            f"the groove would appear {1e3 * beside:.1f} mm from where it is planned in the sensor"
+        )
+
+
+def check_step(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
+
+    Were it accepted, such a section would turn the next set-point round and lead the arm astray.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read, in either substep.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": too near or too far, aside, or turned.
+    """
+    length, direction_b = step.length, step.direction_b
+    gone = found.T_b_g[:3, 3] - step.start_b
+    ahead = float(gone @ direction_b)
+    aside = float(np.linalg.norm(gone - ahead * direction_b))
+    if not (AHEAD[0] * length < ahead < AHEAD[1] * length and aside < _most_aside(length)):
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
+            f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made",
+        )
+    turn = rotation_angle(step.last.T_b_g, found.T_b_g)
+    if turn > step.largest_turn:
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "
+            f"{1e3 * length:.1f} mm",
+        )
+
+
+def check_side(groove: GrooveSection) -> None:
+    """Refuse a section whose wall is not above the groove, or does not face the sensor.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible".
+    """
+    up, towards = float(groove.T_s_g[0, 1]), -float(groove.T_s_g[2, 2])
+    if min(up, towards) < UPRIGHT:
+        raise GrooveNotFound(
+            "implausible",
+            f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
+            f"{towards:.2f}: it is not above the groove",
+        )
+
+
+def check_measures(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a section whose own measures can't follow those of the last one.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read, the laser plane turned as for the last section: measures of a plane that
+        lies otherwise are other measures.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": the groove angle, the root or the depth jumps by more than what
+        both readings are uncertain by and a groove changes over such a step.
+    """
+    before, after, allowed = _measures(found, step)
+    beyond = np.abs(after - before) > allowed
+    if not beyond.any():
+        return
+    k = int(beyond.argmax())
+    name, unit = (("opening", "°"), ("root width", " mm"), ("depth", " mm"))[k]
+    scale = np.degrees(1.0) if k == 0 else 1e3
+    raise GrooveNotFound(
+        "implausible",
+        f"the {name} jumps from {scale * before[k]:.1f} to {scale * after[k]:.1f}{unit} over "
+        f"{1e3 * step.length:.1f} mm, {scale * allowed[k]:.1f}{unit} are plausible",
+    )
+
+
+def measures_can_follow(found: ScannedSection, step: StepRequest) -> bool:
+    """Whether `check_measures` would accept a section; for the parameters see there."""
+    before, after, allowed = _measures(found, step)
+    return not bool((np.abs(after - before) > allowed).any())
+
+
+def check_agreement(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a corrected section that is another one than was predicted.
+
+    The correction turns the sensor about the groove that the prediction view showed: seen along
+    the step, its corners stay where they are. They would not, were the profile not of this view.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read after the correction.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible".
+    """
+    if step.predicted is None:
+        return
+    step_b = unit(found.T_b_g[:3, 3] - step.start_b)
+    apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
+    aside = float(np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1).max())
+    allowed = SAME + SAME_TURNED * rotation_angle(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    if aside > allowed:
+        raise GrooveNotFound(
+            "implausible",
+            f"its corners lie {1e3 * aside:.1f} mm from where the prediction view showed them, "
+            f"{1e3 * allowed:.1f} mm are plausible",
+        )
+
+
+def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
+    """Groove angle, root width and depth of the last section and this one, and what may change."""
+    last, now = step.last.groove, found.groove
+    # A taught laser plane may have been turned otherwise than one that the scan chose.
+    factor = 2.0 if step.last.view.substep is Substep.TAUGHT else 1.0
+    noise = SIGMAS * np.sqrt(
+        np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
+    )
+    before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
+    allowed = noise + factor * np.array(
+        (
+            ANGLE_CHANGE[0] + ANGLE_CHANGE[1] * step.length,
+            BEAD + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * step.length) * before[1],
+            BEAD + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
+        )
+    )
+    return before, after, np.asarray(allowed)
+
+
+def _most_aside(length: float) -> float:
+    """A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that."""
+    return min(ASIDE_ANYWAY + length * length / TIGHTEST_BEND, ASIDE * length + ASIDE_ANYWAY)
+
+
+def _is_pose(T: Array) -> bool:
+    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T).max() > 1e6:
+        return False
+    R = T[:3, :3]
+    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL and np.linalg.det(R) > 0
+    return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())

@@ -1,1 +1,0 @@
-"""What is refused: set-points, profiles and sections that cannot be meant."""
