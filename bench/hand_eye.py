@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
+from _board import BoardSimulator, points_rms
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +19,7 @@ from tjscan.calibration.advice import Board
 from tjscan.calibration.closed_form import bundle, solve_closed_form
 from tjscan.calibration.design import Uncertainty, expected
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate, points_rms
+from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.logbook import Line, Measured
 from tjscan.calibration.noise import NoiseModel
@@ -26,7 +27,6 @@ from tjscan.calibration.operator import Nobody
 from tjscan.calibration.plucker import Plane, plane_through
 from tjscan.calibration.session import Task, next_pose, progress_of
 from tjscan.calibration.shot import Shot
-from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
@@ -85,19 +85,19 @@ class Stage:
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
         board = Board.touched(places, target)
-        hand = SimulatedHand(T_F_S, plane, window)
+        hand = BoardSimulator(T_F_S, plane, window)
         return cls(plane, window, places, target, wizards_poses(hand, target, board))
 
-    def touched(self, hand: SimulatedHand, rng: np.random.Generator) -> PlaneTarget:
+    def touched(self, hand: BoardSimulator, rng: np.random.Generator) -> PlaneTarget:
         """The board as touched by a hand with errors."""
         return fit_plane(hand.touches(self.places_b, rng), NOISE.touch, self.poses[0, :3, 3])
 
-    def profiles(self, hand: SimulatedHand, rng: np.random.Generator) -> list[Profile]:
+    def profiles(self, hand: BoardSimulator, rng: np.random.Generator) -> list[Profile]:
         """One profile from each pose."""
         return [hand.profile(T_b_f, rng) for T_b_f in self.poses]
 
 
-def wizards_poses(hand: SimulatedHand, target: PlaneTarget, board: Board) -> Array:
+def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: Board) -> Array:
     """The poses that the wizard goes to when the mount is known and every pose is in reach."""
     at = np.eye(4)
     at[:3, 3] = board.centre_b
@@ -133,7 +133,7 @@ def rms(errors: list[Array]) -> tuple[float, float]:
 
 def noise_free(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(1)
-    hand = SimulatedHand(T_F_S, stage.plane, stage.window)
+    hand = BoardSimulator(T_F_S, stage.plane, stage.window)
     taken = samples(stage.poses, stage.profiles(hand, rng))
     result = calibrate(taken, stage.target, NOISE)
     closed = solve_closed_form(bundle(stage.poses, [s.fit for s in taken]), stage.target.plane)
@@ -149,7 +149,7 @@ def worst(T_f_s: Array) -> float:
 
 def monte_carlo(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(2)
-    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
     bound: Uncertainty = expected(stage.poses, T_F_S, stage.target, stage.window, NOISE)
     refined, closed, squares = [], [], []
     for _ in range(RUNS):
@@ -179,7 +179,7 @@ def closed_form_of(result: HandEye) -> Array:
 
 
 def spoiled(
-    stage: Stage, hand: SimulatedHand, rng: np.random.Generator, position: float, rotation: float
+    stage: Stage, hand: BoardSimulator, rng: np.random.Generator, position: float, rotation: float
 ) -> list[Row]:
     """Move one line of twelve along z and see whether it is found."""
     errors, named = [], 0
@@ -202,7 +202,7 @@ def spoiled(
 
 def timing(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(3)
-    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
     target, profiles = stage.touched(hand, rng), stage.profiles(hand, rng)
     closed, whole = [], []
     for _ in range(30):
@@ -227,7 +227,7 @@ def timing(stage: Stage) -> list[Row]:
 def refusals(stage: Stage) -> list[Row]:
     """Poses that can't work, and what the refusal must say."""
     rng = np.random.default_rng(4)
-    hand = SimulatedHand(T_F_S, stage.plane, stage.window, NOISE)
+    hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
     upright = upright_pose(stage)
     angles = np.radians(np.linspace(-25, 25, LINES))
     cases = {

@@ -21,9 +21,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.calibration.advice import Board, PoseGrid, candidate_poses, suggest_pose
-from tjscan.calibration.closed_form import bundle, solve_closed_form
+from tjscan.calibration.closed_form import bundle, rotation_matrix_A, solve_closed_form
 from tjscan.calibration.design import Reachable, expected, foresee
 from tjscan.calibration.hand_eye import calibrate
+from tjscan.calibration.motion import check_condition
 from tjscan.calibration.plucker import transform_plane
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import see_plane
@@ -89,9 +90,11 @@ def test_suggested_poses_are_well_conditioned_also_when_the_mount_is_known_rough
     T_guess[:3, 3] += (0.005, -0.004, 0.006)
     poses = planned(T_f_s=T_guess)
     taken = samples(poses, shots(poses, EXACT_HAND, np.random.default_rng(0)))
-    found = solve_closed_form(bundle(poses, [s.fit for s in taken]), PLANE)
-    np.testing.assert_allclose(found.T_f_s, T_F_S, atol=1e-9)
-    assert found.condition < 20
+    lines = bundle(poses, [s.fit for s in taken])
+    T_f_s = solve_closed_form(lines, PLANE).T_f_s
+    np.testing.assert_allclose(T_f_s, T_F_S, atol=1e-9)
+    A, u_f = rotation_matrix_A(lines, PLANE.u), PLANE.u @ poses[:, :3, :3]
+    assert check_condition(A, u_f, T_f_s[:3, :3], None) < 20
 
 
 def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from _board import BoardSimulator, points_rms
 from calibration_stage import (
     AXES,
     CENTRE,
@@ -27,12 +28,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.closed_form import bundle, solve_closed_form
-from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate, points_rms
+from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import Plane, incidence, transform_line
 from tjscan.calibration.refine import deletions, refine
-from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.verify import verify
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
@@ -43,7 +43,7 @@ RECOVERED = 1e-9
 POSES = circle(30)
 
 
-def calibrated(seed: int, poses: Array = POSES, hand: SimulatedHand = HAND) -> HandEye:
+def calibrated(seed: int, poses: Array = POSES, hand: BoardSimulator = HAND) -> HandEye:
     rng = np.random.default_rng(seed)
     return calibrate(samples(poses, shots(poses, hand, rng)), target(rng), NOISE)
 
@@ -74,7 +74,7 @@ def test_the_refinement_recovers_the_papers_transform() -> None:
 def test_any_mount_is_recovered_without_a_guess(seed: int) -> None:
     rng = np.random.default_rng(seed)
     T_f_s = pose(Rotation.random(rng=rng).as_matrix(), 0.2 * rng.standard_normal(3))
-    hand = SimulatedHand(T_f_s, PLANE, EXACT_HAND.window)
+    hand = BoardSimulator(T_f_s, PLANE, EXACT_HAND.window)
     poses = POSES @ T_F_S @ np.linalg.inv(T_f_s)
     result = calibrate(samples(poses, shots(poses, hand, rng)), target(), NOISE)
     np.testing.assert_allclose(result.T_f_s, T_f_s, atol=RECOVERED)

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _board import points_rms
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.hand_eye import LineSample, calibrate, points_rms
+from tjscan.calibration.hand_eye import LineSample, calibrate
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused

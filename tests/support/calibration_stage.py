@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through
-from tjscan.calibration.simulated import SimulatedHand
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
 from tjscan.core.frames import Array, from_rounded, inverse, pose
@@ -32,8 +32,8 @@ T_F_S = from_rounded(  # the paper's eq. (26), in metres
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-HAND = SimulatedHand(T_F_S, PLANE, WINDOW, NOISE)
-EXACT_HAND = SimulatedHand(T_F_S, PLANE, WINDOW)
+HAND = BoardSimulator(T_F_S, PLANE, WINDOW, NOISE)
+EXACT_HAND = BoardSimulator(T_F_S, PLANE, WINDOW)
 
 
 def target(rng: np.random.Generator | None = None) -> PlaneTarget:
@@ -84,7 +84,7 @@ def varied(rng: np.random.Generator, count: int) -> Array:
     )
 
 
-def shots(poses: Array, hand: SimulatedHand, rng: np.random.Generator) -> list[Profile]:
+def shots(poses: Array, hand: BoardSimulator, rng: np.random.Generator) -> list[Profile]:
     """One profile from each pose."""
     return [hand.profile(T_b_f, rng) for T_b_f in poses]
 

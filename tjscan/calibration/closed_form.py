@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.plucker import Plane
+from tjscan.calibration.plucker import Line, Plane, incidence, line_through, transform_line
 from tjscan.core.frames import Array, pose, readonly, skew
 
 DECISIVE: Final = 0.3
@@ -38,9 +38,22 @@ class LineBundle:
         for name in ("R_b_f", "p_b_f", "points_s", "directions_s"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
+    @property
+    def line_s(self) -> Line:
+        """All lines in frame s."""
+        return line_through(self.points_s, self.directions_s)
+
 
 def bundle(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
-    """Stack flange poses, shape (n, 4, 4), and the lines seen from them."""
+    """Stack poses and lines.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+    fits : list of LineFit
+        The line seen from each.
+    """
     return LineBundle(
         T_b_f[:, :3, :3],
         T_b_f[:, :3, 3],
@@ -67,14 +80,26 @@ class ClosedForm:
     singular_values: Array
     residual: float
 
-    @property
-    def condition(self) -> float:
-        """First over fifth singular value of A: how far lines lie from fixing no rotation."""
-        return float(self.singular_values[0] / max(self.singular_values[4], 1e-300))
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solution:
+    """Rotation and position of the sensor, and the RMS of what eq. (22) leaves, metres."""
+
+    R_f_s: Array
+    p_f_s: Array
+    residual: float
 
 
 def rotation_matrix_A(lines: LineBundle, u_b: Array) -> Array:
-    """A of eq. (21), shape (..., n, 6), for normals of shape (..., 3)."""
+    """A of eq. (21), shape (..., n, 6).
+
+    Parameters
+    ----------
+    lines : LineBundle
+        Lines on a plane.
+    u_b : ndarray, shape (..., 3)
+        Normals that the plane may have, frame b.
+    """
     u_f = np.einsum("nji,...j->...ni", lines.R_b_f, u_b)  # u^T R_b_f, as a row per line
     a = lines.directions_s
     return np.concatenate((u_f * a[:, 0:1], u_f * a[:, 2:3]), axis=-1)
@@ -109,18 +134,33 @@ def rotations(A: Array) -> tuple[Array, Array]:
 
 
 def translation(lines: LineBundle, plane: Plane, R_f_s: Array) -> tuple[Array, float]:
-    """p_f_s by eq. (23)-(25), shape (3,), and the RMS of what eq. (22) leaves, in metres."""
-    u_cross, a_s = skew(plane.u), lines.directions_s
-    m_s = np.cross(lines.points_s, a_s)
-    a_f = a_s @ R_f_s.T
-    a_b = np.einsum("nij,nj->ni", lines.R_b_f, a_f)
-    m_b = np.einsum("nij,nj->ni", lines.R_b_f, m_s @ R_f_s.T)
-    A_p = (u_cross @ lines.R_b_f @ skew(a_f)).reshape(-1, 3)  # (24)
-    about_flange = np.cross(lines.p_b_f, a_b) + m_b
-    b = (-plane.u0 * a_b + about_flange @ u_cross.T).ravel()  # (25)
-    p, *_ = np.linalg.lstsq(A_p, b, rcond=None)
+    """Position of the sensor on the flange by eq. (22)-(25).
+
+    Parameters
+    ----------
+    lines : LineBundle
+        Lines on the plane.
+    plane : Plane
+        Frame b.
+    R_f_s : ndarray, shape (3, 3)
+        Rotation of the sensor on the flange.
+
+    Returns
+    -------
+    p_f_s : ndarray, shape (3,)
+        Metres.
+    residual : float
+        RMS of what eq. (22) leaves, per line, metres.
+    """
+    line_f = transform_line(pose(R_f_s), lines.line_s)  # (18), as if p_f_s were zero
+    T_b_f = np.tile(np.eye(4), (len(lines.p_b_f), 1, 1))
+    T_b_f[:, :3, :3], T_b_f[:, :3, 3] = lines.R_b_f, lines.p_b_f
+    line_b = transform_line(T_b_f, line_f)  # (18)
+    A_p = (skew(plane.u) @ lines.R_b_f @ skew(line_f.a)).reshape(-1, 3)  # (24)
+    b = incidence(line_b, plane)[:, 1:].ravel()  # (25): what (17) leaves without p_f_s
+    p = np.asarray(np.linalg.lstsq(A_p, b, rcond=None)[0], dtype=float)
     # Three rows per line, of which one says something: the RMS is per line.
-    return p, float(np.linalg.norm(A_p @ p - b) / np.sqrt(len(a_s)))
+    return p, float(np.linalg.norm(A_p @ p - b) / np.sqrt(len(line_f.a)))
 
 
 def solve_closed_form(lines: LineBundle, plane: Plane) -> ClosedForm:
@@ -129,7 +169,7 @@ def solve_closed_form(lines: LineBundle, plane: Plane) -> ClosedForm:
     Parameters
     ----------
     lines : LineBundle
-        In general position; `ClosedForm.condition` says whether they are.
+        In general position; `tjscan.calibration.motion.check_condition` says whether they are.
     plane : Plane
         Frame b.
 
@@ -143,15 +183,25 @@ def solve_closed_form(lines: LineBundle, plane: Plane) -> ClosedForm:
     if len(lines.points_s) < 5:
         raise ValueError("the closed form needs at least five lines")
     both, singular = rotations(rotation_matrix_A(lines, plane.u))
-    found = [(*translation(lines, plane, R), R) for R in both]
-    p, residual, R = min(found, key=lambda one: one[1])
-    if residual > DECISIVE * max(one[1] for one in found):
-        p, residual, R = max(found, key=lambda one: in_front(lines, plane, one[0]))
-    return ClosedForm(pose(R, p), singular, residual)
+    found = [_Solution(R, *translation(lines, plane, R)) for R in both]
+    best, other = sorted(found, key=lambda solution: solution.residual)
+    if best.residual > DECISIVE * other.residual:
+        best = max(found, key=lambda solution: in_front(lines, plane, solution.p_f_s))
+    return ClosedForm(pose(best.R_f_s, best.p_f_s), singular, best.residual)
 
 
 def in_front(lines: LineBundle, plane: Plane, p_f_s: Array) -> float:
-    """Share of the lines for which sensor and flange stand on the same side of the plane."""
+    """Share of the lines for which sensor and flange stand on the same side of the plane.
+
+    Parameters
+    ----------
+    lines : LineBundle
+        Lines, and where the flange was.
+    plane : Plane
+        Frame b.
+    p_f_s : ndarray, shape (3,)
+        Position of the sensor on the flange, metres.
+    """
     flange = plane.distance(lines.p_b_f)
     sensor = plane.distance(lines.p_b_f + np.einsum("nij,j->ni", lines.R_b_f, p_f_s))
     return float(np.mean(np.sign(flange) == np.sign(sensor)))

@@ -18,11 +18,16 @@ from tjscan.calibration.closed_form import (
 )
 from tjscan.calibration.design import Uncertainty
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.motion import check_motion, check_tilts_vary, refuse_condition
+from tjscan.calibration.motion import (
+    WORST_CONDITION,
+    check_condition,
+    check_motion,
+    check_tilts_vary,
+)
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import Plane
-from tjscan.calibration.refine import Estimate, Mask, deletions, refine
+from tjscan.calibration.refine import Estimate, deletions, refine
 from tjscan.calibration.snooping import agrees, drop_bad
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
@@ -32,8 +37,6 @@ from tjscan.core.frames import Array, readonly, transform
 
 FEWEST: Final = 5
 """Eq. (20) needs five lines in general position."""
-WORST_CONDITION: Final = 100.0
-"""Beyond it, errors of a line grow into millimetres."""
 WORST_SCATTER: Final = 3.0
 """Residuals so many times larger than stated are not what the noise model describes. Smaller
 excess, where it is significant, widens the covariance."""
@@ -251,12 +254,13 @@ def calibrate(
     estimate = drop_bad(model, refine(model, T_f_s, np.zeros(3), every))
 
     plane = target.moved(estimate.target)
-    condition = _condition(model, plane, estimate.used)
-    if condition > WORST_CONDITION:
-        # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
-        R = R_guess if R_guess is not None or condition > 1e4 else estimate.T_f_s[:3, :3]
-        normals = plane.u @ T_b_f[estimate.used, :3, :3]
-        raise refuse_condition(condition, WORST_CONDITION, normals, R)
+    used = estimate.used
+    condition = check_condition(
+        rotation_matrix_A(model.lines, plane.u)[used],
+        plane.u @ T_b_f[used, :3, :3],
+        estimate.T_f_s[:3, :3],
+        R_guess,
+    )
     if not target.known:
         check_tilts_vary(plane.u @ T_b_f[estimate.used, :3, :3], estimate.T_f_s[:3, :3])
     method = "plane touched" if target.known else "plane unknown"
@@ -317,33 +321,6 @@ def calibrate_on_sphere(
     return _accept(samples, estimate, method, condition, centre_b=centre, radius=radius)
 
 
-def points_rms(result: HandEye, samples: Sequence[LineSample]) -> float:
-    """RMS distance from the plane of all line points that the result rests on, in metres.
-
-    The figure that others state for their calibrations, to hold this one's against: tests and
-    benches do.
-
-    Raises
-    ------
-    ValueError
-        For a calibration on a sphere.
-    """
-    if result.board is None:
-        raise ValueError("a calibration on a sphere has no plane")
-    squares, count = 0.0, 0
-    for sample, residual in zip(samples, result.residuals, strict=True):
-        if not residual.used or residual.tilt is None:
-            continue
-        fit = sample.fit
-        u_s = result.board.plane.u @ (sample.T_b_f @ result.T_f_s)[:3, :3]
-        # Scatter lies in the laser plane, square to the line; points are spread along it evenly.
-        scatter = float(np.cross(u_s, fit.direction_s)[1]) * fit.scatter
-        spread = residual.tilt * fit.span / np.sqrt(12)
-        squares += fit.count * (residual.offset**2 + spread**2 + scatter**2)
-        count += fit.count
-    return float(np.sqrt(squares / count))
-
-
 def _poses(samples: Sequence[LineSample] | Sequence[ArcSample]) -> Array:
     if len(samples) < FEWEST:
         raise CalibrationRefused(
@@ -381,12 +358,6 @@ def _find_plane(
     if plane.distance(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
         plane = Plane(-plane.u, -plane.u0)
     return PlaneTarget.unknown(plane, near), estimate.T_f_s
-
-
-def _condition(model: PlaneModel, plane: Plane, used: Mask) -> float:
-    """First over fifth singular value of A, eq. (21), of the lines in use."""
-    singular = np.linalg.svd(rotation_matrix_A(model.lines, plane.u)[used], compute_uv=False)
-    return float(singular[0] / max(singular[4], 1e-300))
 
 
 def _scaled_condition(estimate: Estimate) -> float:

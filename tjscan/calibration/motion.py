@@ -16,6 +16,10 @@ LEAST_VARIETY: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
 WANTED: Final = 20
 """Degrees to tilt by, in the advice: what brings the condition number well below its limit."""
+WORST_CONDITION: Final = 100.0
+"""Of eq. (21); beyond it, errors of a line grow into millimetres."""
+ARBITRARY: Final = 1e4
+"""Condition beyond which the rotation found is arbitrary and names no axes."""
 
 
 def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
@@ -108,21 +112,46 @@ def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
         )
 
 
-def refuse_condition(
-    condition: float, limit: float, u_f: Array, R_f_s: Array | None
-) -> CalibrationRefused:
-    """Refusal of poses that tilt too little, with how much they tilt about which axis."""
+def check_condition(A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | None) -> float:
+    """Condition number of eq. (21): refuse lines that fix no rotation.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, 6)
+        Of eq. (21).
+    u_f : ndarray, shape (n, 3)
+        The board's normal as each flange sees it.
+    R_f_s, R_f_s_guess : ndarray, shape (3, 3)
+        Rotation of the sensor as found, and about as it is where that is known: one of them names
+        the axes to tilt about.
+
+    Returns
+    -------
+    float
+        First over fifth singular value; the last belongs to the solution.
+
+    Raises
+    ------
+    CalibrationRefused
+        With how far the poses tilt, and about which axis they must tilt further.
+    """
+    singular = np.linalg.svd(A, compute_uv=False)
+    condition = float(singular[0] / max(singular[4], 1e-300))
+    if condition <= WORST_CONDITION:
+        return condition
+    # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
+    R = R_f_s_guess if R_f_s_guess is not None or condition > ARBITRARY else R_f_s
     spread, axes = tilt_spread(u_f)
     shown = " and ".join(
-        f"{np.degrees(s):.1f}° about {name_axis(axis, R_f_s)}"
+        f"{np.degrees(s):.1f}° about {name_axis(axis, R)}"
         for s, axis in zip(spread, axes, strict=True)
     )
     # About equally little both ways: both are missing.
     weak = axes if spread[1] > 0.5 * spread[0] else axes[1:]
-    return CalibrationRefused(
+    raise CalibrationRefused(
         "ill-conditioned",
-        f"the condition number is {condition:.0f}, the limit {limit:.0f}; the tilts have an RMS "
-        f"of {shown}; {advise_tilts(list(weak), R_f_s)}",
+        f"the condition number is {condition:.0f}, the limit {WORST_CONDITION:.0f}; the tilts have "
+        f"an RMS of {shown}; {advise_tilts(list(weak), R)}",
     )
 
 

@@ -12,13 +12,13 @@ from tjscan.core.frames import Array, readonly, skew
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """A line {a, m}: every point p on it has ``p × a = m``.
+    """A line {a, m}, or many: every point p on it has ``p × a = m``.
 
     Parameters
     ----------
-    a : ndarray, shape (3,)
+    a : ndarray, shape (..., 3)
         Direction. Scaling `a` and `m` together leaves the line the same.
-    m : ndarray, shape (3,)
+    m : ndarray, shape (..., 3)
         Moment about the frame's origin, in metres when `a` is a unit vector.
     """
 
@@ -31,13 +31,8 @@ class Line:
 
     @property
     def screw(self) -> Array:
-        """Direction over moment, shape (6,)."""
-        return np.concatenate((self.a, self.m))
-
-    @property
-    def nearest_point(self) -> Array:
-        """The point next to the frame's origin, shape (3,)."""
-        return np.asarray(np.cross(self.a, self.m) / (self.a @ self.a))
+        """Direction over moment, shape (..., 6)."""
+        return np.concatenate((self.a, self.m), axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,44 +68,86 @@ class Plane:
 
 
 def line_through(point: ArrayLike, direction: ArrayLike) -> Line:
-    """Line through `point`, shape (3,), along `direction`, shape (3,)."""
+    """Line through a point along a direction.
+
+    Parameters
+    ----------
+    point : array_like, shape (..., 3)
+        Metres.
+    direction : array_like, shape (..., 3)
+        In the same frame.
+    """
     a = np.asarray(direction, dtype=float)
     return Line(a, np.cross(np.asarray(point, dtype=float), a))
 
 
 def plane_through(point: ArrayLike, normal: ArrayLike) -> Plane:
-    """Plane through `point`, shape (3,), square to `normal`, shape (3,)."""
+    """Plane through a point, square to a normal.
+
+    Parameters
+    ----------
+    point : array_like, shape (3,)
+        Metres.
+    normal : array_like, shape (3,)
+        In the same frame, of any length but zero.
+    """
     u = np.asarray(normal, dtype=float)
     return Plane(u, -float(u @ np.asarray(point, dtype=float)))
 
 
 def screw_matrix(T_b_s: Array) -> Array:
-    """V of eq. (19), shape (6, 6): maps lines of frame s into frame b."""
-    R, p = T_b_s[:3, :3], T_b_s[:3, 3]
-    V = np.zeros((6, 6))
-    V[:3, :3] = V[3:, 3:] = R
-    V[3:, :3] = skew(p) @ R
+    """V of eq. (19), shape (..., 6, 6), of poses, shape (..., 4, 4): maps lines of s into b."""
+    R, p = T_b_s[..., :3, :3], T_b_s[..., :3, 3]
+    V = np.zeros((*R.shape[:-2], 6, 6))
+    V[..., :3, :3] = V[..., 3:, 3:] = R
+    V[..., 3:, :3] = skew(p) @ R
     return V
 
 
 def transform_line(T_b_s: Array, line_s: Line) -> Line:
-    """A line of frame s in frame b, eq. (18)."""
-    screw = screw_matrix(T_b_s) @ line_s.screw
-    return Line(screw[:3], screw[3:])
+    """Lines of frame s in frame b, eq. (18).
+
+    Parameters
+    ----------
+    T_b_s : ndarray, shape (..., 4, 4)
+        Poses of s in b.
+    line_s : Line
+        One, or one for each pose.
+    """
+    screw = (screw_matrix(T_b_s) @ line_s.screw[..., None])[..., 0]
+    return Line(screw[..., :3], screw[..., 3:])
 
 
 def transform_plane(T_b_s: Array, plane_s: Plane) -> Plane:
-    """A plane of frame s in frame b."""
+    """A plane of frame s in frame b.
+
+    Parameters
+    ----------
+    T_b_s : ndarray, shape (4, 4)
+        Pose of s in b.
+    plane_s : Plane
+        In frame s.
+    """
     u = T_b_s[:3, :3] @ plane_s.u
     return Plane(u, plane_s.u0 - float(u @ T_b_s[:3, 3]))
 
 
 def incidence(line: Line, plane: Plane) -> Array:
-    """Both conditions of eq. (17), shape (4,); all zero when the line lies in the plane.
+    """Both conditions of eq. (17), shape (..., 4); all zero where a line lies in the plane.
 
-    The first is the sine of the line's tilt out of the plane. When that is zero the other three
-    are ``-a`` times the line's distance from the plane.
+    Parameters
+    ----------
+    line : Line
+        One or many, with unit directions.
+    plane : Plane
+        In the same frame.
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        ``u · a``, the sine of the line's tilt out of the plane; then ``u × m - u0 a``, in metres:
+        where the tilt is zero, that is ``-a`` times the line's distance from the plane.
     """
-    along = plane.u @ line.a
-    moment = -plane.u0 * line.a + np.cross(plane.u, line.m)
-    return np.concatenate(((along,), moment))
+    tilt = line.a @ plane.u
+    distance = line.m @ skew(plane.u).T - plane.u0 * line.a
+    return np.concatenate((tilt[..., None], distance), axis=-1)

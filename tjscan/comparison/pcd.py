@@ -1,4 +1,9 @@
-"""Clouds in the PCD format of the Point Cloud Library."""
+"""Clouds in the PCD format of the Point Cloud Library.
+
+Only compressed clouds are left to Open3D, once their header has been checked: its readers take the
+whole process down where a header is damaged, and the one without tensors reads binary float64 as
+something else.
+"""
 
 from __future__ import annotations
 

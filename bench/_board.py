@@ -1,0 +1,104 @@
+"""Calibration boards for tests and benches: simulated profiles, and the usual figure of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tjscan.calibration.hand_eye import HandEye, LineSample
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plucker import Plane, transform_plane
+from tjscan.calibration.window import Window
+from tjscan.core.frames import Array, inverse, pose
+from tjscan.core.lie import so3_exp
+from tjscan.laser.faults import speckle
+from tjscan.laser.profile import Profile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardSimulator:
+    """What an arm with a laser and a probe measures of a plane.
+
+    Without arm, mesh or optics it takes the thousands of profiles that show how true the stated
+    uncertainty of a calibration is.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        The truth that calibration looks for.
+    plane : Plane
+        The board, frame b.
+    window : Window
+        The laser's range.
+    noise : NoiseModel, optional
+        Errors; none at all without it.
+    """
+
+    T_f_s: Array
+    plane: Plane
+    window: Window
+    noise: NoiseModel | None = None
+
+    def profile(self, T_b_f: Array, rng: np.random.Generator) -> Profile:
+        """What the laser sees when the arm *says* that the flange is at T_b_f."""
+        noise = self.noise
+        if noise is not None:
+            slip = pose(
+                so3_exp(noise.rotation * rng.standard_normal(3)),
+                noise.position * rng.standard_normal(3),
+            )
+            T_b_f = pose(T_b_f[:3, :3] @ slip[:3, :3], T_b_f[:3, 3] + slip[:3, 3])
+        seen = transform_plane(inverse(T_b_f @ self.T_f_s), self.plane)
+        window = self.window
+        edge = np.tan(window.half_angle)
+        tangent = np.linspace(-edge, edge, window.columns)
+        ray = np.column_stack((tangent, np.ones_like(tangent)))
+        depth = -(seen.u0 + seen.u[2] * window.apex_z) / (ray @ seen.u[[0, 2]])
+        z = window.apex_z + depth
+        out = (z < window.near) | (z > window.far) | (depth <= 0)
+        x = np.where(out, np.nan, depth * tangent)
+        z = np.where(out, np.nan, z)
+        if noise is not None:
+            z = z + speckle(rng, window.columns, noise.range, noise.correlation)
+        return Profile(x, z)
+
+    def touches(self, points_b: Array, rng: np.random.Generator) -> Array:
+        """Where the arm says that its probe tip touched the plane next to points, shape (n, 3)."""
+        points = points_b - self.plane.distance(points_b)[:, None] * self.plane.u
+        sigma = 0.0 if self.noise is None else self.noise.touch
+        return np.asarray(points + sigma * rng.standard_normal(points.shape))
+
+
+def points_rms(result: HandEye, samples: Sequence[LineSample]) -> float:
+    """RMS distance from the plane of all line points that the result rests on, in metres.
+
+    The figure that others state for their calibrations.
+
+    Parameters
+    ----------
+    result : HandEye
+        From lines on a plane.
+    samples : sequence of LineSample
+        The lines that it was found from.
+
+    Raises
+    ------
+    ValueError
+        For a calibration on a sphere.
+    """
+    if result.board is None:
+        raise ValueError("a calibration on a sphere has no plane")
+    squares, count = 0.0, 0
+    for sample, residual in zip(samples, result.residuals, strict=True):
+        if not residual.used or residual.tilt is None:
+            continue
+        fit = sample.fit
+        u_s = result.board.plane.u @ (sample.T_b_f @ result.T_f_s)[:3, :3]
+        # Scatter lies in the laser plane, square to the line; points are spread along it evenly.
+        scatter = float(np.cross(u_s, fit.direction_s)[1]) * fit.scatter
+        spread = residual.tilt * fit.span / np.sqrt(12)
+        squares += fit.count * (residual.offset**2 + spread**2 + scatter**2)
+        count += fit.count
+    return float(np.sqrt(squares / count))
