@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import networkx as nx
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import lie
 from tjscan.core.frames import Array, inverse, readonly, transform
@@ -103,31 +104,40 @@ def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
     return float(np.linalg.norm(np.cross(told - edge.centre, edge.along)))
 
 
-def chained(count: int, registrations: Sequence[Registration]) -> tuple[Array, list[Registration]]:
-    """Stations placed by overlaps alone, the surest ones first, and the overlaps left over.
+def spanning_tree_poses(
+    count: int, registrations: Sequence[Registration]
+) -> tuple[Array, list[Registration]]:
+    """Stations placed by overlaps alone, along the spanning tree of the surest ones.
+
+    Parameters
+    ----------
+    count : int
+        Of the stations, all of which overlaps connect.
+    registrations : sequence of Registration
+        Of all overlaps.
 
     Returns
     -------
     T : ndarray, shape (count, 4, 4)
         Maps each station's own frame j into that of the first.
-    left : list of Registration
-        Those that close a loop; what they say against `T` is the gap before closing.
+    closing : list of Registration
+        Those that close a loop, the surest first; how far they are from `T` is the gap before
+        closing.
     """
-    links = nx.Graph()
-    links.add_nodes_from(range(count))
-    left = []
-    for edge in sorted(registrations, key=lambda edge: edge.sigma):
-        a, b = edge.overlap.first, edge.overlap.second
-        if nx.has_path(links, a, b):
-            left.append(edge)
-        else:
-            links.add_edge(a, b, edge=edge)
-    T = np.tile(np.eye(4), (count, 1, 1))
-    for a, b in nx.bfs_edges(links, 0):
-        edge = links.edges[a, b]["edge"]
-        forward = edge.overlap.first == a
-        T[b] = T[a] @ (edge.T if forward else inverse(edge.T))
-    return T, left
+    by_sigma = sorted(registrations, key=lambda edge: edge.sigma)
+    surest = {(e.overlap.first, e.overlap.second): e for e in reversed(by_sigma)}
+    links = coo_array(
+        ([edge.sigma for edge in surest.values()], np.transpose(list(surest))), (count, count)
+    )
+    tree = minimum_spanning_tree(links)
+    order, predecessors = breadth_first_order(tree, 0, directed=False)
+    T, used = np.tile(np.eye(4), (count, 1, 1)), set()
+    for b in order[1:].tolist():
+        a = int(predecessors[b])
+        edge = surest[min(a, b), max(a, b)]
+        used.add(id(edge))
+        T[b] = T[a] @ (edge.T if edge.overlap.first == a else inverse(edge.T))
+    return T, [edge for edge in by_sigma if id(edge) not in used]
 
 
 def _whitener(covariance: Array) -> Array:

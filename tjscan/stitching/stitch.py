@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import networkx as nx
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import lie
 from tjscan.core.errors import ConfigurationError, StitchingRefused
@@ -17,7 +18,7 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
-from tjscan.stitching.graph import Placement, chained, gap, solve
+from tjscan.stitching.graph import Placement, gap, solve, spanning_tree_poses
 from tjscan.stitching.outline import Outline, outline
 from tjscan.stitching.overlaps import (
     TURN,
@@ -167,7 +168,7 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
         for one in placed
     ]
     gaps = tuple(gap(edge, placement.T) for edge in registrations)
-    chain, closing = chained(len(stations), registrations)
+    chain, closing = spanning_tree_poses(len(stations), registrations)
     return Stitched(
         tuple(placed),
         placement.shape,
@@ -264,11 +265,15 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
             for arc in bridged
         ):
             raise StitchingRefused("overlap too small", f"{draft.words(overlap)}; {asked}")
-    links = nx.Graph((overlap.first, overlap.second) for overlap in held)
-    links.add_nodes_from(range(len(draft.names)))
-    parts = [sorted(part) for part in nx.connected_components(links)]
+    count = len(draft.names)
+    pairs = [(overlap.first, overlap.second) for overlap in held]
+    links = coo_array(
+        (np.ones(len(pairs)), np.reshape(np.array(pairs, dtype=int), (-1, 2)).T), (count, count)
+    )
+    _, part_of = connected_components(links, directed=False)
+    parts = [np.flatnonzero(part_of == part) for part in range(part_of.max() + 1)]
     if len(parts) > 1:
-        told = " | ".join(", ".join(draft.names[k] for k in part) for part in sorted(parts))
+        told = " | ".join(", ".join(draft.names[k] for k in part) for part in parts)
         raise StitchingRefused("not connected", f"no overlap ties {told}; {draft.reach()}; {asked}")
     return held
 
