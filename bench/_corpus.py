@@ -21,8 +21,8 @@ from tjscan.calibration.file import (
     write_calibration,
 )
 from tjscan.calibration.logbook import Line, Logbook, Passed, Touch
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
-from tjscan.calibration.shot import Shot
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import Told
 from tjscan.core.config import validate
@@ -112,7 +112,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
     file = folder / "measured.jsonl"
     with Logbook(file) as book:
         T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
-        for entry in (Touch(0, T), Line(Shot("line 1", T, profile)), Passed(T, "no line")):
+        for entry in (Touch(0, T), Line(PosedProfile("line 1", T, profile)), Passed(T, "no line")):
             book.add(entry)
     yield Reader("logbook", "measured.jsonl", (file.read_bytes(),), _logbook, 2)
 

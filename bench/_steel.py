@@ -481,14 +481,14 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Shot:
+class PosedProfile:
     """Points of a groove with the truth about it; columns may run either way."""
 
     groove: Groove
     points: Array
 
 
-def shoot(fault: Fault, k: int) -> Shot:
+def shoot(fault: Fault, k: int) -> PosedProfile:
     """The k-th profile of a row: always the same one."""
     rng = np.random.default_rng((k, *fault.name.encode()))
     g = draw(rng, k, gap=fault.gap, rise=fault.rise)
@@ -499,7 +499,7 @@ def shoot(fault: Fault, k: int) -> Shot:
     for sense in fault.sensing:
         points = sense(g, seen, points, rng)
     points = np.round(points / 5e-6) * 5e-6
-    return Shot(g, points[::-1] if rng.random() < 0.5 else points)
+    return PosedProfile(g, points[::-1] if rng.random() < 0.5 else points)
 
 
 def _dense(line: Array) -> Array:

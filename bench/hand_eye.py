@@ -25,8 +25,8 @@ from tjscan.calibration.logbook import Line, Measured
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import Nobody
 from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.session import Task, next_pose, progress_of
-from tjscan.calibration.shot import Shot
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
@@ -106,7 +106,7 @@ def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: Board) -> Ar
     for k in range(LINES):
         progress = progress_of(task, measured, target)
         T_b_f = next_pose(task, measured, target, board, progress, lambda _: True).T_b_f
-        shot = Shot(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
+        shot = PosedProfile(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
         measured = measured.after(Line(shot))
     return np.stack([shot.T_b_f for shot in measured.shots])
 

@@ -118,9 +118,11 @@ def not_refused(scanned: Scanned) -> int:
         short = scanned.stations[1]
         kept = short.sections[:keep]
         last = kept[-1].view.time
-        looks = tuple(look for look in short.looks if look.view.time <= last)
+        every = tuple(one for one in short.all_sections if one.view.time <= last)
         try:
-            stitched = stitch([scanned.stations[0], replace(short, sections=kept, looks=looks)])
+            stitched = stitch(
+                [scanned.stations[0], replace(short, sections=kept, all_sections=every)]
+            )
         except StitchingRefused:
             continue
         # Where the overlap is still large enough the stitching has to be right.

@@ -301,7 +301,7 @@ def test_a_little_more_noise_than_stated_widens_the_covariance() -> None:
     rng = np.random.default_rng(0)
     loud = replace(HAND, noise=NoiseModel(position=0.1 * MM, rotation=float(np.radians(0.02))))
     result = calibrate(samples(POSES, shots(POSES, loud, rng)), target(rng), NOISE)
-    assert 1.5 < result.excess < 3.0
+    assert 1.5 < result.sigma_scale < 3.0
     assert any("widened" in said for said in result.caveats)
 
 

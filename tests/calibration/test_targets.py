@@ -35,8 +35,8 @@ def test_the_plane_is_as_certain_as_it_says() -> None:
         tilts = found.axes_b @ PLANE.u / (found.plane.u @ PLANE.u)
         wrong = np.array((*tilts, height))
         squares.append(wrong @ found.information @ wrong)
-        np.testing.assert_allclose(found.moved(wrong).u, PLANE.u, atol=EXACT)
-        assert found.moved(wrong).u0 == pytest.approx(PLANE.u0, abs=EXACT)
+        np.testing.assert_allclose(found.boxplus(wrong).u, PLANE.u, atol=EXACT)
+        assert found.boxplus(wrong).u0 == pytest.approx(PLANE.u0, abs=EXACT)
     # Chi-square with 3 degrees of freedom; 400 draws give the mean to 0.12; three of those.
     assert np.mean(squares) == pytest.approx(3.0, abs=0.37)
 
@@ -67,7 +67,7 @@ def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
     assert not unknown.known
     assert PLANE.distance(unknown.centre_b) == pytest.approx(0.0, abs=EXACT)
     np.testing.assert_allclose(unknown.axes_b @ PLANE.u, 0, atol=EXACT)
-    np.testing.assert_allclose(unknown.moved(np.zeros(3)).u, PLANE.u, atol=EXACT)
+    np.testing.assert_allclose(unknown.boxplus(np.zeros(3)).u, PLANE.u, atol=EXACT)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, np.nan])

@@ -24,9 +24,9 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.file import pose_to_rows, read_calibration, rows_to_pose
 from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
 from tjscan.calibration.operator import Question
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
 from tjscan.calibration.session import Progress, Task, touch_places
-from tjscan.calibration.shot import Shot
 from tjscan.calibration.simulated import SimulatedProbe
 from tjscan.calibration.wizard import MOST_BLIND, MOST_RETOUCHES, Outcome, Wizard
 from tjscan.cli.operators import AtTerminal
@@ -391,9 +391,9 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
             Touch(0, T),
             Touch(1, None),
             Touch(0, T @ turned),
-            Line(Shot("line 1", T, profile)),
+            Line(PosedProfile("line 1", T, profile)),
             Passed(T, "no line"),
-            Line(Shot("fresh", T, profile), fresh=True),
+            Line(PosedProfile("fresh", T, profile), fresh=True),
         ):
             logbook.add(entry)
         written = logbook.measured

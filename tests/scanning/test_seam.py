@@ -24,7 +24,7 @@ def test_without_noise_five_sections_hold_both_tubes(joint: str, direction: Dire
     axes = np.cross(walls.across, walls.normals)
     assert abs(axes[0, 2]) == pytest.approx(1.0, abs=1e-5)
     assert abs(axes[1] @ true.leg.axis) == pytest.approx(1.0, abs=1e-4)
-    assert np.abs(fitted.left[:4]).max() < 20e-6
+    assert np.abs(fitted.residuals[:4]).max() < 20e-6
 
 
 def test_with_noise_the_radii_are_as_uncertain_as_told() -> None:

@@ -146,10 +146,12 @@ def test_errors_shrink_with_the_arms() -> None:
 
 def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
     stations, truth = two(arm=Repeatability(1e-5, 1e-5), seed=4)
-    looks = list(stations[1].looks)
-    bad = looks[1]
-    looks[1] = replace(bad, view=replace(bad.view, T_b_s=pose(p=(1e-3, 1e-3, 0)) @ bad.view.T_b_s))
-    wrong = replace(stations[1], looks=tuple(looks))
+    sections = list(stations[1].all_sections)
+    bad = sections[1]
+    sections[1] = replace(
+        bad, view=replace(bad.view, T_b_s=pose(p=(1e-3, 1e-3, 0)) @ bad.view.T_b_s)
+    )
+    wrong = replace(stations[1], all_sections=tuple(sections))
     stitched = stitch([stations[0], wrong], StitchSettings(Repeatability(1e-5, 1e-5)))
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < 5e-5
@@ -313,7 +315,7 @@ def test_a_station_that_sees_too_little_of_the_tubes_is_refused_by_name() -> Non
 @pytest.mark.parametrize("count", range(5))
 def test_a_station_that_found_all_but_nothing_is_refused_by_name(count: int) -> None:
     right = exact("right", 167, 377)
-    cut = replace(right, sections=right.sections[:count], looks=right.looks[:count])
+    cut = replace(right, sections=right.sections[:count], all_sections=right.all_sections[:count])
     error = refusal([exact("left", -15, 195), cut])
     assert error.reason == "joint not found"
     assert f"station right, {count} sections" in str(error)
@@ -348,7 +350,9 @@ def test_a_recording_given_twice_is_refused_under_any_name() -> None:
     (left, right), _ = two()
     with pytest.raises(ConfigurationError, match="left and other hold the same recording"):
         stitch([left, right, replace(left, name="other")])
-    part = replace(left, name="part", sections=left.sections[:9], looks=left.looks[:9])
+    part = replace(
+        left, name="part", sections=left.sections[:9], all_sections=left.all_sections[:9]
+    )
     with pytest.raises(ConfigurationError, match="same recording"):
         stitch([left, part])
 

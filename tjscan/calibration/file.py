@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
 from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array, from_rounded
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def to_file(
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
-        "excess": result.excess,
+        "excess": result.sigma_scale,
         "noise": NoiseTable.of(noise),
         "verification": verification and _verification(verification),
         "residuals": [_residual(residual) for residual in result.residuals],
@@ -260,7 +260,7 @@ def write_calibration(file: Path, calibration: CalibrationFile) -> None:
         If it can't be written; what stood there before then still does.
     """
     text = tomli_w.dumps(calibration.model_dump(exclude_none=True))
-    with drafted(file.parent) as draft:
+    with atomic_directory(file.parent) as draft:
         (draft / file.name).write_text(text, encoding="utf-8")
 
 

@@ -130,7 +130,7 @@ class HandEye:
         The sensor on the flange.
     joint_covariance : ndarray, shape (6 + m, 6 + m)
         Of its translation (metres), a small rotation on top of it (radians), both in the axes of
-        f, and the target's parameters; widened by `excess` squared.
+        f, and the target's parameters; widened by `sigma_scale` squared.
     method : str
         What it rests on: ``plane touched``, ``plane unknown``, ``sphere of known radius`` or
         ``sphere of unknown radius``.
@@ -139,9 +139,9 @@ class HandEye:
     condition : float
         Of eq. (21), first over fifth singular value; for a sphere, of the scaled normal
         equations.
-    chi2, freedom : float, int
+    chi2, dof : float, int
         Weighted sum of squares that is left, and its expectation under the noise model.
-    excess : float
+    sigma_scale : float
         By how much residuals are larger than stated, where that is significant; else one.
     board : PlaneTarget or None
         The board, frame b, as it came out; none for a sphere.
@@ -159,8 +159,8 @@ class HandEye:
     residuals: tuple[Residual, ...]
     condition: float
     chi2: float
-    freedom: int
-    excess: float
+    dof: int
+    sigma_scale: float
     board: PlaneTarget | None = None
     centre_b: Array | None = None
     radius: float | None = None
@@ -191,10 +191,10 @@ class HandEye:
         said = []
         if self.bad:
             said.append(f"left out as contradicting the others: {', '.join(self.bad)}")
-        if self.excess > 1:
+        if self.sigma_scale > 1:
             said.append(
-                f"residuals are {self.excess:.1f} times larger than stated; the uncertainty has "
-                "been widened by as much"
+                f"residuals are {self.sigma_scale:.1f} times larger than stated; the uncertainty "
+                "has been widened by as much"
             )
         sure = self.uncertainty
         if sure.position > FINE_POSITION or sure.rotation > FINE_ROTATION:
@@ -253,7 +253,7 @@ def calibrate(
     every = np.ones(len(fits), dtype=bool)
     estimate = drop_bad(model, refine(model, T_f_s, np.zeros(3), every))
 
-    plane = target.moved(estimate.target)
+    plane = target.boxplus(estimate.target)
     used = estimate.used
     condition = check_condition(
         rotation_matrix_A(model.lines, plane.u)[used],
@@ -350,11 +350,11 @@ def _find_plane(
         near = (T_b_f[0] @ T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
         target = PlaneTarget.unknown(plane, near)
         estimate = refine(PlaneModel.of(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every)
-        behind = in_front(lines, target.moved(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
+        behind = in_front(lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
         found.append((behind, estimate.chi2, target, estimate))
     _, _, target, estimate = min(found, key=lambda one: one[:2])
     near = (T_b_f[0] @ estimate.T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
-    plane = target.moved(estimate.target)
+    plane = target.boxplus(estimate.target)
     if plane.distance(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
         plane = Plane(-plane.u, -plane.u0)
     return PlaneTarget.unknown(plane, near), estimate.T_f_s
@@ -381,8 +381,8 @@ def _accept(
 ) -> HandEye:
     """Report what was found, unless the residuals or their lack of certainty speak against it."""
     residuals = _residuals([sample.name for sample in samples], estimate)
-    excess = _excess(estimate, residuals)
-    covariance = excess**2 * estimate.covariance
+    sigma_scale = _sigma_scale(estimate, residuals)
+    covariance = sigma_scale**2 * estimate.covariance
     sure = Uncertainty(covariance[:6, :6])
     if sure.position > LOOSEST_POSITION or sure.rotation > LOOSEST_ROTATION:
         raise CalibrationRefused(
@@ -398,8 +398,8 @@ def _accept(
         residuals,
         condition,
         estimate.chi2,
-        estimate.freedom,
-        excess,
+        estimate.dof,
+        sigma_scale,
         board,
         centre_b,
         radius,
@@ -427,13 +427,13 @@ def _residuals(names: list[str], estimate: Estimate) -> tuple[Residual, ...]:
     )
 
 
-def _excess(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
+def _sigma_scale(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
     """By how much residuals exceed the noise model: one unless that is significant."""
     if agrees(estimate):
         return 1.0
-    excess = float(np.sqrt(estimate.chi2 / estimate.freedom))
-    if excess <= (WORST_SCATTER if estimate.used.all() else WORST_SELECTED):
-        return excess
+    sigma_scale = float(np.sqrt(estimate.chi2 / estimate.dof))
+    if sigma_scale <= (WORST_SCATTER if estimate.used.all() else WORST_SELECTED):
+        return sigma_scale
     worst = sorted(residuals, key=lambda one: -one.misfit)[:3]
     shown = ", ".join(
         f"{one.name} ({1e3 * one.offset:+.2f} mm"
@@ -443,7 +443,7 @@ def _excess(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
     )
     raise CalibrationRefused(
         "residuals that the noise model can't explain",
-        f"they are {excess:.1f} times larger than stated range and pose noise allow; worst are "
-        f"{shown}. Check the sensor's own calibration, that board and sensor sit tight and that "
-        "each line belongs to its pose; or state the noise that this cell really has",
+        f"they are {sigma_scale:.1f} times larger than stated range and pose noise allow; worst "
+        f"are {shown}. Check the sensor's own calibration, that board and sensor sit tight and "
+        "that each line belongs to its pose; or state the noise that this cell really has",
     )

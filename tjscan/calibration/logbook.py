@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from tjscan.calibration.shot import Shot
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array, readonly
@@ -54,7 +54,7 @@ class Touch:
 class Line:
     """A line was taken; a fresh one takes no part in the calibration but verifies it."""
 
-    shot: Shot
+    shot: PosedProfile
     fresh: bool = False
 
 
@@ -79,22 +79,22 @@ class Measured:
         When the first of it.
     touches : dict of int to Touch
         The last one of each place.
-    shots : tuple of Shot
+    shots : tuple of PosedProfile
         The lines.
     passed : tuple of Passed
         Poses that are not worth another try.
     blind : int
         Poses passed over since the last line, or since somebody went on.
-    fresh : Shot or None
+    fresh : PosedProfile or None
         The line that verifies.
     """
 
     begun: datetime
     touches: dict[int, Touch]
-    shots: tuple[Shot, ...] = ()
+    shots: tuple[PosedProfile, ...] = ()
     passed: tuple[Passed, ...] = ()
     blind: int = 0
-    fresh: Shot | None = None
+    fresh: PosedProfile | None = None
 
     def after(self, entry: Entry) -> Measured:
         """The same with one entry more."""
@@ -209,7 +209,9 @@ def _from_json(data: dict[str, Any]) -> Entry:
         case "line" | "fresh" as kind:
             # JSON knows no NaN: a missing point is null there.
             x, z = (np.array(data[name], dtype=float) for name in ("x_s", "z_s"))
-            return Line(Shot(str(data["name"]), _pose(data), Profile(x, z)), kind == "fresh")
+            return Line(
+                PosedProfile(str(data["name"]), _pose(data), Profile(x, z)), kind == "fresh"
+            )
     raise ValueError(f"unknown entry {data['kind']!r}")
 
 

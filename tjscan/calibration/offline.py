@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 from tjscan.calibration.hand_eye import HandEye, calibrate, calibrate_on_sphere
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.shot import Shot, arc_samples, line_samples
+from tjscan.calibration.posed_profile import PosedProfile, arc_samples, line_samples
 from tjscan.calibration.targets import PlaneTarget, SphereTarget
 
 
-def calibrate_shots(
-    shots: Sequence[Shot],
+def calibrate_profiles(
+    profiles: Sequence[PosedProfile],
     target: PlaneTarget | SphereTarget | None,
     noise: NoiseModel,
     tell: Callable[[str], None],
@@ -20,7 +20,7 @@ def calibrate_shots(
 
     Parameters
     ----------
-    shots : sequence of Shot
+    profiles : sequence of PosedProfile
         Profiles and their poses.
     target : PlaneTarget, SphereTarget or None
         The board or the ball; none for a board whose place is unknown.
@@ -35,9 +35,9 @@ def calibrate_shots(
         As `calibrate` and `calibrate_on_sphere` do.
     """
     if isinstance(target, SphereTarget):
-        arcs, unread = arc_samples(shots, noise)
+        arcs, unread = arc_samples(profiles, noise)
     else:
-        lines, unread = line_samples(shots, noise)
+        lines, unread = line_samples(profiles, noise)
     for name, refusal in unread.items():
         tell(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
     if isinstance(target, SphereTarget):

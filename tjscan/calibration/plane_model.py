@@ -20,7 +20,7 @@ class PlaneModel:
     """The distance of each line's centroid from the plane, and the sine of its tilt out of it.
 
     Both are all that eq. (17) asks of a line. The target's parameters are those of
-    `PlaneTarget.moved`.
+    `PlaneTarget.boxplus`.
 
     Parameters
     ----------

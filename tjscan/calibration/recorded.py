@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.shot import Shot
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array, pose
@@ -100,7 +100,7 @@ def read_points(file: Path) -> Array:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
 
 
-def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> list[Shot]:
+def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> list[PosedProfile]:
     """Bring each profile together with its pose: by number, or in their order.
 
     Parameters
@@ -132,7 +132,7 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
             f"number {', '.join(alone[:8])} has a profile or a pose, but not both", file=file
         )
     return [
-        Shot(name, poses.T_b_f[key], profile)
+        PosedProfile(name, poses.T_b_f[key], profile)
         for key, (name, profile) in zip(keys, profiles.items(), strict=True)
     ]
 

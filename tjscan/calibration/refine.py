@@ -18,7 +18,7 @@ REWEIGHTINGS: Final = 4
 SETTLED: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 INDISPENSABLE: Final = 1e-6
-"""A profile that leaves itself less than this share of freedom can't be checked by the others."""
+"""A profile that leaves itself less than this share of dof can't be checked by the others."""
 
 Mask = NDArray[np.bool_]
 
@@ -37,7 +37,7 @@ class Estimate:
         Of translation (metres), small rotation (radians), both in the axes of f, and target.
     chi2 : float
         Weighted sum of squares that is left, the target's prior included.
-    freedom : int
+    dof : int
         Its expectation if the noise model is right.
     linearised : Linearised
         Of all profiles, the unused ones too, at this estimate.
@@ -49,7 +49,7 @@ class Estimate:
     target: Array
     covariance: Array
     chi2: float
-    freedom: int
+    dof: int
     linearised: Linearised
     used: Mask
 
@@ -68,7 +68,7 @@ class Deletion:
     ----------
     chi2 : ndarray, shape (n,)
         By how much the weighted sum of squares would fall; for an unused profile, by how much
-        it misses what the others foretell. Chi-square with k degrees of freedom if the profile
+        it misses what the others foretell. Chi-square with k degrees of dof if the profile
         is as good as stated; zero where the others can't check it.
     step : ndarray, shape (n, 6)
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
@@ -118,8 +118,8 @@ def _estimate(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate
     r_w = _stack(whiten, linearised.residuals[used], prior @ target)
     observed = int(used.sum()) * linearised.residuals.shape[1] + len(prior)
     covariance = inverse_information(J_w.T @ J_w)
-    freedom = observed - J_w.shape[1]
-    return Estimate(T_f_s, target, covariance, float(r_w @ r_w), freedom, linearised, used)
+    dof = observed - J_w.shape[1]
+    return Estimate(T_f_s, target, covariance, float(r_w @ r_w), dof, linearised, used)
 
 
 def deletions(estimate: Estimate) -> Deletion:

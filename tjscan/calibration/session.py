@@ -14,7 +14,7 @@ from tjscan.calibration.design import Reachable, Uncertainty, expected
 from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
 from tjscan.calibration.logbook import Measured
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.shot import line_samples
+from tjscan.calibration.posed_profile import line_samples
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused

@@ -58,19 +58,19 @@ def drop_bad(model: Model, estimate: Estimate) -> Estimate:
 
 def agrees(estimate: Estimate) -> bool:
     """Whether what is left is as small as stated errors explain."""
-    return estimate.freedom <= 0 or bool(estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.freedom))
+    return estimate.dof <= 0 or bool(estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.dof))
 
 
 def _cost(estimate: Estimate) -> float:
     """Minus twice the log-likelihood, all errors being as much larger than stated as fits best."""
-    widened = max(1.0, estimate.chi2 / max(estimate.freedom, 1))
-    return float(estimate.chi2 / widened + estimate.freedom * np.log(widened))
+    widened = max(1.0, estimate.chi2 / max(estimate.dof, 1))
+    return float(estimate.chi2 / widened + estimate.dof * np.log(widened))
 
 
 def _most(estimate: Estimate) -> int:
     """How many profiles may be bad, from an estimate that uses all of them."""
     n, k = len(estimate.used), int(estimate.linearised.residuals.shape[1])
-    spare = int((1 - FREEDOM_LEFT) * estimate.freedom)
+    spare = int((1 - FREEDOM_LEFT) * estimate.dof)
     return max(0, min(int(MOST_BAD * n), n - FEWEST_LEFT, spare // k))
 
 

@@ -77,7 +77,7 @@ class PlaneTarget:
         """Whether it was touched."""
         return bool(self.information.any())
 
-    def moved(self, by: Array) -> Plane:
+    def boxplus(self, by: Array) -> Plane:
         """The plane at (tilt, tilt, height) `by`, shape (3,), from this one."""
         u = unit(self.plane.u + by[:2] @ self.axes_b)
         return plane_through(self.centre_b - by[2] * u, u)
@@ -151,8 +151,8 @@ def _check_pattern(singular: Array, sigma: float) -> None:
 
 
 def _check_flatness(residuals: Array, sigma: float) -> None:
-    freedom = len(residuals) - 3
-    if freedom == 0 or chi2.sf(residuals @ residuals / sigma**2, freedom) > IMPROBABLE:
+    dof = len(residuals) - 3
+    if dof == 0 or chi2.sf(residuals @ residuals / sigma**2, dof) > IMPROBABLE:
         return
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1

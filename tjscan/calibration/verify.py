@@ -58,7 +58,7 @@ def verify(result: HandEye, fresh: LineSample, noise: NoiseModel) -> Verificatio
     model = PlaneModel.of(fresh.T_b_f[None], [fresh.fit], result.board, noise)
     found = model.linearise(result.T_f_s, np.zeros(3))
     J = np.concatenate((found.by_pose, found.by_target), axis=2)[0]
-    covariance = result.excess**2 * found.covariance[0] + J @ result.joint_covariance @ J.T
+    covariance = result.sigma_scale**2 * found.covariance[0] + J @ result.joint_covariance @ J.T
     r = found.residuals[0]
     sigma = np.sqrt(np.diag(covariance))
     misfit = np.sqrt(r @ np.linalg.solve(covariance, r) / 2)

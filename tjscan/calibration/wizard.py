@@ -12,6 +12,7 @@ from tjscan.calibration.advice import Board
 from tjscan.calibration.hand_eye import HandEye
 from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
 from tjscan.calibration.operator import Operator, Question
+from tjscan.calibration.posed_profile import PosedProfile, line_samples
 from tjscan.calibration.probe import Probe
 from tjscan.calibration.session import (
     Progress,
@@ -23,7 +24,6 @@ from tjscan.calibration.session import (
     touched_board,
     worst_touch,
 )
-from tjscan.calibration.shot import Shot, line_samples
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
 from tjscan.calibration.verify import Verification, verify
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
@@ -224,7 +224,7 @@ class Wizard:
             self.logbook.add(Passed(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f).T_b_f
-        shot = Shot(what, reached, self.laser.capture())
+        shot = PosedProfile(what, reached, self.laser.capture())
         samples, refused = line_samples([shot], self.task.noise)
         if samples:
             self.logbook.add(Line(shot, fresh))

@@ -10,10 +10,10 @@ import numpy as np
 
 from tjscan.calibration.file import Calibrated, NoiseTable, to_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.offline import calibrate_shots
+from tjscan.calibration.offline import calibrate_profiles
 from tjscan.calibration.plucker import Plane
+from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import pair, read_points, read_poses
-from tjscan.calibration.shot import Shot
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
 from tjscan.cli.calibration_words import report_calibration
 from tjscan.cli.console import say
@@ -47,7 +47,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         raise ConfigurationError("stands there already; choose another --out", file=file)
     noise = _noise(options)
     shots = _shots(options, options.lines, options.poses)
-    result = calibrate_shots(shots, _target(options, shots, noise), noise, say)
+    result = calibrate_profiles(shots, _target(options, shots, noise), noise, say)
     found = to_file(
         result,
         noise,
@@ -61,7 +61,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")
 
 
-def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[Shot]:
+def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProfile]:
     form = ProfileFormat(options.units, options.pitch, tuple(options.invalid or ()))
     table = read_profiles(lines, form)
     for bad in table.bad:
@@ -75,7 +75,7 @@ def _noise(options: RecordedOptions) -> NoiseModel:
 
 
 def _target(
-    options: RecordedOptions, shots: list[Shot], noise: NoiseModel
+    options: RecordedOptions, shots: list[PosedProfile], noise: NoiseModel
 ) -> PlaneTarget | SphereTarget | None:
     given = [name for name in options.given if name in TARGETS]
     if len(given) != 1:

@@ -62,7 +62,7 @@ def groove(
     from tjscan.cli.console import say, show_readings
     from tjscan.core.config import validate
     from tjscan.core.errors import ConfigurationError
-    from tjscan.core.files import drafted
+    from tjscan.core.files import atomic_directory
     from tjscan.job import ReadingTable, read_job
     from tjscan.laser.files import ProfileFormat, ProfileTable, read_profiles
     from tjscan.recording.reader import read_run
@@ -100,7 +100,7 @@ def groove(
     else:
         show_readings(readings)
     if plot is not None:
-        with drafted(plot.parent) as draft:
+        with atomic_directory(plot.parent) as draft:
             write_picture(draft / plot.name, draw_readings(readings))
         say(f"drawn in {plot}")
     if all(reading.refusal is not None for reading in readings):

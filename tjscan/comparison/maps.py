@@ -19,7 +19,7 @@ from scipy.stats import binned_statistic_2d
 
 from tjscan.comparison.compare import Comparison, Deviation
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
 
 BINS: Final = (180, 110)
@@ -185,7 +185,7 @@ def write_map(file: Path, comparison: Comparison) -> None:
     """
     check_map(file)
     figure = draw_map(comparison)
-    with drafted(file.parent) as draft:
+    with atomic_directory(file.parent) as draft:
         figure.savefig(draft / file.name, dpi=110, format="png")
 
 

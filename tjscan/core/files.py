@@ -110,7 +110,7 @@ def locked(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def drafted(directory: Path, *, last: str = "") -> Iterator[Path]:
+def atomic_directory(directory: Path, *, last: str = "") -> Iterator[Path]:
     """Give a draft folder whose files move into `directory` when the block succeeds.
 
     No file is replaced before all of them are on the disk. Where a link stands in the place of

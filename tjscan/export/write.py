@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.export.document import Length, document_of
 from tjscan.export.files import FORMATS
 from tjscan.export.weldx import write_weldx
@@ -43,7 +43,7 @@ def export(directory: Path, to: Format, units: Length = "mm", out: Path | None =
     file = out or directory / f"{STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
-    with drafted(file.parent) as draft:
+    with atomic_directory(file.parent) as draft:
         if to == "weldx":
             write_weldx(draft / file.name, document)
         else:

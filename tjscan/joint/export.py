@@ -9,7 +9,7 @@ from typing import Literal, Self
 import numpy as np
 
 from tjscan.core.config import FileModel
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
@@ -74,7 +74,7 @@ def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
     """
     mesh, edges = build_mesh(definition), feature_edges(definition)
     sidecar = JointSidecar.of(definition, mesh, edges)
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         _write_mesh(draft / definition.name, mesh)
         _write_edges(draft / "edges.csv", edges)
         text = sidecar.model_dump_json(indent=2) + "\n"

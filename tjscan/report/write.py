@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from tjscan.comparison.sidecar import Told
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.report.material import gather
 from tjscan.report.page import render
 
@@ -42,6 +42,6 @@ def write_report(
         If a recording is damaged, or the report can't be written.
     """
     page = render(gather(directory, reference, tolerance, told))
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.cloud import write_cloud
@@ -43,7 +43,7 @@ def write_results(
     RecordingError
         If a file can't be written.
     """
-    with drafted(directory, last=SUMMARY) as draft:
+    with atomic_directory(directory, last=SUMMARY) as draft:
         write_sections(draft / SECTIONS, sections)
         write_cloud(draft / CLOUD, points)
         write_picture(draft / "scan.png", picture)

@@ -10,7 +10,7 @@ from typing import Final
 import tomli_w
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import DRAFT, drafted, locked
+from tjscan.core.files import DRAFT, atomic_directory, locked
 from tjscan.job import CalibrationTable, CellFile
 from tjscan.recording.origin import Origin, digest
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF
@@ -43,7 +43,7 @@ def make_directory(
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with locked(directory), drafted(directory, last=JOB) as draft:
+    with locked(directory), atomic_directory(directory, last=JOB) as draft:
         _check_empty(directory, draft)
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)

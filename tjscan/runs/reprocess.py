@@ -13,7 +13,7 @@ import numpy as np
 
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
-from tjscan.core.files import check_inside, drafted
+from tjscan.core.files import atomic_directory, check_inside
 from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
 from tjscan.job.cell import mount_of
@@ -147,7 +147,7 @@ def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Repr
             RecordingError(f"{directory}: holds less than {FEWEST} finished sections"),
         )
     joint = _make(out, job, job_file)
-    with drafted(out) as draft:
+    with atomic_directory(out) as draft:
         for file in parts(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import inverse, transform
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
@@ -111,7 +111,7 @@ def stitch_runs(
         stitched = stitch([one.station for one in read], settings)
     except StitchingRefused as error:
         if isinstance(error.draft, Draft):
-            with drafted(directory) as draft:
+            with atomic_directory(directory) as draft:
                 write_picture(draft / PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / PICTURE} shows it")
         raise
@@ -183,7 +183,7 @@ def _name(job: JobFile, job_file: Path) -> str:
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
     """Put copies beside the result of what it was made of, where that lies elsewhere."""
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
@@ -240,7 +240,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
             for one in stitched.stations
         ],
     )
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         write_stations(draft / STATIONS, told)
         write_picture(draft / PICTURE, draw_stitching(stitched.draft))
     write_results(directory, stitched.sections, points, summary, picture)

@@ -13,7 +13,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartSeesNoGroove
-from tjscan.core.files import drafted
+from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array, to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
@@ -129,7 +129,7 @@ def write_pose(
         pose = _table(pose, name, job_file)
     pose["position_mm"] = list(position_mm)
     pose["euler_zyx_deg"] = list(euler_zyx_deg)
-    with drafted(file.parent) as folder:
+    with atomic_directory(file.parent) as folder:
         draft = folder / file.name
         draft.write_text(tomlkit.dumps(document), encoding="utf-8")
         shutil.copymode(file, draft)

@@ -15,10 +15,10 @@ from tjscan.groove.measured import MeasuredSection, measure
 from tjscan.joint.geometry import LegSurface, in_j
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.joint.tubes.walls import Repeatability
-from tjscan.stitching.outline import WIDEST
 from tjscan.stitching.overlaps import TURN
-from tjscan.stitching.registration import SMOOTH, place_covariance
+from tjscan.stitching.registration import SMOOTH, point_covariance
 from tjscan.stitching.stations import Station
+from tjscan.stitching.unrolled_views import WIDEST
 
 ONE_PLACE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
@@ -66,8 +66,8 @@ def placed_sections(
         section = measure(scan.groove, T_j_s, "j", index=scan.view.index, station=station.name)
         corners = section.points[CORNERS]
         flange = transform(T_j_b, scan.view.T_b_f[:3, 3])
-        whole = section.covariances + place_covariance(covariance, corners)
-        whole = whole + place_covariance(repeatability.covariance, corners - flange)
+        whole = section.covariances + point_covariance(covariance, corners)
+        whole = whole + point_covariance(repeatability.covariance, corners - flange)
         sections.append(replace(section, covariances=whole))
     return tuple(sections)
 

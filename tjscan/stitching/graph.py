@@ -36,7 +36,7 @@ class Placement:
         Of the joint.
     shape_covariance : ndarray, shape (4, 4)
         Of its numbers.
-    misfit : float
+    reduced_chi2 : float
         Chi-squared per degree of freedom of all that stations and overlaps tell.
     """
 
@@ -44,7 +44,7 @@ class Placement:
     covariance: Array
     shape: JointShape
     shape_covariance: Array
-    misfit: float
+    reduced_chi2: float
 
     def __post_init__(self) -> None:
         for name in ("T", "covariance", "shape_covariance"):

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, inverse, transform
-from tjscan.stitching.stations import Sighting
+from tjscan.stitching.stations import StationFit
 
 TURN: Final = 2 * pi
 
@@ -71,10 +71,10 @@ class Overlap:
     sections: tuple[int, int]
 
 
-def section_azimuths(sighting: Sighting) -> Array:
+def section_azimuths(fit: StationFit) -> Array:
     """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
-    T_j_b = inverse(sighting.frame.T)
-    middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in sighting.station.sections])
+    T_j_b = inverse(fit.frame.T)
+    middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in fit.station.sections])
     x, y, _ = transform(T_j_b, middle).T
     return np.unwrap(np.arctan2(y, x))
 

@@ -20,8 +20,8 @@ from tjscan.core import lie
 from tjscan.core.frames import Array, readonly, skew, unit
 from tjscan.core.gp import PeriodicKernel
 from tjscan.core.robust import tukey_weights
-from tjscan.stitching.outline import CORNER_VALUES, VALUES, Outline
 from tjscan.stitching.overlaps import Overlap
+from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES, UnrolledViews
 
 SMOOTH: Final = radians(30.0)
 """Azimuth over which the section of a groove changes its shape."""
@@ -59,7 +59,7 @@ class Registration:
         Amid the overlap, on the groove, in j.
     along : ndarray, shape (3,)
         Unit vector along the groove there.
-    misfit : float
+    reduced_chi2 : float
         Chi-squared of the residuals per degree of freedom.
     azimuth : ndarray, shape (n,)
         Of each view, radians beyond the overlap's middle.
@@ -74,7 +74,7 @@ class Registration:
     covariance: Array
     centre: Array
     along: Array
-    misfit: float
+    reduced_chi2: float
     azimuth: Array
     residual: Array
     of_second: NDArray[np.bool_]
@@ -101,10 +101,10 @@ class Registration:
 
         Root mean square over the three directions.
         """
-        return float(np.sqrt(np.trace(place_covariance(self.covariance, self.centre)) / 3))
+        return float(np.sqrt(np.trace(point_covariance(self.covariance, self.centre)) / 3))
 
 
-def place_covariance(covariance: Array, points: Array) -> Array:
+def point_covariance(covariance: Array, points: Array) -> Array:
     """Covariances (..., 3, 3) of points (..., 3) that move with a pose about the origin."""
     p = np.asarray(points, dtype=float)
     turned = -skew(p)  # a rotation vector r moves p by r × p
@@ -112,14 +112,14 @@ def place_covariance(covariance: Array, points: Array) -> Array:
     return np.asarray(by_pose @ covariance @ by_pose.swapaxes(-1, -2))
 
 
-def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
+def register(overlap: Overlap, first: UnrolledViews, second: UnrolledViews) -> Registration:
     """Lay the second station on the first.
 
     Parameters
     ----------
     overlap : Overlap
         What they share.
-    first, second : Outline
+    first, second : UnrolledViews
         Unrolled about one shape. The second's points are to be moved by little: the unrolled
         problem is linear for a tenth of a degree or so; see `register_all`.
 
@@ -158,13 +158,13 @@ def register(overlap: Overlap, first: Outline, second: Outline) -> Registration:
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
     own = np.einsum("ninj,nij->n", inverse, noise)
     degrees = max(float(own[counted].sum()) - 6, 1.0)
-    misfit = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
+    reduced_chi2 = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
     return Registration(
         overlap,
         lie.exp(motion),
-        max(1.0, misfit) * spread,
-        *_amid(overlap, first),
-        misfit,
+        max(1.0, reduced_chi2) * spread,
+        *_middle_of(overlap, first),
+        reduced_chi2,
         azimuth[:, 2],
         residual[:, :CORNER_VALUES],
         of_second,
@@ -181,23 +181,25 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
 def _weights(mahalanobis_sq: Array) -> Array:
     """Tukey's weights of views, shape (n,).
 
-    Where most are larger than stated the kernel widens: that is a misfit, and no outlier.
+    Where most are larger than stated the kernel widens: those are no outliers.
     """
     # The root mean square of a view's ten standardised residuals.
     size = np.sqrt(mahalanobis_sq / VALUES)
     return tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
 
 
-def _amid(overlap: Overlap, seen: Outline) -> tuple[Array, Array]:
+def _middle_of(overlap: Overlap, seen: UnrolledViews) -> tuple[Array, Array]:
     """Where a station saw the groove amid the overlap, and the groove's direction there."""
     order = np.argsort(np.abs(overlap.arc.offset(seen.place)), kind="stable")
     centre = seen.middle[order[0]]
-    # Prediction and correction look at nearly one place: the direction comes from another.
+    # Prediction and correction views show nearly one place: the direction comes from another.
     far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
     return centre, unit(seen.middle[order[np.argmax(far)]] - centre)
 
 
-def _near(overlap: Overlap, first: Outline, second: Outline) -> tuple[Outline, NDArray[np.bool_]]:
+def _near(
+    overlap: Overlap, first: UnrolledViews, second: UnrolledViews
+) -> tuple[UnrolledViews, NDArray[np.bool_]]:
     """The views of both stations in and beside the overlap, and which are the second's."""
     reach = 0.5 * overlap.arc.length + BEYOND
     one, other = (o.take(np.abs(overlap.arc.offset(o.place)) < reach) for o in (first, second))

@@ -28,7 +28,7 @@ class StitchSettings:
         Sections that each of them must have there.
     largest_sigma : float
         How uncertain an overlap may leave the place where it lies, metres.
-    largest_misfit : float
+    largest_reduced_chi2 : float
         Chi-squared per degree of freedom that the overlap's residuals may have.
     least_counted : float
         Share of the overlap's views that the robust kernel must listen to.
@@ -40,7 +40,7 @@ class StitchSettings:
     least_overlap: float = radians(10.0)
     fewest_sections: int = 2
     largest_sigma: float = 0.2e-3
-    largest_misfit: float = 6.0
+    largest_reduced_chi2: float = 6.0
     least_counted: float = 0.75
 
 

@@ -13,7 +13,7 @@ from tjscan.joint.tubes.walls import WallPoints
 from tjscan.scanning.section import ScannedSection
 
 NODES: Final = 4
-"""Per side: enough for its place and its tilt, which is all that a view's side tells."""
+"""Per side: enough for its place and its tilt, which is all that a view's side shows."""
 
 FROM_CORNER: Final = 1e-3
 """Metres that a side's points keep from its corner, where edges are never quite sharp."""
@@ -38,12 +38,23 @@ ALIKE: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
 
 
-def wall_points(looks: Sequence[ScannedSection]) -> WallPoints:
-    """Nodes on the walls as all views of a station saw them, in its base frame."""
+def wall_points(sections: Sequence[ScannedSection]) -> WallPoints:
+    """Nodes on the walls as all views of a station saw them.
+
+    Parameters
+    ----------
+    sections : sequence of ScannedSection
+        One for each view of the station.
+
+    Returns
+    -------
+    WallPoints
+        In the station's base frame.
+    """
     points, on_brace, sigma, view = [], [], [], []
-    for number, look in enumerate(looks):
-        for is_brace, (nodes_s, spread) in zip((True, False), side_nodes(look), strict=True):
-            points.append(transform(look.view.T_b_s, nodes_s))
+    for number, section in enumerate(sections):
+        for is_brace, (nodes_s, spread) in zip((True, False), side_nodes(section), strict=True):
+            points.append(transform(section.view.T_b_s, nodes_s))
             on_brace.append(np.full(len(spread), is_brace))
             sigma.append(spread)
             view.append(np.full(len(spread), number))
@@ -52,15 +63,30 @@ def wall_points(looks: Sequence[ScannedSection]) -> WallPoints:
         np.concatenate(on_brace),
         np.concatenate(sigma),
         np.concatenate(view),
-        np.array([look.view.T_b_f[:3, 3] for look in looks]),
+        np.array([section.view.T_b_f[:3, 3] for section in sections]),
     )
 
 
-def side_nodes(look: ScannedSection) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Nodes of the brace's and of the leg's side: points (n, 3) in frame s, and their sigmas."""
-    groove = look.groove
+def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Nodes along the brace's and the leg's side of a profile.
+
+    A node is the average of the points about it, taken along the curve that the side follows.
+
+    Parameters
+    ----------
+    section : ScannedSection
+        A view, and the groove that was read in it: its sides begin at p2 and p4 and end at p1
+        and p5.
+
+    Returns
+    -------
+    brace, leg : tuple of ndarray, shapes (n, 3) and (n,)
+        Nodes in frame s (metres) and the standard deviation of each across its side (metres).
+        Both are empty where a side has too few points; else n is `NODES`.
+    """
+    groove = section.groove
     p1, p2, _, p4, p5 = groove.points_s[:, [0, 2]]
-    points = look.view.profile.points_s[:, [0, 2]]
+    points = section.view.profile.points_s[:, [0, 2]]
     return (
         _nodes(points, p2, -groove.wall_s[[0, 2]], p1),
         _nodes(points, p4, groove.leg_s[[0, 2]], p5),

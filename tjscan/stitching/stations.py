@@ -45,27 +45,27 @@ class Station:
         Where the arm's base was meant to stand; good to some millimetres and degrees.
     sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
-    looks : tuple of ScannedSection
-        All views in which a groove was read, those of the sections included: each has an error
-        of its own.
+    all_sections : tuple of ScannedSection
+        One for each view in which a groove was read, the finished ones included: every view has
+        an error of its own.
     """
 
     name: str
     T_w_b: Array
     sections: tuple[ScannedSection, ...]
-    looks: tuple[ScannedSection, ...]
+    all_sections: tuple[ScannedSection, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_w_b", readonly(self.T_w_b))
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""
-        own = {_print_of(look.view) for look in self.looks}
-        return not own.isdisjoint(_print_of(look.view) for look in other.looks)
+        own = {_fingerprint(section.view) for section in self.all_sections}
+        return not own.isdisjoint(_fingerprint(one.view) for one in other.all_sections)
 
 
-def _print_of(view: View) -> bytes:
-    """What tells one view from all others."""
+def _fingerprint(view: View) -> bytes:
+    """Bytes that no other view has."""
     return view.T_b_f.tobytes() + view.profile.x_s.tobytes() + view.profile.z_s.tobytes()
 
 
@@ -76,22 +76,36 @@ def station_of(
     views: Sequence[View],
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
-    """A station from what was recorded; the views that made no section are read once more."""
-    looks = list(sections)
+    """A station from what was recorded.
+
+    Parameters
+    ----------
+    name : str
+        Unlike any other's.
+    T_w_b : ndarray, shape (4, 4)
+        Where the arm's base was meant to stand.
+    sections : sequence of ScannedSection
+        Finished sections in the order of the scan.
+    views : sequence of View
+        All views; those that made no section are read once more.
+    read : callable
+        Reads the groove in a profile.
+    """
+    every = list(sections)
     for view in views:
-        # Views from one pose share one error of the arm: together they tell no more of it.
-        if any(np.abs(view.T_b_f - look.view.T_b_f).max() < SAME_POSE for look in looks):
+        # Views from one pose share one error of the arm: together they show no more of it.
+        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_POSE for other in every):
             continue
         try:
-            looks.append(ScannedSection(view, read(view.profile), np.eye(4)))
+            every.append(ScannedSection(view, read(view.profile), np.eye(4)))
         except GrooveNotFound:  # so did the scan, which went on with another view
             continue
-    return Station(name, T_w_b, tuple(sections), tuple(looks))
+    return Station(name, T_w_b, tuple(sections), tuple(every))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """The joint as one station alone sees it.
+class StationFit:
+    """The joint as fitted to what one station saw.
 
     Parameters
     ----------
@@ -108,34 +122,41 @@ class Sighting:
     frame: JointFrame
 
 
-def sight(stations: Sequence[Station], settings: StitchSettings) -> list[Sighting]:
-    """Let every station find frame j by itself, x of all of them to the same side.
+def fit_stations(stations: Sequence[Station], settings: StitchSettings) -> list[StationFit]:
+    """Fit the tubes to what every station saw, x of all frames j to the same side.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+        The first decides on the side.
+    settings : StitchSettings
+        Gives the arms' repeatability.
 
     Raises
     ------
     StitchingRefused
         If one does not see enough of the tubes.
     """
-    sightings: list[Sighting] = []
+    fits: list[StationFit] = []
     side_w = SIDE_W
     for station in stations:
         try:
             brace, leg = _start(station)
-            tubes = fit_tubes(wall_points(station.looks), settings.repeatability, brace, leg)
+            tubes = fit_tubes(wall_points(station.all_sections), settings.repeatability, brace, leg)
             found = joint_frame(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
             raise StitchingRefused(
                 "joint not found",
                 f"station {station.name}, {len(station.sections)} sections: {error}",
             ) from None
-        sightings.append(Sighting(station, tubes, found))
-        if len(sightings) == 1:
+        fits.append(StationFit(station, tubes, found))
+        if len(fits) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
-        _check_nominal(sightings[0], sightings[-1])
-    return sightings
+        _check_nominal(fits[0], fits[-1])
+    return fits
 
 
-def _check_nominal(first: Sighting, other: Sighting) -> None:
+def _check_nominal(first: StationFit, other: StationFit) -> None:
     """Refuse nominal poses too far off to tell from which side a station looked."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
     if (turned := rotation_angle(a, b)) > MOST_TURNED:
@@ -166,8 +187,16 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     return brace, leg
 
 
-def allowing(frame: JointFrame, out_of_round: float) -> JointFrame:
-    """The same frame, trusted no further than tubes are round, to so many metres."""
+def allow_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
+    """The same frame, its covariance widened by tubes that are not round.
+
+    Parameters
+    ----------
+    frame : JointFrame
+        As fitted to cylinders.
+    out_of_round : float
+        How far the tubes' walls may bulge from circles, metres.
+    """
     radius = frame.shape.brace_radius
     allowance = np.repeat((out_of_round, out_of_round / radius, out_of_round), (3, 3, 4))
     allowance[8] = out_of_round / radius  # the angle between the axes

@@ -19,7 +19,6 @@ from tjscan.joint.tubes.frame import JointShape
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.fusion import fuse, placed_sections
 from tjscan.stitching.graph import Placement, gap, solve, spanning_tree_poses
-from tjscan.stitching.outline import Outline, outline
 from tjscan.stitching.overlaps import (
     TURN,
     Arc,
@@ -30,7 +29,8 @@ from tjscan.stitching.overlaps import (
 )
 from tjscan.stitching.registration import Registration, register
 from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Sighting, Station, allowing, sight
+from tjscan.stitching.stations import Station, StationFit, allow_out_of_round, fit_stations
+from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 
 ROUNDS = 6
 """Times that a station is laid on another anew where it began far off."""
@@ -61,7 +61,7 @@ class PlacedStation:
         What it saw.
     views : int
         That tell where it stands.
-    tubes_misfit, tubes_rms : float
+    tubes_reduced_chi2, tubes_rms : float
         How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
     """
 
@@ -70,7 +70,7 @@ class PlacedStation:
     covariance: Array
     arc: Arc
     views: int
-    tubes_misfit: float
+    tubes_reduced_chi2: float
     tubes_rms: float
 
     def __post_init__(self) -> None:
@@ -146,22 +146,22 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
     """
     stations = sorted(stations, key=lambda station: station.name)
     _check_apart(stations)
-    sightings = sight(stations, settings)
-    azimuths = [section_azimuths(sighting) for sighting in sightings]
+    fits = fit_stations(stations, settings)
+    azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
     draft = Draft(tuple(station.name for station in stations), tuple(azimuths), tuple(overlaps))
     try:
         held = _held(draft, settings)
-        registrations = register_all(sightings, held, settings)
+        registrations = register_all(fits, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
-        placement, out_of_round = settle(sightings, registrations, settings)
+        placement, out_of_round = place_stations(fits, registrations, settings)
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
     placed = [
-        _placed(sighting, placement, k, azimuth)
-        for k, (sighting, azimuth) in enumerate(zip(sightings, azimuths, strict=True))
+        _placed(fit, placement, k, azimuth)
+        for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     single = [
         placed_sections(one.station, one.T_j_b, one.covariance, settings.repeatability)
@@ -185,17 +185,17 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
 
 
 def register_all(
-    sightings: Sequence[Sighting], overlaps: Sequence[Overlap], settings: StitchSettings
+    fits: Sequence[StationFit], overlaps: Sequence[Overlap], settings: StitchSettings
 ) -> list[Registration]:
     """Lay stations on each other at every overlap; raises as `register` does."""
-    shape = JointShape(*np.mean([one.frame.shape.array for one in sightings], axis=0).tolist())
+    shape = JointShape(*np.mean([one.frame.shape.array for one in fits], axis=0).tolist())
 
-    def seen(k: int, T: Array) -> Outline:
+    def seen(k: int, T: Array) -> UnrolledViews:
         """What a station saw, its own frame j moved by T."""
-        T_j_b = T @ inverse(sightings[k].frame.T)
-        return outline(sightings[k].station.looks, T_j_b, shape, settings.repeatability)
+        T_j_b = T @ inverse(fits[k].frame.T)
+        return unroll_views(fits[k].station.all_sections, T_j_b, shape, settings.repeatability)
 
-    own = [seen(k, np.eye(4)) for k in range(len(sightings))]
+    own = [seen(k, np.eye(4)) for k in range(len(fits))]
     edges = []
     for overlap in overlaps:
         first, second, T = own[overlap.first], own[overlap.second], np.eye(4)
@@ -210,8 +210,8 @@ def register_all(
     return edges
 
 
-def settle(
-    sightings: Sequence[Sighting], registrations: Sequence[Registration], settings: StitchSettings
+def place_stations(
+    fits: Sequence[StationFit], registrations: Sequence[Registration], settings: StitchSettings
 ) -> tuple[Placement, float]:
     """Place stations, and find how far tubes must be out of round for all to agree.
 
@@ -220,9 +220,9 @@ def settle(
     """
     allowance = settings.out_of_round
     while True:
-        frames = [allowing(sighting.frame, allowance) for sighting in sightings]
+        frames = [allow_out_of_round(fit.frame, allowance) for fit in fits]
         placement = solve(frames, registrations)
-        if placement.misfit < AGREED or 2 * allowance > settings.most_out_of_round:
+        if placement.reduced_chi2 < AGREED or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
 
@@ -282,14 +282,15 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
         words = draft.words(edge.overlap)
-        if edge.misfit > settings.largest_misfit or edge.share < settings.least_counted:
+        if edge.reduced_chi2 > settings.largest_reduced_chi2 or edge.share < settings.least_counted:
             raise StitchingRefused(
                 "overlap contradicts itself",
                 f"{words}: {100 * edge.share:.0f} % of its views fit each other, "
                 f"{100 * settings.least_counted:.0f} % must; of these {1e3 * edge.rms:.3f} mm rms "
-                f"are left, {np.sqrt(edge.misfit):.1f} times what the arm's and laser's errors "
-                f"explain, {np.sqrt(settings.largest_misfit):.1f} times are allowed. Both must "
-                "show the same joint, and neither joint nor base may move during its scan",
+                f"are left, {np.sqrt(edge.reduced_chi2):.1f} times what the errors of arm and "
+                f"laser explain, {np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed. "
+                "Both must show the same joint, and neither joint nor base may move during its "
+                "scan",
             )
         if edge.sigma > settings.largest_sigma:
             raise StitchingRefused(
@@ -302,26 +303,26 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
 
 def _check_placement(draft: Draft, placement: Placement, settings: StitchSettings) -> None:
     """Refuse stations whose own sight of the joint does not agree with how they overlap."""
-    if placement.misfit > settings.largest_misfit:
+    if placement.reduced_chi2 > settings.largest_reduced_chi2:
         worst = max(draft.registrations, key=lambda edge: gap(edge, placement.T))
         raise StitchingRefused(
             "overlaps and tubes disagree",
             f"where stations see leg and brace does not fit how they overlap, "
-            f"{np.sqrt(placement.misfit):.1f} times farther off than errors explain, "
-            f"{np.sqrt(settings.largest_misfit):.1f} times are allowed; "
+            f"{np.sqrt(placement.reduced_chi2):.1f} times farther off than errors explain, "
+            f"{np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed; "
             f"{draft.words(worst.overlap)}, where {1e3 * gap(worst, placement.T):.2f} mm would be "
             f"left between them. A base or the joint moved during a scan, or tubes are out of "
             f"round by more than {1e3 * settings.most_out_of_round:g} mm",
         )
 
 
-def _placed(sighting: Sighting, placement: Placement, k: int, azimuths: Array) -> PlacedStation:
+def _placed(fit: StationFit, placement: Placement, k: int, azimuths: Array) -> PlacedStation:
     return PlacedStation(
-        sighting.station,
-        placement.T[k] @ inverse(sighting.frame.T),
+        fit.station,
+        placement.T[k] @ inverse(fit.frame.T),
         placement.covariance[k],
         Arc(float(azimuths.min()), float(azimuths.max())),
-        len(sighting.station.looks),
-        sighting.tubes.misfit,
-        sighting.tubes.rms,
+        len(fit.station.all_sections),
+        fit.tubes.reduced_chi2,
+        fit.tubes.rms,
     )

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import inverse, rotation_angle, to_euler_zyx
-from tjscan.stitching.registration import Registration, place_covariance
+from tjscan.stitching.registration import Registration, point_covariance
 from tjscan.stitching.stitch import PlacedStation, Stitched
 
 LOOP_OPEN: Final = (
@@ -203,7 +203,7 @@ def _station(
     spread = np.sqrt(np.diag(one.covariance))
     meant = inverse(first.station.T_w_b) @ one.station.T_w_b
     found = inverse(first.T_j_b) @ one.T_j_b
-    at_groove = place_covariance(one.covariance, middle)
+    at_groove = point_covariance(one.covariance, middle)
     return ToldStation(
         name=one.station.name,
         source=source,
@@ -218,7 +218,7 @@ def _station(
         nominal_off_mm=float(1e3 * np.linalg.norm(found[:3, 3] - meant[:3, 3])),
         nominal_off_deg=float(np.degrees(rotation_angle(found, meant))),
         walls_rms_mm=1e3 * one.tubes_rms,
-        walls_misfit=one.tubes_misfit,
+        walls_misfit=one.tubes_reduced_chi2,
     )
 
 
@@ -234,7 +234,7 @@ def _overlap(edge: Registration, names: tuple[str, ...], gap: float) -> ToldOver
         views=len(edge.azimuth),
         left_out=int((~edge.counted).sum()),
         residual_rms_mm=1e3 * edge.rms,
-        misfit=edge.misfit,
+        misfit=edge.reduced_chi2,
         sigma_mm=1e3 * edge.sigma,
         covariance=tuple(tuple(float(v) for v in row) for row in covariance),
         gap_mm=1e3 * gap,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tjscan.core.files import drafted, sole_writer
+from tjscan.core.files import atomic_directory, sole_writer
 from tjscan.study.one import run_task
 from tjscan.study.report import write_report
 from tjscan.study.row import LOST_WORKER, Row
@@ -64,7 +64,7 @@ def run_study(
 
 def write_tables(directory: Path, rows: Sequence[Row], tasks: Sequence[Task]) -> None:
     """Write tables, pictures and report of the rows there are, all or none."""
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         write_csv(draft / CSV, rows)
         write_parquet(draft / PARQUET, rows)
         write_report(draft, rows, planned=len(tasks))

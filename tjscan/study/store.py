@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_size, drafted
+from tjscan.core.files import atomic_directory, check_size
 from tjscan.study.row import Row
 from tjscan.study.task import Task
 
@@ -36,7 +36,7 @@ def make_study(directory: Path, tasks: Sequence[Task]) -> None:
             "--resume",
             file=directory,
         )
-    with drafted(directory) as draft:
+    with atomic_directory(directory) as draft:
         text = "".join(f"{task.to_json()}\n" for task in tasks)
         (draft / PLAN).write_text(text, encoding="utf-8")
 

@@ -55,7 +55,7 @@ class Cylinder:
         along = (points.mean(axis=0) - self.point) @ self.axis
         return Cylinder(self.point + along * self.axis, self.axis, self.radius)
 
-    def stepped(self, step: Array) -> Cylinder:
+    def boxplus(self, step: Array) -> Cylinder:
         """A cylinder near this one, by the five numbers that tell one.
 
         Parameters
@@ -70,7 +70,7 @@ class Cylinder:
         )
 
     def jacobian(self, points: Array) -> Array:
-        """Derivatives of `distance` by `stepped`'s numbers, shape (n, 5)."""
+        """Derivatives of `distance` by `boxplus`'s numbers, shape (n, 5)."""
         sideways = self.normals(points) @ square_to(self.axis).T
         along = (points - self.point) @ self.axis
         return -np.column_stack((sideways, along[:, None] * sideways, np.ones(len(points))))

@@ -18,9 +18,9 @@ from scipy.spatial import KDTree
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.cylinder_fit import refine_robust
 from tjscan.joint.tubes.fit import Tubes
 from tjscan.joint.tubes.frame import LEAST_ANGLE
-from tjscan.joint.tubes.polish import polished
 
 VOXELS: Final = 70
 """Voxels along the cloud's diagonal, of each of which one point is looked at."""
@@ -88,7 +88,7 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     first, _ = _refined(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)])
     second, _ = _refined(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)])
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
-    first, second = polished(first, chosen), polished(second, chosen)
+    first, second = refine_robust(first, chosen), refine_robust(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE:
         raise TubesNotFound(
@@ -175,10 +175,10 @@ def _refined(start: Cylinder, points: Array) -> tuple[Cylinder, bool]:
     tube = start.beside(points)
 
     def distance(step: Array) -> Array:
-        return tube.stepped(step).distance(points)
+        return tube.boxplus(step).distance(points)
 
     def jacobian(step: Array) -> Array:
-        return tube.stepped(step).jacobian(points)
+        return tube.boxplus(step).jacobian(points)
 
     found = least_squares(
         distance,
@@ -189,7 +189,7 @@ def _refined(start: Cylinder, points: Array) -> tuple[Cylinder, bool]:
         x_scale=(0.1, 0.1, 1.0, 1.0, 0.1),
         max_nfev=40,
     )
-    return tube.stepped(found.x).beside(points), bool(found.success)
+    return tube.boxplus(found.x).beside(points), bool(found.success)
 
 
 def _told(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:

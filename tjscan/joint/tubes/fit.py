@@ -36,9 +36,9 @@ class Tubes:
     brace, leg : Cylinder
         In the frame of the points.
     covariance : ndarray, shape (10, 10)
-        Of `Cylinder.stepped`'s numbers of the brace, then of the leg. It is scaled up where the
+        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up where the
         points lie farther from cylinders than their errors explain, as on tubes out of round.
-    misfit : float
+    reduced_chi2 : float
         Chi-squared per degree of freedom; about 1 where the tubes are round and the stated
         errors true.
     rms : float
@@ -48,7 +48,7 @@ class Tubes:
     brace: Cylinder
     leg: Cylinder
     covariance: Array
-    misfit: float
+    reduced_chi2: float
     rms: float
 
     def __post_init__(self) -> None:
@@ -96,14 +96,14 @@ def fit_tubes(
             raise TubesNotFound(
                 "the walls that were seen leave leg or brace free to move: scan farther round"
             )
-        brace, leg = brace.stepped(step[:5]), leg.stepped(step[5:])
+        brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
         if count > 1 and np.abs(step).max() < STILL:
             break
     counted = weights > 0.1
-    misfit = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
+    reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
     spread = np.asarray(np.linalg.inv(white[:, :-1].T @ white[:, :-1]), dtype=float)
     rms = float(np.sqrt(np.mean(residuals[counted] ** 2)))
-    return Tubes(brace, leg, max(1.0, misfit) * spread, misfit, rms)
+    return Tubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms)
 
 
 def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:

@@ -93,7 +93,7 @@ def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
         moved = np.zeros(10)
         moved[k] = sign * step
         T_moved, there = place(
-            tubes.brace.stepped(moved[:5]), tubes.leg.stepped(moved[5:]), T[:3, 0]
+            tubes.brace.boxplus(moved[:5]), tubes.leg.boxplus(moved[5:]), T[:3, 0]
         )
         return np.concatenate((lie.log(inverse(T) @ T_moved), there.array))
 

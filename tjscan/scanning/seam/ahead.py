@@ -40,12 +40,12 @@ class Ahead:
         Distance of the origins, d_st, metres.
     shape : ndarray, shape (3,)
         Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
-    left : ndarray, shape (4,)
-        What the tubes leave, see `Seam.left_at`.
-    shape_sigmas, left_sigmas : ndarray
+    residuals : ndarray, shape (4,)
+        What the tubes leave, see `Seam.residuals_at`.
+    shape_sigmas, residual_sigmas : ndarray
         Standard deviations of both.
-    left_by_theta : ndarray, shape (4, 10)
-        Derivatives of `left` by the seam's parameters.
+    residual_jacobian : ndarray, shape (4, 10)
+        Derivatives of `residuals` by the seam's parameters.
     """
 
     T_b_g: Array
@@ -53,9 +53,9 @@ class Ahead:
     step: float
     shape: Array
     shape_sigmas: Array
-    left: Array
-    left_sigmas: Array
-    left_by_theta: Array
+    residuals: Array
+    residual_sigmas: Array
+    residual_jacobian: Array
 
     @classmethod
     def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> Ahead:
@@ -68,7 +68,7 @@ class Ahead:
                 for one in zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
             ]
         )
-        left = (values[[0, 1, 4, 5]] for values in seam.left_at(step))
+        left = (values[[0, 1, 4, 5]] for values in seam.residuals_at(step))
         return cls(T_b_g, seam, step, *shape.T, *left)
 
     def guess(self, track: Track, R_b_s: Array) -> Array:
@@ -103,7 +103,7 @@ class Ahead:
         walls = self.seam.walls()
         by_section = _difference(self._misses(walls, around, R_b_s))
         by_theta = _difference(self._misses(self.seam.walls(thetas), section, R_b_s))
-        by_theta[:4] -= self.left_by_theta
+        by_theta[:4] -= self.residual_jacobian
         by_shape = _difference(
             np.array(
                 [
@@ -114,7 +114,7 @@ class Ahead:
         )
         spread = by_theta @ self.seam.covariance @ by_theta.T
         spread += (by_shape * self.shape_sigmas[:2] ** 2) @ by_shape.T
-        spread[range(4), range(4)] += self.left_sigmas**2
+        spread[range(4), range(4)] += self.residual_sigmas**2
         back = np.linalg.inv(by_section)
         seven = _difference(np.array([self._seven(section, one, R_b_s) for one in around]))
         total = seven @ back @ spread @ back.T @ seven.T
@@ -130,7 +130,7 @@ class Ahead:
         points = section[..., None, :3] + lengths[:, None] * tangents
         distances, slopes = walls.outside(points[..., None, :], tangents[..., None, :])
         gone = np.linalg.norm(section[..., :3] - self.T_b_g[:3, 3], axis=-1) - self.step
-        on_walls = np.concatenate((distances[..., 0], slopes[..., 0]), axis=-1) - self.left
+        on_walls = np.concatenate((distances[..., 0], slopes[..., 0]), axis=-1) - self.residuals
         gone = np.broadcast_to(gone[..., None], (*on_walls.shape[:-1], 1))
         return np.concatenate((on_walls, gone), axis=-1)
 

@@ -125,11 +125,11 @@ class Seam:
     along : ndarray, shape (n,)
         Where the sections lie along the groove, metres.
     whiten : ndarray, shape (6, n, n)
-        Makes `left` white, channel by channel.
-    left : ndarray, shape (6, n)
+        Makes `residuals` white, channel by channel.
+    residuals : ndarray, shape (6, n)
         What the tubes leave of the sections: distances of p2 and p4, of p1 and p5 (metres),
         slopes of both tangents (radians).
-    left_by_theta : ndarray, shape (6, n, 10)
+    residual_jacobian : ndarray, shape (6, n, 10)
         Its derivatives.
     """
 
@@ -138,8 +138,8 @@ class Seam:
     covariance: Array
     along: Array
     whiten: Array
-    left: Array
-    left_by_theta: Array
+    residuals: Array
+    residual_jacobian: Array
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -162,21 +162,21 @@ class Seam:
         return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
 
     def off_its_neighbours(self) -> tuple[Array, Array]:
-        """How far each of `left` is from what the others make expected, shape (6, n).
+        """How far each of `residuals` is from what the others make expected, shape (6, n).
 
         Also the standard deviations that this should have.
         """
         precision = np.swapaxes(self.whiten, 1, 2) @ self.whiten
         own = np.diagonal(precision, axis1=1, axis2=2)
-        return np.einsum("cmn,cn->cm", precision, self.left) / own, 1 / np.sqrt(own)
+        return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
-    def left_at(self, at: float) -> tuple[Array, Array, Array]:
+    def residuals_at(self, at: float) -> tuple[Array, Array, Array]:
         """What the tubes will leave at a place along the groove (metres).
 
         Returns
         -------
         values, sigmas : ndarray, shape (6,)
-            As `left`, and how uncertain that is of itself, metres and radians.
+            As `residuals`, and how uncertain that is of itself, metres and radians.
         by_theta : ndarray, shape (6, 10)
             Derivatives of the values by `theta`: what is believed of the tubes and what they
             leave are wrong together.
@@ -186,9 +186,9 @@ class Seam:
         weights = np.einsum("cmn,cm->cn", self.whiten, white)
         variances = np.array(_LEAVES) ** 2 - np.sum(white**2, axis=1)
         return (
-            np.sum(weights * self.left, axis=1),
+            np.sum(weights * self.residuals, axis=1),
             np.sqrt(np.maximum(variances, 0.0)),
-            np.einsum("cn,cnp->cp", weights, self.left_by_theta),
+            np.einsum("cn,cnp->cp", weights, self.residual_jacobian),
         )
 
 
@@ -231,7 +231,7 @@ def _fit(track: Track, sigmas: Array) -> Seam:
 
     def residuals(thetas: Array) -> Array:
         walls = _walls(bases, thetas)
-        seen = _left(walls, track)
+        seen = _residuals(walls, track)
         white = np.einsum("cmn,...cn->...cm", whiten, seen)
         return np.concatenate(
             (white.reshape(*thetas.shape[:-1], -1), _prior(walls, thetas)), axis=-1
@@ -240,14 +240,16 @@ def _fit(track: Track, sigmas: Array) -> Seam:
     theta, jacobian = _search(residuals, _starts())
     spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     # Ten of the prior's and the sections' residuals are spent on the parameters.
-    misfit = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
+    reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
     around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
-    lefts = _left(_walls(bases, around), track)
+    lefts = _residuals(_walls(bases, around), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE, 0, -1)
-    return Seam(bases, theta, spread * max(1.0, misfit), track.along, whiten, lefts[0], by_theta)
+    return Seam(
+        bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
+    )
 
 
-def _left(walls: Walls, track: Track) -> Array:
+def _residuals(walls: Walls, track: Track) -> Array:
     # Both of a wall's places at once; the tangents count at the first.
     n = len(track.along)
     distances, slopes = walls.outside(

@@ -24,7 +24,7 @@ STILL: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
 
-def polished(tube: Cylinder, points: Array) -> Cylinder:
+def refine_robust(tube: Cylinder, points: Array) -> Cylinder:
     """Least squares with Tukey's kernel, whose width follows the points' own spread.
 
     However the search began, it ends at the same cylinder: a wall holds far more points than
@@ -48,7 +48,7 @@ def polished(tube: Cylinder, points: Array) -> Cylinder:
         jacobian = tube.jacobian(points)
         solved, *_ = np.linalg.lstsq(root[:, None] * jacobian, -root * off)
         step = np.asarray(solved, dtype=float)
-        tube = tube.stepped(step)
+        tube = tube.boxplus(step)
         if np.abs(step).max() < STILL:
             break
         reach = REACH * sigma

@@ -1,9 +1,9 @@
-"""What a view tells of the joint, unrolled about the brace: ten numbers, each at its azimuth.
+"""Views of the groove unrolled about the brace: ten numbers of each, each at its azimuth.
 
-Corners are told as distance from the brace's axis and height over the leg, walls by how far they
-lie off their tubes and how they tilt. So told, a groove changes slowly with the azimuth: between
-views 40 mm apart it can be interpolated to a micrometre, where nearest points of such lines would
-be tenths of a millimetre wrong.
+Corners are given by their distance from the brace's axis and their height over the leg, walls by
+how far they lie off their tubes and how they tilt. In these coordinates a groove changes slowly
+with the azimuth: between views 40 mm apart it can be interpolated to a micrometre, where nearest
+points of such lines would be tenths of a millimetre wrong.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tjscan.stitching.sides import side_nodes
 
 VALUES: Final = 10
 LEVER: Final = 0.02
-"""Metres along a wall over which its tilt is told as an offset."""
+"""Metres along a wall over which its tilt is given as an offset."""
 
 CORNER_VALUES: Final = 6
 """The first values are those of p2, p3 and p4."""
@@ -36,7 +36,7 @@ WIDEST: Final = 0.999
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outline:
+class UnrolledViews:
     """n views of a station, unrolled in its own frame j.
 
     Parameters
@@ -72,47 +72,59 @@ class Outline:
     def __len__(self) -> int:
         return len(self.place)
 
-    def take(self, which: NDArray[np.bool_]) -> Outline:
-        """The views that `which`, shape (n,), marks."""
-        return Outline(*(getattr(self, name)[which] for name in self.__slots__))
+    def take(self, which: NDArray[np.bool_]) -> UnrolledViews:
+        """The views for which `which`, shape (n,), is true."""
+        return UnrolledViews(*(getattr(self, name)[which] for name in self.__slots__))
 
-    def joined(self, other: Outline) -> Outline:
+    def joined(self, other: UnrolledViews) -> UnrolledViews:
         """These views and those of another station."""
         names = self.__slots__
-        return Outline(*(np.concatenate((getattr(self, n), getattr(other, n))) for n in names))
+        return UnrolledViews(
+            *(np.concatenate((getattr(self, n), getattr(other, n))) for n in names)
+        )
 
 
-def outline(
-    looks: Sequence[ScannedSection], T_j_b: Array, shape: JointShape, repeatability: Repeatability
-) -> Outline:
-    """Unroll views; those that show too little of a wall are left out.
+def unroll_views(
+    sections: Sequence[ScannedSection],
+    T_j_b: Array,
+    shape: JointShape,
+    repeatability: Repeatability,
+) -> UnrolledViews:
+    """Unroll the sections read in views; those that show too little of a wall are left out.
 
     Parameters
     ----------
-    looks : sequence of ScannedSection
-        Of one station.
+    sections : sequence of ScannedSection
+        Of all views of one station.
     T_j_b : ndarray, shape (4, 4)
         Its base in frame j.
     shape : JointShape
-        What is unrolled about.
+        The tubes to unroll about.
     repeatability : Repeatability
         Of its arm.
+
+    Raises
+    ------
+    StitchingRefused
+        If no view shows both walls.
     """
-    told = [one for look in looks if (one := _tell(look, T_j_b, shape, repeatability)) is not None]
-    if not told:
+    unrolled = [_unroll(section, T_j_b, shape, repeatability) for section in sections]
+    rows = [row for row in unrolled if row is not None]
+    if not rows:
         raise StitchingRefused("too little seen", "no view of a station shows both walls")
-    return Outline(*(np.array(column) for column in zip(*told, strict=True)))
+    return UnrolledViews(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _tell(
-    look: ScannedSection, T_j_b: Array, shape: JointShape, repeatability: Repeatability
+def _unroll(
+    section: ScannedSection, T_j_b: Array, shape: JointShape, repeatability: Repeatability
 ) -> tuple[Array, Array, Array, Array, Array, float, Array] | None:
-    sides = side_nodes(look)
+    """The attributes of `UnrolledViews` of one view; None where a wall shows too little."""
+    sides = side_nodes(section)
     if min(len(sigma) for _, sigma in sides) < 2:
         return None
     (brace, brace_sigma), (leg, leg_sigma) = sides
-    T_j_s = T_j_b @ look.view.T_b_s
-    points = transform(T_j_s, np.concatenate((look.groove.points_s[1:4], brace, leg)))
+    T_j_s = T_j_b @ section.view.T_b_s
+    points = transform(T_j_s, np.concatenate((section.groove.points_s[1:4], brace, leg)))
     split = (3, 3 + len(brace))
     step = 1e-6  # deep in the linear range
     moves = np.array(
@@ -124,10 +136,10 @@ def _tell(
     slope = (azimuth[1:7] - azimuth[7:]).T / (2 * step)
 
     # The arm's error turns the view about its flange.
-    lever = transform(T_j_b, look.view.T_b_f[:3, 3])
+    lever = transform(T_j_b, section.view.T_b_f[:3, 3])
     arm = by_pose @ lie.adjoint(pose(p=lever))
     covariance = arm @ repeatability.covariance @ arm.T
-    covariance[:6, :6] += _corner_covariance(look, T_j_s, points[:3], shape)
+    covariance[:6, :6] += _corner_covariance(section, T_j_s, points[:3], shape)
     for at, response, sigma in ((6, walls[0], brace_sigma), (8, walls[1], leg_sigma)):
         covariance[at : at + 2, at : at + 2] += (response * sigma**2) @ response.T
     place = float(azimuth[0, 2])
@@ -169,7 +181,7 @@ def _unrolled(
 
 
 def _corner_covariance(
-    look: ScannedSection, T_j_s: Array, corners: Array, shape: JointShape
+    section: ScannedSection, T_j_s: Array, corners: Array, shape: JointShape
 ) -> Array:
     """Covariance of the corners' six values that the laser's noise makes, shape (6, 6)."""
     surface = LegSurface(shape.leg_radius, shape.angle)
@@ -183,4 +195,4 @@ def _corner_covariance(
     spread = np.zeros((6, 6))
     for i in range(3):
         spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = gradient[i]
-    return spread @ look.groove.covariance_s @ spread.T
+    return spread @ section.groove.covariance_s @ spread.T

@@ -16,7 +16,7 @@ from tjscan.laser.profile import Profile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class PosedProfile:
     """One profile of the target.
 
     Parameters
@@ -41,26 +41,26 @@ S = TypeVar("S", LineSample, ArcSample)
 
 
 def line_samples(
-    shots: Sequence[Shot], noise: NoiseModel
+    profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
     """The lines in profiles of a board, and by name what speaks against the other profiles."""
-    return _sort(shots, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
+    return _sort(profiles, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
 
 
 def arc_samples(
-    shots: Sequence[Shot], noise: NoiseModel
+    profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
     """The arcs in profiles of a ball, and by name what speaks against the other profiles."""
-    return _sort(shots, lambda s: ArcSample(s.name, s.T_b_f, fit_circle(s.profile, noise)))
+    return _sort(profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_circle(s.profile, noise)))
 
 
 def _sort(
-    shots: Sequence[Shot], fit: Callable[[Shot], S]
+    profiles: Sequence[PosedProfile], fit: Callable[[PosedProfile], S]
 ) -> tuple[list[S], dict[str, CalibrationRefused]]:
     samples, refused = list[S](), dict[str, CalibrationRefused]()
-    for shot in shots:
+    for profile in profiles:
         try:
-            samples.append(fit(shot))
+            samples.append(fit(profile))
         except CalibrationRefused as refusal:
-            refused[shot.name] = refusal
+            refused[profile.name] = refusal
     return samples, refused
