@@ -1,13 +1,14 @@
 """The prepared brace end and the root bead, one radial half-plane per azimuth.
 
-The land lies at the root gap from the leg, over the root face's share of the wall. From its
+The land lies at the root opening from the leg, over the root face's share of the wall. From its
 outer edge the bevel rises as a straight line to the brace's outer wall. The root bead closes
-the groove with a straight face from the bevel to the leg.
+the groove with a face from the bevel to the leg; where the root is open there is none.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,9 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array, readonly
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial, tangential
+
+_ROUNDS: Final = 12
+"""Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +42,7 @@ class BevelSections:
         Where the bevel, drawn on, meets the leg.
     p2, p3, p4 : ndarray, shape (n, 2)
         The paper's corners (Fig. 3): top of the bevel, root corner on the bevel, root corner
-        on the leg.
+        on the leg. Where the root is open p3 is the land's outer edge and p4 its foot on the leg.
     """
 
     phi: Array
@@ -58,7 +62,7 @@ class BevelSections:
 
     @property
     def root_width(self) -> Array:
-        """Width of the root bead's face in metres, shape (n,)."""
+        """Width of the root bead's face, or of an open root, in metres, shape (n,)."""
         return np.asarray(np.linalg.norm(self.p4 - self.p3, axis=1))
 
     @property
@@ -70,17 +74,22 @@ class BevelSections:
 def bevel_sections(definition: JointDefinition, phi: ArrayLike) -> BevelSections:
     """Sections of a joint's groove at azimuths, shape (n,), in radians."""
     phi = np.asarray(phi, dtype=float)
-    leg, wall = definition.leg, definition.brace_radius
-    gapped = leg.offset(definition.root_gap)
-    dihedral = leg.dihedral(phi, wall)
+    leg = definition.leg
+    gapped = leg.offset(definition.root_opening(phi))
+    dihedral = leg.dihedral(phi, definition.brace_radius)
     groove_angle = definition.groove_angle(dihedral)
 
-    rho_inner = np.full_like(phi, definition.brace_inner_radius)
+    rho_inner = _bore(definition, gapped, phi)
     land_inner = _on(gapped, phi, rho_inner)
     land = _on(gapped, phi, rho_inner + definition.root_face)
     bevel = bevel_direction(gapped, phi, land[:, 0], groove_angle)
-    p2 = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
+    p2 = _top(definition, phi, land, bevel)
     apex = leg.meet(phi, land, -bevel)
+    if definition.imperfections.root.is_open:
+        p4 = leg.meet(phi, land, -root_normal(gapped, phi, land[:, 0]))
+        return BevelSections(
+            phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, land, p4
+        )
     p3 = land + definition.root_bead * bevel
     # The bead's face is the base of an isosceles triangle between the bevel and the leg's
     # tangent at the apex, so it stands about square to the bisector of the groove.
@@ -118,6 +127,25 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
 def root_normal(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors out of the leg in the radial half-planes, square to its line there, (n, 2)."""
     return _along(leg, phi, rho)[:, ::-1] * (-1.0, 1.0)
+
+
+def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
+    """Distance from the brace's axis at which its bore meets the surface at the root opening."""
+    rho = np.full_like(phi, definition.brace_inner_radius)
+    if definition.imperfections.is_brace_round:
+        return rho
+    for _ in range(_ROUNDS):
+        rho = definition.wall_radius(phi, gapped.height(phi, rho)) - definition.brace_wall
+    return rho
+
+
+def _top(definition: JointDefinition, phi: Array, land: Array, bevel: Array) -> Array:
+    """Where the bevel meets the brace's outer wall, (n, 2)."""
+    top = land
+    for _ in range(1 if definition.imperfections.is_brace_round else _ROUNDS):
+        wall = definition.wall_radius(phi, top[:, 1])
+        top = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
+    return top
 
 
 def _on(leg: LegSurface, phi: Array, rho: Array) -> Array:

@@ -32,6 +32,9 @@ LEAST_ROOT: Final = 1e-3
 MARGIN: Final = 20e-3
 """Least length of brace and leg beyond the groove, for a scan to see a wall there."""
 
+CLEAR_OF_ROOT: Final = 2e-3
+"""Least distance of a seam weld's cap from the root's corner on the leg."""
+
 AZIMUTHS: Final = np.linspace(0, 2 * np.pi, 720, endpoint=False)
 
 
@@ -50,6 +53,7 @@ def check(definition: JointDefinition) -> None:
     _check_bevel(sections)
     _check_root(definition, sections)
     _check_lengths(definition, sections)
+    _check_seams(definition, sections)
 
 
 def _check_tubes(d: JointDefinition) -> None:
@@ -161,6 +165,19 @@ def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
             "leg.length_mm",
             f"{_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_mm(least)}",
         )
+
+
+def _check_seams(d: JointDefinition, s: BevelSections) -> None:
+    reach = float(np.max(s.p4[:, 0])) + CLEAR_OF_ROOT
+    for i, seam in enumerate(d.imperfections.seams):
+        y = abs(d.leg_radius * np.sin(seam.at)) - seam.width / 2
+        if np.cos(seam.at) > 0 and y < reach:
+            least = np.arcsin(min(1.0, (reach + seam.width / 2) / d.leg_radius))
+            _refuse(
+                f"imperfections.seams.{i}.at_deg",
+                f"at {_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
+                f"keep it {_deg(least)} or more from the top of the leg",
+            )
 
 
 def _refuse(key: str, message: str) -> NoReturn:

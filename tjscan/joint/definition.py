@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
+from tjscan.joint.imperfections import IDEAL, Imperfections, round_joint
+from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes
 
 
 @dataclass(frozen=True, slots=True)
 class JointDefinition:
-    """A tubular joint in metres and radians; `tjscan.joint.checks.check` tells if it can be built.
+    """A tubular joint in metres and radians; `tjscan.joint.checks.check` refuses impossible ones.
 
     Parameters
     ----------
@@ -34,6 +36,8 @@ class JointDefinition:
         The land's share of the brace's wall.
     root_bead : float
         How far the root bead rises on the bevel, from the land's edge.
+    imperfections : Imperfections
+        What makes the joint as built differ from its drawing, which all else describes.
     """
 
     name: str
@@ -48,11 +52,15 @@ class JointDefinition:
     root_gap: float
     root_face: float
     root_bead: float
+    imperfections: Imperfections = IDEAL
 
     @property
     def leg(self) -> LegSurface:
         """The leg's outer surface."""
-        return LegSurface(self.leg_radius, self.angle)
+        oval = self.imperfections.leg_ovality
+        if oval.ovality == 0:
+            return LegSurface(self.leg_radius, self.angle)
+        return OvalLegSurface.of(self.leg_radius, self.angle, oval.ovality, oval.widest)
 
     @property
     def brace_inner_radius(self) -> float:
@@ -63,3 +71,29 @@ class JointDefinition:
         """Prescribed groove angle where the local dihedral angle is `dihedral`."""
         at, angle = np.transpose(self.groove_table)
         return np.asarray(np.interp(np.asarray(dihedral, dtype=float), at, angle))
+
+    def wall_radius(self, phi: Array, z: ArrayLike) -> Array:
+        """Distance of the brace's outer wall from its nominal axis at azimuths and heights, (n,).
+
+        Parameters
+        ----------
+        phi : ndarray, shape (n,)
+            Azimuths in radians.
+        z : array_like, shape (n,) or ()
+            In frame j, in metres.
+        """
+        if self.imperfections.is_brace_round:
+            return np.full_like(phi, self.brace_radius)
+        oval, off = self.imperfections.brace_ovality, self.imperfections.misfit
+        lean = np.tan(off.tilt) * np.broadcast_to(z, phi.shape)
+        centre = np.outer(
+            np.ones_like(phi),
+            off.offset * np.array((np.cos(off.offset_towards), np.sin(off.offset_towards))),
+        ) + np.outer(lean, (np.cos(off.tilt_towards), np.sin(off.tilt_towards)))
+        ellipse = Ellipse(*semi_axes(self.brace_radius, oval.ovality), oval.widest)
+        return ellipse.radius(phi, centre)
+
+    def root_opening(self, phi: Array) -> ArrayLike:
+        """Distance of the land from the leg at azimuths, in metres, shape (n,) or ()."""
+        more = self.imperfections.root.opening
+        return self.root_gap if more == (0.0,) else self.root_gap + round_joint(more, phi)

@@ -12,6 +12,7 @@ from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.checks import check
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.imperfections import IDEAL, Imperfections
 
 MM = 1e-3
 
@@ -47,11 +48,12 @@ class GrooveTable(FileModel):
 
 
 class JointFile(FileModel):
-    """A joint as its TOML file tells it, in millimetres and degrees."""
+    """A joint as its TOML file describes it, in millimetres and degrees."""
 
     leg: LegTable
     brace: BraceTable
     groove: GrooveTable
+    imperfections: Imperfections | None = None
 
     @classmethod
     def of(cls, definition: JointDefinition) -> Self:
@@ -75,6 +77,7 @@ class JointFile(FileModel):
                 root_face_mm=_mm(d.root_face),
                 root_bead_mm=_mm(d.root_bead),
             ),
+            imperfections=None if d.imperfections == IDEAL else d.imperfections,
         )
 
     def definition(self, name: str) -> JointDefinition:
@@ -102,6 +105,7 @@ class JointFile(FileModel):
             root_gap=groove.root_gap_mm * MM,
             root_face=groove.root_face_mm * MM,
             root_bead=groove.root_bead_mm * MM,
+            imperfections=self.imperfections or IDEAL,
         )
         check(definition)
         return definition

@@ -8,6 +8,7 @@ half-plane of its azimuth; pairs of them, shape (n, 2), are called ``rz``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,9 +61,10 @@ class LegSurface:
         """The leg's axis in frame j, shape (3,), towards the heel."""
         return np.array((np.sin(self.angle), 0.0, np.cos(self.angle)))
 
-    def offset(self, distance: float) -> LegSurface:
-        """The surface at a distance outside this one."""
-        return LegSurface(self.radius + distance, self.angle)
+    def offset(self, distance: ArrayLike) -> LegSurface:
+        """The surface at a distance outside this one, which may differ from azimuth to azimuth."""
+        radius: Any = np.add(self.radius, distance)
+        return LegSurface(radius, self.angle)
 
     def height(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Z of the surface at an azimuth and a distance from the brace's axis."""

@@ -13,7 +13,10 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.deposits import seam_solid, spatter_solids, tack_solid, tack_spans
 from tjscan.joint.geometry import in_j, tangential
+from tjscan.joint.imperfections import round_joint
+from tjscan.joint.oval import OvalLegSurface
 
 CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
@@ -25,6 +28,9 @@ FEWEST_AZIMUTHS: Final = 1440
 
 BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 """Bevel and bead twist on their way round. Cut into strips, flat triangles follow them."""
+
+BOWED_STRIPS = 12
+"""Strips of a curved bead's face, whose edges lie on the true one."""
 
 SUNK: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
@@ -63,10 +69,23 @@ def build_mesh(definition: JointDefinition) -> TriangleMesh:
         If the parts don't join into one solid.
     """
     solid = _leg_tube(definition) + _brace_and_bead(definition)
-    if solid.status() != manifold3d.Error.NoError or solid.genus() != 1:
+    built = definition.imperfections
+    spans = tack_spans(definition)
+    added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
+    solid = _together(solid, added + [seam_solid(definition, seam) for seam in built.seams])
+    # Each tack across an open root joins two rings once more.
+    genus = 1 + len(built.tacks) * built.root.is_open
+    if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
         raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
-    mesh = solid.to_mesh64()
+    mesh = _together(solid, spatter_solids(definition)).to_mesh64()
     return TriangleMesh(mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int32))
+
+
+def _together(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
+    """The union of a solid with others."""
+    if not parts:
+        return solid
+    return manifold3d.Manifold.batch_boolean([solid, *parts], manifold3d.OpType.Add)
 
 
 def mesh_azimuths(definition: JointDefinition) -> Array:
@@ -99,9 +118,10 @@ def _middle(phi: Array) -> Array:
 
 def _errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
     """How far triangles leave bead and bevel between azimuths and the next ones, shape (n,)."""
-    at = _outline(definition, phi)[:, _GROOVE]
+    groove = slice(_first_of_groove(definition), -1)
+    at = _outline(definition, phi)[:, groove]
     after = np.roll(at, -1, axis=0)
-    truth = _outline(definition, middle)[:, _GROOVE]
+    truth = _outline(definition, middle)[:, groove]
     # An edge: only what is square to it counts, along it a chord may run ahead.
     chord, along = (at + after) / 2 - truth, after - at
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -121,12 +141,18 @@ def _leg_tube(d: JointDefinition) -> manifold3d.Manifold:
 
 
 def _rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
-    """A prism about the leg's axis whose top is the middle of a face."""
+    """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
     segments = _segments(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
     T = np.column_stack((across, tangential(0.0), d.leg.axis, np.zeros(3)))
     rod = manifold3d.Manifold.cylinder(length, radius, circular_segments=segments, center=True)
-    return rod.rotate((0, 0, 180 / segments)).transform(T)
+    rod = rod.rotate((0, 0, 180 / segments))
+    leg = d.leg
+    if isinstance(leg, OvalLegSurface):
+        # The bore lies as deep below the surface as that of a round tube.
+        semi = np.array((leg.section.long, leg.section.short)) - (d.leg_radius - radius)
+        rod = rod.scale((*semi / radius, 1.0)).rotate((0, 0, np.rad2deg(leg.section.widest)))
+    return rod.transform(T)
 
 
 def _segments(radius: float, error: float) -> int:
@@ -153,21 +179,53 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
     """
     sections = bevel_sections(definition, phi)
     top = np.full_like(phi, definition.brace_length)
-    foot_outer, foot_inner = _feet(definition, sections)
+    wall = definition.wall_radius(phi, top)
     corners = (
-        np.column_stack((np.full_like(phi, definition.brace_inner_radius), top)),
+        np.column_stack((wall - definition.brace_wall, top)),
         sections.land_inner,
-        foot_inner,
-        *np.linspace(foot_outer, sections.p3, BEAD_STRIPS, endpoint=False),
-        *np.linspace(sections.p3, sections.p2, BEVEL_STRIPS + 1),
-        np.column_stack((np.full_like(phi, definition.brace_radius), top)),
+        *_bead(definition, sections),
+        *_bevel(definition, sections),
+        np.column_stack((wall, top)),
     )
     rho, z = np.stack(corners, axis=-1).swapaxes(0, 1)
     return in_j(phi[:, None], rho, z)
 
 
-_GROOVE: Final = slice(3, -1)
-"""The corners of `_outline` from the bead's foot to the bevel's top."""
+def _first_of_groove(definition: JointDefinition) -> int:
+    """The corner of `_outline` where the groove begins: the bead's foot, or an open root's land."""
+    return 2 if definition.imperfections.root.is_open else 3
+
+
+def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
+    """The root bead from behind the land to below p3; nothing where the root is open."""
+    root = definition.imperfections.root
+    if root.is_open:
+        return []
+    foot_outer, foot_inner = _feet(definition, s)
+    if root.bead_height == (0.0,):
+        face = np.linspace(foot_outer, s.p3, BEAD_STRIPS, endpoint=False)
+        return [foot_inner, *face]
+    share = np.linspace(0, 1, BOWED_STRIPS, endpoint=False)[:, None, None]
+    height = round_joint(root.bead_height, s.phi)[:, None]
+    chord = s.p3 - s.p4
+    outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
+    face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
+    return [foot_inner, foot_outer, *face]
+
+
+def _bevel(definition: JointDefinition, s: BevelSections) -> Array:
+    """Points up the bevel from p3 to p2, (k, n, 2)."""
+    cut = definition.imperfections.bevel
+    share = np.linspace(0, 1, BEVEL_STRIPS + 1)[:, None, None]
+    if cut.facet_angle == 0:
+        return np.linspace(s.p3, s.p2, BEVEL_STRIPS + 1)
+    at, along = cut.facet_at, s.p2 - s.p3
+    share = np.concatenate((at * share, at + (1 - at) * share[1:]))
+    # Where the facets meet, so far off the line from p3 to p2 (for small angles).
+    height = np.tan(cut.facet_angle) * at * (1 - at)
+    outward = along[:, ::-1] * (1, -1)
+    knee = np.minimum(share / at, (1 - share) / (1 - at))
+    return np.asarray(s.p3 + share * along + height * knee * outward)
 
 
 def _feet(d: JointDefinition, s: BevelSections) -> tuple[Array, Array]:
@@ -178,6 +236,6 @@ def _feet(d: JointDefinition, s: BevelSections) -> tuple[Array, Array]:
     """
     sunk = d.leg.offset(-min(SUNK, d.leg_wall / 2, 0.02 * d.leg_radius))
     outer = sunk.meet(s.phi, s.p3, s.p4 - s.p3)
-    gapped = d.leg.offset(d.root_gap)
+    gapped = d.leg.offset(d.root_opening(s.phi))
     back = -root_normal(gapped, s.phi, s.land_inner[:, 0])
     return outer, sunk.meet(s.phi, s.land_inner, back)

@@ -1,0 +1,156 @@
+"""Weld metal on a joint beside its root bead: tacks, seam caps and spatter, as solids."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import manifold3d
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tjscan.core.frames import Array
+from tjscan.joint.bevel import bevel_sections, root_normal
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.geometry import in_j
+from tjscan.joint.imperfections import Seam, Tack
+
+BOW: Final = 0.2
+"""Height of a tack over the chord between its toes, by the chord's length (assumption)."""
+
+RAMP: Final = 5e-3
+"""Length over which a tack's ends rise, in metres (assumption)."""
+
+DIP: Final = 1.5e-3
+"""How deep weld metal dips into brace and leg, in metres: solids that only touch don't join."""
+
+_STATIONS, _FACE = 61, 12
+_LEAST_RISE = 0.1e-3
+
+
+def tack_spans(definition: JointDefinition) -> Array:
+    """First and last azimuth of each tack in radians, shape (k, 2)."""
+    spans = np.empty((len(definition.imperfections.tacks), 2))
+    for i, tack in enumerate(definition.imperfections.tacks):
+        at = np.array([tack.at])
+        land = bevel_sections(definition, at).land
+        speed = float(np.linalg.norm(definition.leg.velocity(at, land[:, 0])))
+        spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
+    return spans
+
+
+def on_tack(definition: JointDefinition, phi: ArrayLike) -> NDArray[np.bool_]:
+    """Whether tacks cover the root's corners at azimuths, shape (n,)."""
+    phi = np.asarray(phi, dtype=float)
+    covered = np.zeros(phi.shape, dtype=bool)
+    for first, last in tack_spans(definition):
+        covered |= np.mod(phi - first, 2 * np.pi) <= last - first
+    return covered
+
+
+def tack_solid(definition: JointDefinition, tack: Tack, span: Array) -> manifold3d.Manifold:
+    """A tack: its convex section between bevel and leg, swept along the root.
+
+    Parameters
+    ----------
+    span : ndarray, shape (2,)
+        First and last azimuth, as `tack_spans` gives them.
+    """
+    phi = np.linspace(span[0], span[1], _STATIONS)
+    s = bevel_sections(definition, phi)
+    along = np.linspace(0, tack.length, _STATIONS)
+    ramp = np.clip(np.minimum(along, tack.length - along) / RAMP, 0, 1)
+    rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE)
+    on_bevel = s.p3 + rise[:, None] * s.bevel
+    rho = s.p4[:, 0] + rise / np.hypot(1, definition.leg.slope(phi, s.p4[:, 0]))
+    on_leg = np.column_stack((rho, definition.leg.height(phi, rho)))
+    chord = on_bevel - on_leg
+    outward = chord[:, ::-1] * (1, -1)
+    t = np.linspace(0, 1, _FACE)[:, None, None]
+    face = on_leg + t * chord + BOW * 4 * t * (1 - t) * outward
+    into_leg = -DIP * root_normal(definition.leg, phi, rho)
+    into_brace = DIP * s.bevel[:, ::-1] * (-1, 1)
+    up = np.array((0.0, DIP))
+    # Under the land, then inside the brace: it fills the root opening.
+    foot = s.p4 - 0.5 * (s.land - s.land_inner) + 2 * into_leg
+    outline = np.stack(
+        (foot, on_leg + into_leg, *face, on_bevel + into_brace, s.land_inner + up + into_brace), 1
+    )
+    return _swept(in_j(phi[:, None], outline[..., 0], outline[..., 1]))
+
+
+def _swept(outline: Array) -> manifold3d.Manifold:
+    """The solid between sections, shape (n, m, 3), closed at both ends by fans."""
+    n, m = outline.shape[:2]
+    index = np.arange(n * m).reshape(n, m)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    sides = np.stack((a, b, c, b, d, c), axis=-1).reshape(-1, 3)
+    centres = outline[[0, -1]].mean(axis=1)
+    ends = [
+        np.column_stack((ring, np.roll(ring, -turn), np.full(m, n * m + k)))
+        for k, (ring, turn) in enumerate(((index[0], 1), (index[-1][::-1], 1)))
+    ]
+    vertices = np.concatenate((outline.reshape(-1, 3), centres))
+    triangles = np.concatenate((sides, *ends)).astype(np.uint64)
+    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles))
+    if solid.volume() < 0:
+        solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles[:, ::-1].copy()))
+    return solid
+
+
+def seam_solid(definition: JointDefinition, seam: Seam) -> manifold3d.Manifold:
+    """The cap of a seam weld along the leg, a prism about its axis."""
+    half = 0.5 * seam.width / definition.leg_radius
+    angle = seam.at + np.linspace(-half, half, 33)
+    share = np.linspace(-1, 1, 33)
+    base = _leg_radius(definition, angle)
+    top = base + seam.height * (1 - share**2) - 1e-6
+    bottom = base - min(DIP, 0.5 * definition.leg_wall)
+    ring = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(top, angle, strict=True)]
+    back = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(bottom, angle, strict=True)]
+    section = manifold3d.CrossSection([np.array(ring + back[::-1])], manifold3d.FillRule.NonZero)
+    length = definition.leg_length
+    prism = manifold3d.Manifold.extrude(section, length).translate((0, 0, -length / 2))
+    return prism.transform(leg_frame(definition))
+
+
+def leg_frame(definition: JointDefinition) -> Array:
+    """Up, along y and along the leg's axis as columns, and no shift, shape (3, 4)."""
+    up = (-np.cos(definition.angle), 0.0, np.sin(definition.angle))
+    return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg.axis, np.zeros(3)))
+
+
+def _leg_radius(definition: JointDefinition, clock: Array) -> Array:
+    """Distance of the leg's surface from its axis at clock angles, shape (n,)."""
+    section = getattr(definition.leg, "section", None)
+    if section is None:
+        return np.full_like(clock, definition.leg_radius)
+    return np.asarray(section.radius(clock))
+
+
+def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
+    """Drops of weld metal beside and in the groove, half sunk into the surface."""
+    table = definition.imperfections.spatter
+    length = definition.leg.arc_length(definition.brace_radius, 0, 2 * np.pi)
+    rng = np.random.default_rng(table.seed)
+    count = round(table.density * length)
+    phi = rng.uniform(0, 2 * np.pi, count)
+    s = bevel_sections(definition, phi)
+    place = rng.uniform(-1, 1, count)
+    depth = np.linalg.norm(s.p2 - s.p3, axis=1)
+    # From -1 to -0.4 on the wall, to 0.3 on the bevel, then on the leg.
+    wall = s.p2[:, 1] + (-0.4 - place) / 0.6 * table.reach
+    on_wall = np.column_stack((definition.wall_radius(phi, wall), wall))
+    on_bevel = s.p2 + ((place + 0.4) / 0.7)[:, None] * (s.p3 - s.p2)
+    rho = s.p4[:, 0] + (place - 0.3) / 0.7 * table.reach
+    rho = np.minimum(rho, 0.98 * definition.leg_radius)
+    on_leg = np.column_stack((rho, definition.leg.height(phi, rho)))
+    rz = np.where(
+        (place < -0.4)[:, None], on_wall, np.where((place < 0.3)[:, None], on_bevel, on_leg)
+    )
+    radii = rng.uniform(*table.radius, count)
+    clear = ~((place >= -0.4) & (place < 0.3) & (radii > 0.2 * depth))
+    return [
+        manifold3d.Manifold.sphere(float(radius), 16).translate(tuple(centre))
+        for radius, centre in zip(radii[clear], in_j(phi, rz[:, 0], rz[:, 1])[clear], strict=True)
+    ]
