@@ -55,14 +55,34 @@ class Board:
 
     @classmethod
     def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> Board:
-        """The smallest rectangle along the plane's axes that holds all touched points."""
+        """The smallest rectangle along the plane's axes that holds all touched points.
+
+        Parameters
+        ----------
+        points_b : array_like, shape (n, 3)
+            Touched points, frame b, metres.
+        target : PlaneTarget
+            The plane fitted through them.
+        """
         across = (np.asarray(points_b, dtype=float) - target.centre_b) @ target.axes_b.T
         low, high = across.min(axis=0), across.max(axis=0)
         centre = target.centre_b + 0.5 * (low + high) @ target.axes_b
         return cls(centre, target.axes_b, 0.5 * (high - low))
 
     def holds(self, points_b: Array, margin: float = 0.0) -> Array:
-        """Whether points, shape (..., 3), lie over the board and off its edges; NaN does not."""
+        """Whether points, shape (..., 3), lie over the board and off its edges; NaN does not.
+
+        Parameters
+        ----------
+        points_b : ndarray, shape (..., 3)
+            Frame b, metres.
+        margin : float
+            Metres to keep from the edges.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+        """
         across = np.abs((points_b - self.centre_b) @ self.axes_b.T)
         return np.asarray((across <= self.half_sizes - margin).all(axis=-1))
 

@@ -71,7 +71,16 @@ class ArcFit:
 
 
 def fit_circle(profile: Profile, noise: NoiseModel, largest: float = LARGEST) -> ArcFit:
-    """Fit the circle, no larger than `largest` metres in radius, that most points lie on.
+    """Fit the circle that most points of a profile lie on.
+
+    Parameters
+    ----------
+    profile : Profile
+        Of a ball.
+    noise : NoiseModel
+        States the range noise of a point.
+    largest : float
+        Largest radius to accept, metres.
 
     Raises
     ------

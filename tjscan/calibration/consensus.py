@@ -25,28 +25,59 @@ Mask = NDArray[np.bool_]
 
 
 def evenly(count: int, wanted: int) -> NDArray[np.intp]:
-    """At most `wanted` indices spread over ``range(count)``."""
+    """At most `wanted` indices spread over ``range(count)``.
+
+    Parameters
+    ----------
+    count : int
+        Length of the range.
+    wanted : int
+        How many indices to return at most.
+    """
     return np.unique(np.linspace(0, count - 1, min(count, wanted)).astype(np.intp))
 
 
 def draws(count: int, size: int) -> NDArray[np.intp]:
-    """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time."""
+    """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time.
+
+    Parameters
+    ----------
+    count : int
+        Number of points to draw from.
+    size : int
+        Points in each set.
+    """
     anchors = evenly(count, ANCHORS)
     return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
 def best(distances: Array, tolerance: float) -> int:
-    """The hypothesis, of rows (k, n) of distances, that most points lie close to.
+    """Index of the hypothesis that most points lie close to.
 
     Distances count squared and, beyond the tolerance, all the same (MSAC, Torr and Zisserman
     2000, doi:10.1006/cviu.1999.0832).
+
+    Parameters
+    ----------
+    distances : ndarray, shape (k, n)
+        Of n points from k hypotheses, metres.
+    tolerance : float
+        Distance beyond which a point counts as an outlier, metres.
     """
     cost = np.minimum(np.square(distances), tolerance**2).sum(axis=1)
     return int(np.argmin(cost))
 
 
 def scale(residuals: Array, stated: float) -> float:
-    """Standard deviation of the points near the curve, between `stated` and `ROUGHEST` times it."""
+    """Standard deviation of the points near the curve, between `stated` and `ROUGHEST` times it.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n,)
+        Distances of all points from the curve, metres.
+    stated : float
+        Standard deviation that the noise model states, metres.
+    """
     near = np.abs(residuals)[np.abs(residuals) < TRIM * ROUGHEST * stated]
     spread = mad_sigma(near) if near.size else stated
     return min(max(spread, stated), ROUGHEST * stated)

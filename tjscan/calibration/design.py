@@ -74,7 +74,21 @@ class Foresight:
 def foresee(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
 ) -> Foresight:
-    """Foresee the lines that a sensor at about T_f_s takes of a plane from poses (n, 4, 4)."""
+    """Foresee the lines that a sensor takes of a plane.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+    T_f_s : ndarray, shape (4, 4)
+        About where the sensor sits on the flange.
+    target : PlaneTarget
+        The board.
+    window : Window
+        The laser's measuring range.
+    noise : NoiseModel
+        Errors of points and poses.
+    """
     T_b_s = T_b_f @ T_f_s
     u_s = target.plane.u @ T_b_s[:, :3, :3]
     u0_s = T_b_s[:, :3, 3] @ target.plane.u + target.plane.u0
@@ -110,9 +124,22 @@ def known_before(target: PlaneTarget) -> Array:
 def expected(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
 ) -> Uncertainty:
-    """How far a calibration with lines from these poses, shape (n, 4, 4), would be off.
+    """How far a calibration with lines from these poses would be off.
 
     It falls with every pose, also before there are enough of them to solve; n may be zero.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses, n ≥ 0.
+    T_f_s : ndarray, shape (4, 4)
+        About where the sensor sits on the flange.
+    target : PlaneTarget
+        The board.
+    window : Window
+        The laser's measuring range.
+    noise : NoiseModel
+        Errors of points and poses.
     """
     information = known_before(target)
     if len(T_b_f):

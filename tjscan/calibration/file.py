@@ -254,6 +254,13 @@ def _verification(found: Verification) -> VerificationTable:
 def write_calibration(file: Path, calibration: CalibrationFile) -> None:
     """Write ``calibration.toml``: whole, or not at all.
 
+    Parameters
+    ----------
+    file : Path
+        Replaced if it exists.
+    calibration : CalibrationFile
+        The content.
+
     Raises
     ------
     RecordingError

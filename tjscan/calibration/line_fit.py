@@ -80,6 +80,13 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
     Spatter, the board's edges and other objects in view are left out, as long as the board
     holds more points than any other straight thing.
 
+    Parameters
+    ----------
+    profile : Profile
+        Of a board.
+    noise : NoiseModel
+        States the range noise of a point.
+
     Raises
     ------
     CalibrationRefused

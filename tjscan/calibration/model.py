@@ -39,5 +39,13 @@ class Model(Protocol):
         ...
 
     def linearise(self, T_f_s: Array, target: Array) -> Linearised:
-        """Residuals at T_f_s, shape (4, 4), and target parameters, shape (m,)."""
+        """Residuals at a guess of sensor and target, their derivatives and covariance.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        target : ndarray, shape (m,)
+            The target's parameters.
+        """
         ...

@@ -91,9 +91,16 @@ def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
 
 
 def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
-    """Refuse normals on one cone, shape (n, 3): with the plane unknown, its height is then free.
+    """Refuse normals on one cone: with the plane unknown, its height is then free.
 
     All poses tilted alike can't tell a board farther away from a sensor further out.
+
+    Parameters
+    ----------
+    u_f : ndarray, shape (n, 3)
+        The board's normal as each flange sees it.
+    R_f_s : ndarray, shape (3, 3), optional
+        Rotation of the sensor on the flange, to name the axes of the sensor.
 
     Raises
     ------
@@ -173,13 +180,34 @@ def tilt_spread(u_f: Array) -> tuple[Array, Array]:
 
 
 def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
-    """Say about which axes to tilt."""
+    """Text that asks for tilts about axes.
+
+    Parameters
+    ----------
+    axes_f : list of ndarray, shape (3,)
+        Axes in frame f.
+    R_f_s : ndarray, shape (3, 3), or None
+        Rotation of the sensor on the flange, where it is known.
+
+    Returns
+    -------
+    str
+        In the sensor's axes where its rotation is known, else in the flange's.
+    """
     names = " and ".join(sorted({name_axis(axis, R_f_s) for axis in axes_f}))
     return f"missing: tilt about {names}, by {WANTED}° or more, both ways"
 
 
 def name_axis(axis_f: Array, R_f_s: Array | None) -> str:
-    """Name an axis: one of the sensor's, or of the flange's where the sensor's are unknown."""
+    """Name a direction: by the sensor's axes where its rotation is known, else by the flange's.
+
+    Parameters
+    ----------
+    axis_f : ndarray, shape (3,)
+        Frame f, of any length but zero.
+    R_f_s : ndarray, shape (3, 3), or None
+        Rotation of the sensor on the flange, where it is known.
+    """
     whose, axis = ("flange", axis_f) if R_f_s is None else ("sensor", R_f_s.T @ axis_f)
     axis = unit(axis)
     k = int(np.argmax(np.abs(axis)))

@@ -42,7 +42,19 @@ class PlaneModel:
 
     @classmethod
     def of(cls, T_b_f: Array, fits: list[LineFit], target: PlaneTarget, noise: NoiseModel) -> Self:
-        """Model of lines `fits` seen from poses T_b_f, shape (n, 4, 4)."""
+        """Model of the lines that were seen from n poses.
+
+        Parameters
+        ----------
+        T_b_f : ndarray, shape (n, 4, 4)
+            Flange poses, as the arm read them.
+        fits : list of LineFit
+            The line seen from each.
+        target : PlaneTarget
+            The board, and how well it is known.
+        noise : NoiseModel
+            For the arm's errors.
+        """
         return cls(
             bundle(T_b_f, fits),
             np.array([fit.sigma_offset for fit in fits]),
@@ -57,7 +69,15 @@ class PlaneModel:
         return self.target.information
 
     def linearise(self, T_f_s: Array, target: Array) -> Linearised:
-        """Offsets in metres and tilts in radians, k = 2, with derivatives and covariance."""
+        """Offsets in metres and tilts in radians, k = 2, with derivatives and covariance.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        target : ndarray, shape (3,)
+            Tilt, tilt (radians) and height (metres) of the plane from `PlaneTarget.plane`.
+        """
         R_b_f, R, p = self.lines.R_b_f, T_f_s[:3, :3], T_f_s[:3, 3]
         lever_f, a_f = self.lines.points_s @ R.T, self.lines.directions_s @ R.T
         x_b = _turn(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b

@@ -43,14 +43,44 @@ S = TypeVar("S", LineSample, ArcSample)
 def line_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
-    """The lines in profiles of a board, and by name what speaks against the other profiles."""
+    """Fit a line to every profile.
+
+    Parameters
+    ----------
+    profiles : sequence of PosedProfile
+        Of a board.
+    noise : NoiseModel
+        Range noise of a point.
+
+    Returns
+    -------
+    samples : list of LineSample
+        Of the profiles that show a line.
+    refused : dict of str to CalibrationRefused
+        By name, why each of the others shows none.
+    """
     return _sort(profiles, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
 
 
 def arc_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
-    """The arcs in profiles of a ball, and by name what speaks against the other profiles."""
+    """Fit an arc to every profile.
+
+    Parameters
+    ----------
+    profiles : sequence of PosedProfile
+        Of a ball.
+    noise : NoiseModel
+        Range noise of a point.
+
+    Returns
+    -------
+    samples : list of ArcSample
+        Of the profiles that show an arc.
+    refused : dict of str to CalibrationRefused
+        By name, why each of the others shows none.
+    """
     return _sort(profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_circle(s.profile, noise)))
 
 

@@ -83,6 +83,17 @@ def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
 
     The weights are the inverse covariances of the residuals at the current estimate; the
     target's prior counts as further residuals.
+
+    Parameters
+    ----------
+    model : Model
+        The profiles.
+    T_f_s : ndarray, shape (4, 4)
+        Start for the sensor on the flange.
+    target : ndarray, shape (m,)
+        Start for the target's parameters.
+    used : ndarray of bool, shape (n,)
+        Which profiles count.
     """
     prior = _root(model.prior)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))

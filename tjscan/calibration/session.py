@@ -133,7 +133,15 @@ def square_poses(T_b_board: Array, tip_f: Array, place_b: Array, near: Array) ->
 
 
 def ready_poses(task: Task, near: Array) -> list[Array]:
-    """Flange poses with the sensor square over the board in mid range, nearest turn first."""
+    """Flange poses with the sensor square over the board in mid range, nearest turn first.
+
+    Parameters
+    ----------
+    task : Task
+        The board, the laser's range, and about how the sensor sits.
+    near : ndarray, shape (4, 4)
+        Flange pose whose turn is preferred.
+    """
     depth = 0.5 * (task.window.near + task.window.far)
     seen_f = transform(task.T_f_s, (0.0, 0.0, depth))
     facing_f = task.T_f_s[:3, :3]
@@ -144,13 +152,28 @@ def ready_poses(task: Task, near: Array) -> list[Array]:
 
 
 def touched_points(task: Task, measured: Measured) -> dict[int, Array]:
-    """Where the tip was, by place, frame b."""
+    """Positions of the tip when it touched, frame b, metres, by number of the place.
+
+    Parameters
+    ----------
+    task : Task
+        Has the tip in frame f.
+    measured : Measured
+        The touches.
+    """
     touches = sorted(measured.touches.items())
     return {k: transform(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
 
 
 def touched_board(task: Task, measured: Measured) -> tuple[PlaneTarget, Board]:
     """The plane as touched, and the rectangle of it that the touches span.
+
+    Parameters
+    ----------
+    task : Task
+        Has the tip, its error and the side that the board is seen from.
+    measured : Measured
+        The touches.
 
     Raises
     ------
@@ -164,7 +187,15 @@ def touched_board(task: Task, measured: Measured) -> tuple[PlaneTarget, Board]:
 
 
 def worst_touch(task: Task, measured: Measured) -> int:
-    """The place that lies farthest off the plane through all touches."""
+    """Number of the place that lies farthest off the plane through all touches.
+
+    Parameters
+    ----------
+    task : Task
+        Has the tip in frame f.
+    measured : Measured
+        Three touches or more.
+    """
     points = touched_points(task, measured)
     p = np.array(list(points.values()))
     off = np.abs((p - p.mean(axis=0)) @ np.linalg.svd(p - p.mean(axis=0))[2][2])
@@ -172,7 +203,17 @@ def worst_touch(task: Task, measured: Measured) -> int:
 
 
 def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress:
-    """What the lines taken so far give."""
+    """Result of the lines taken so far, or why there is none yet.
+
+    Parameters
+    ----------
+    task : Task
+        Has the noise model and about how the sensor sits.
+    measured : Measured
+        The lines.
+    target : PlaneTarget
+        The board as touched.
+    """
     samples, _ = line_samples(measured.shots, task.noise)
     result, refusal = None, None
     try:
@@ -193,7 +234,22 @@ def next_pose(
     progress: Progress,
     reachable: Reachable,
 ) -> Suggestion:
-    """The pose that tells most, given the lines there are; none twice, none that was passed over.
+    """The pose whose line reduces the uncertainty most; none twice, none that was passed over.
+
+    Parameters
+    ----------
+    task : Task
+        About how the sensor sits, and the laser's range.
+    measured : Measured
+        The lines taken, and the poses passed over.
+    target : PlaneTarget
+        The board as touched.
+    board : Board
+        Its extent.
+    progress : Progress
+        Result so far.
+    reachable : callable
+        Whether the arm reaches a flange pose.
 
     Raises
     ------

@@ -45,7 +45,19 @@ class SphereModel:
 
     @classmethod
     def of(cls, T_b_f: Array, fits: list[ArcFit], sphere: SphereTarget, noise: NoiseModel) -> Self:
-        """Model of arcs `fits` seen from poses T_b_f, shape (n, 4, 4)."""
+        """Model of the arcs that were seen from n poses.
+
+        Parameters
+        ----------
+        T_b_f : ndarray, shape (n, 4, 4)
+            Flange poses, as the arm read them.
+        fits : list of ArcFit
+            The arc seen from each.
+        sphere : SphereTarget
+            The ball.
+        noise : NoiseModel
+            For the arm's errors.
+        """
         return cls(
             T_b_f,
             np.stack([fit.centre_s for fit in fits]),
@@ -62,7 +74,15 @@ class SphereModel:
         return np.zeros((m, m))
 
     def linearise(self, T_f_s: Array, target: Array) -> Linearised:
-        """Residuals in metres, k = 3: centre along x_s, along z_s, and the ball's radius."""
+        """Residuals in metres, k = 3: centre along x_s, along z_s, and the ball's radius.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        target : ndarray, shape (3,) or (4,)
+            Centre in b, and the radius where it is unknown, metres.
+        """
         radius = self.sphere.radius if self.sphere.radius is not None else float(target[3])
         R_b_f, p_b_f = self.T_b_f[:, :3, :3], self.T_b_f[:, :3, 3]
         R, n = T_f_s[:3, :3], len(self.radii)

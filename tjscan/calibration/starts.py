@@ -20,10 +20,17 @@ TILT: Final = float(np.radians(0.5))
 
 
 def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
-    """The `count` most promising pairs of T_f_s and plane, the best first.
+    """The most promising pairs of T_f_s and plane, the best first.
 
     For each of many normals over a half sphere, eq. (21) gives the rotation; position and the
     plane's distance then follow linearly from the lines' centroids.
+
+    Parameters
+    ----------
+    lines : LineBundle
+        Lines on one plane.
+    count : int
+        How many starts to return.
     """
     u = half_sphere(NORMALS)
     both, _ = rotations(rotation_matrix_A(lines, u))  # (g, 2, 3, 3)
@@ -80,7 +87,15 @@ def sphere_starts(model: SphereModel) -> list[tuple[Array, Array]]:
 
 
 def sphere_target(model: SphereModel, centre_b: Array) -> Array:
-    """Target parameters for a ball about `centre_b`; the largest arc starts its radius."""
+    """Target parameters of a ball; the largest arc starts its radius.
+
+    Parameters
+    ----------
+    model : SphereModel
+        The arcs.
+    centre_b : ndarray, shape (3,)
+        About where the ball is, frame b, metres.
+    """
     if model.sphere.radius is not None:
         return centre_b
     return np.append(centre_b, 1.05 * model.radii.max())

@@ -66,7 +66,15 @@ class PlaneTarget:
 
     @classmethod
     def unknown(cls, plane: Plane, near_b: ArrayLike) -> Self:
-        """A plane of which nothing is known; `plane` and the point `near_b` are only a start."""
+        """A plane of which nothing is known beforehand.
+
+        Parameters
+        ----------
+        plane : Plane
+            A start for it, frame b.
+        near_b : array_like, shape (3,)
+            Heights count from the point of the plane next to this one; metres.
+        """
         near = np.asarray(near_b, dtype=float)
         foot = near - float(plane.distance(near)) * plane.u
         axes = np.linalg.svd(plane.u[None])[2][1:]

@@ -46,7 +46,16 @@ class Verification:
 
 
 def verify(result: HandEye, fresh: LineSample, noise: NoiseModel) -> Verification:
-    """Compare a line that took no part in a calibration with what that foretells.
+    """Compare a line that took no part in a calibration with what that predicts.
+
+    Parameters
+    ----------
+    result : HandEye
+        From lines on a plane.
+    fresh : LineSample
+        A line on the same plane that `result` does not rest on.
+    noise : NoiseModel
+        Errors of line and pose.
 
     Raises
     ------

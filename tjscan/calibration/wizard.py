@@ -127,6 +127,13 @@ class Wizard:
     def take_lines(self, target: PlaneTarget, board: Board) -> HandEye:
         """Take the lines that are still to be taken, and more where they are wanted.
 
+        Parameters
+        ----------
+        target : PlaneTarget
+            The board as touched.
+        board : Board
+            Its extent.
+
         Raises
         ------
         CalibrationRefused
@@ -145,7 +152,16 @@ class Wizard:
             self._take(target, board, progress, fresh=False)
 
     def verify(self, result: HandEye, target: PlaneTarget, board: Board) -> Verification:
-        """Take one more line, where there is none yet, and see whether the result foretells it.
+        """Compare the calibration with one more line, taken now unless one was recorded.
+
+        Parameters
+        ----------
+        result : HandEye
+            The calibration to verify.
+        target : PlaneTarget
+            The board as touched.
+        board : Board
+            Its extent.
 
         Raises
         ------

@@ -181,6 +181,11 @@ def compare(
 def check_units(measured: Shape, reference: Shape) -> None:
     """Refuse shapes that no joint has, or of sizes that don't belong together.
 
+    Parameters
+    ----------
+    measured, reference : Shape
+        Both in metres, as their stated units give them.
+
     Raises
     ------
     ConfigurationError

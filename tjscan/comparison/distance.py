@@ -66,9 +66,16 @@ def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
 
 
 def cloud_distances(points: Array, reference: Array) -> Array:
-    """Distances of points, shape (n, 3), from the nearest points of a cloud, (m, 3), unsigned.
+    """Unsigned distances of points from the nearest points of a cloud, shape (n,), metres.
 
     They never go below the noise and the spacing of the cloud.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres.
+    reference : ndarray, shape (m, 3)
+        The cloud, metres.
     """
     return np.asarray(KDTree(reference).query(points)[0])
 

@@ -99,9 +99,21 @@ class Facets:
             object.__setattr__(self, name, value)
 
     def signed_distance(self, points: Array, ids: Ids) -> tuple[Array, Ids]:
-        """Distances in metres, shape (k,), of points from the triangles `ids`, one each.
+        """Distances of points from triangles.
 
-        The second result is the feature that each foot lies on, `INTERIOR` inside a triangle.
+        Parameters
+        ----------
+        points : ndarray, shape (k, 3)
+            Metres.
+        ids : ndarray of int, shape (k,)
+            One triangle for each point.
+
+        Returns
+        -------
+        distance : ndarray, shape (k,)
+            Metres, positive on the side of the triangle's normal.
+        feature : ndarray of int, shape (k,)
+            The corner or edge that each nearest point lies on; `INTERIOR` inside a triangle.
         """
         offset = points - self.corners[ids, 0]
         u, v, signed = np.einsum("ki,kij->jk", offset, self._dual[ids], optimize=False)
@@ -114,7 +126,15 @@ class Facets:
         return signed, feature
 
     def feet(self, points: Array, ids: Ids) -> Array:
-        """Nearest points, shape (k, 3), on the triangles `ids`."""
+        """Nearest points on triangles, shape (k, 3).
+
+        Parameters
+        ----------
+        points : ndarray, shape (k, 3)
+            Metres.
+        ids : ndarray of int, shape (k,)
+            One triangle for each point.
+        """
         signed, feature = self.signed_distance(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
         out = np.flatnonzero(feature != INTERIOR)

@@ -49,7 +49,15 @@ class SectionLines:
 
     @classmethod
     def of(cls, points: Array, *, closed: bool) -> SectionLines:
-        """Lines through points of sections, shape (n, 3, 3), in frame j."""
+        """Lines through the points of sections.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3, 3)
+            p2, p3 and p4 of n sections in frame j, metres.
+        closed : bool
+            Whether the sections go all the way round the brace.
+        """
         azimuth = np.arctan2(points[:, 1, 1], points[:, 1, 0])
         order = np.argsort(azimuth)
         rho = np.hypot(points[..., 0], points[..., 1])
@@ -175,6 +183,13 @@ def check_map(file: Path) -> None:
 
 def write_map(file: Path, comparison: Comparison) -> None:
     """Write the deviation picture as PNG.
+
+    Parameters
+    ----------
+    file : Path
+        Ends in ``.png``; replaced if it exists.
+    comparison : Comparison
+        What is drawn.
 
     Raises
     ------

@@ -92,7 +92,15 @@ class Shape:
         return float("nan")
 
     def moved(self, T: Array, frame: str) -> Shape:
-        """Points and corners mapped by a pose, shape (4, 4), into another frame."""
+        """The same shape in another frame.
+
+        Parameters
+        ----------
+        T : ndarray, shape (4, 4)
+            Pose of this shape's frame in the other one.
+        frame : str
+            Name of the other one.
+        """
         return Shape(
             self.name,
             Stated(self.stated.unit, self.stated.unit_by, frame),

@@ -101,7 +101,15 @@ def written(table: FileModel | Settings) -> dict[str, Any]:
 
 @contextmanager
 def naming(file: Path | None = None, *, key: str | None = None) -> Iterator[None]:
-    """Add a file to configuration errors of the block that name none, and say which key it is."""
+    """Add a file to configuration errors of the block that name none, and say which key it is.
+
+    Parameters
+    ----------
+    file : Path, optional
+        The file that was read.
+    key : str, optional
+        The key whose value was read.
+    """
     try:
         yield
     except ConfigurationError as error:

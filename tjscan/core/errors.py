@@ -314,7 +314,15 @@ def words_of(error: BaseException) -> str:
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """Return the known word that looks most like `word`, or all of them if none does."""
+    """Return the known word that looks most like `word`, or all of them if none does.
+
+    Parameters
+    ----------
+    word : str
+        What was given.
+    known : sequence of str
+        What is allowed.
+    """
     from difflib import get_close_matches
 
     close = get_close_matches(word, known, n=1, cutoff=0.5)

@@ -59,6 +59,17 @@ def placed_sections(
 
     The covariances of their corners hold the laser's noise, the error of the view's pose and that
     of the station's.
+
+    Parameters
+    ----------
+    station : Station
+        Its sections.
+    T_j_b : ndarray, shape (4, 4)
+        Its base in frame j.
+    covariance : ndarray, shape (6, 6)
+        Of that pose: translation and rotation vector in j, about its origin.
+    repeatability : Repeatability
+        Of its arm.
     """
     sections = []
     for scan in station.sections:

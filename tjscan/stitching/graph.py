@@ -94,9 +94,16 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
 
 
 def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
-    """How far apart two placed stations see the groove amid an overlap, metres.
+    """How far apart two placed stations see the groove in the middle of an overlap, metres.
 
     Across the groove: along it there is nothing to see a step by.
+
+    Parameters
+    ----------
+    edge : Registration
+        The overlap.
+    T : sequence of ndarray, shape (4, 4)
+        Maps each station's own frame j into the common one.
     """
     first, second = T[edge.overlap.first], T[edge.overlap.second]
     # The overlap says that edge.T @ p of the second is what the first sees.

@@ -105,7 +105,15 @@ class Registration:
 
 
 def point_covariance(covariance: Array, points: Array) -> Array:
-    """Covariances (..., 3, 3) of points (..., 3) that move with a pose about the origin."""
+    """Covariances, shape (..., 3, 3), of points that move with an uncertain pose.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+        Of a pose: translation (metres) and rotation vector (radians) about the origin.
+    points : ndarray, shape (..., 3)
+        In the outer frame of that pose, metres.
+    """
     p = np.asarray(points, dtype=float)
     turned = -skew(p)  # a rotation vector r moves p by r × p
     by_pose = np.concatenate((np.broadcast_to(np.eye(3), turned.shape), turned), axis=-1)

@@ -187,7 +187,17 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
 def register_all(
     fits: Sequence[StationFit], overlaps: Sequence[Overlap], settings: StitchSettings
 ) -> list[Registration]:
-    """Lay stations on each other at every overlap; raises as `register` does."""
+    """Register the two stations of every overlap to each other; raises as `register` does.
+
+    Parameters
+    ----------
+    fits : sequence of StationFit
+        Of all stations.
+    overlaps : sequence of Overlap
+        Those that are large enough.
+    settings : StitchSettings
+        Gives the arms' repeatability.
+    """
     shape = JointShape(*np.mean([one.frame.shape.array for one in fits], axis=0).tolist())
 
     def seen(k: int, T: Array) -> UnrolledViews:
@@ -217,6 +227,22 @@ def place_stations(
 
     A station can't see that the half of a tube before it is not round: it finds frame j a little
     elsewhere. Overlaps do not mind. Where the two disagree, tubes are trusted less.
+
+    Parameters
+    ----------
+    fits : sequence of StationFit
+        Of all stations.
+    registrations : sequence of Registration
+        Of all overlaps.
+    settings : StitchSettings
+        How far tubes may be out of round.
+
+    Returns
+    -------
+    placement : Placement
+        Of all stations.
+    out_of_round : float
+        How far the tubes' walls were taken to bulge from circles, metres.
     """
     allowance = settings.out_of_round
     while True:

@@ -102,7 +102,22 @@ def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
 
 
 def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointShape]:
-    """Pose of frame j, shape (4, 4), and shape of the joint; see `joint_frame`."""
+    """Frame j of two cylinders.
+
+    Parameters
+    ----------
+    brace, leg : Cylinder
+        In one frame; the brace's `point` lies on the brace's side of the leg.
+    towards : ndarray, shape (3,)
+        The side that x points to where the brace is upright, see `joint_frame`.
+
+    Returns
+    -------
+    T : ndarray, shape (4, 4)
+        Pose of frame j in the frame of the cylinders.
+    shape : JointShape
+        Radii, angle and offset of the tubes.
+    """
     cosine = float(brace.axis @ leg.axis)
     if 1 - cosine * cosine < np.sin(LEAST_ANGLE) ** 2:
         raise TubesNotFound(
