@@ -36,9 +36,9 @@ from tjscan.recording.origin import Origin
 from tjscan.recording.reader import read_origin, read_progress
 from tjscan.recording.writer import Recording
 from tjscan.result.readings import read_all
-from tjscan.result.sections import read_sections
 from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
+from tjscan.result.table import read_sections
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.runs.scan import run_job

@@ -14,7 +14,7 @@ from command import tjscan
 from tjscan.groove.find import find_groove
 from tjscan.recording.messages import SECTION
 from tjscan.recording.reader import read_messages, read_views
-from tjscan.result.sections import COLUMNS
+from tjscan.result.table import COLUMNS
 
 RUN_FILES = {
     "job.toml",

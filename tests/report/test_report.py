@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cells import FAULTLESS, PAPER
 from command import tjscan
+from measured import ORIGIN
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import transform
@@ -24,8 +25,9 @@ from tjscan.report.material import gather
 from tjscan.report.page import render
 from tjscan.report.stations import read_stitching
 from tjscan.report.write import write_report
-from tjscan.result.sections import IN_FILE, read_sections, write_sections
+from tjscan.result.section import MEASURES
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
+from tjscan.result.table import read_sections, write_sections
 from tjscan.stitching.told import (
     ToldOverlap,
     ToldStation,
@@ -127,7 +129,9 @@ def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> N
     sections = read_sections(run / "sections.csv")
     design = designed_measures(sections, read_joint(CAD))
     measured = np.array([section.measures for section in sections])
-    assert (np.abs(IN_FILE * (measured - design)) < AS_DESIGNED).all()
+    assert (
+        np.abs(measured - design) / [field.unit.factor for field in MEASURES] < AS_DESIGNED
+    ).all()
 
 
 def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
@@ -147,7 +151,7 @@ def test_gaps_and_what_is_over_tolerance_are_told(run: Path, tmp_path: Path) -> 
     gappy = tmp_path / "gappy"
     shutil.copytree(run, gappy)
     sections = read_sections(run / "sections.csv")
-    write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)])
+    write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
     told = list(findings(gather(gappy, CAD, tolerance=1e-9)))
     assert any("of groove were not seen, azimuth 3° to 3" in words for words in told)
     assert any("Outside the tolerance" in words for words in told)
@@ -210,7 +214,9 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     shutil.copytree(run, directory / "left & <b>")
     sections = read_sections(run / "sections.csv")
     write_sections(
-        directory / "sections.csv", [replace(s, station="left & <b>+right") for s in sections]
+        directory / "sections.csv",
+        [replace(s, station="left & <b>+right") for s in sections],
+        ORIGIN,
     )
     single = read_summary(run / "summary.json")
     parts = {"left & <b>": single, "right": single}

@@ -21,8 +21,8 @@ from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import JobFile, read_job
 from tjscan.recording.writer import parts
-from tjscan.result.sections import read_sections
 from tjscan.result.summary import read_summary
+from tjscan.result.table import read_sections
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.stations import StationScan, resume_stations, run_stations
 from tjscan.scanning.journal import Journal

@@ -12,7 +12,7 @@ from cells import EXAMPLES, Notes
 from command import tjscan
 
 from tjscan.job import read_job
-from tjscan.result.sections import read_sections
+from tjscan.result.table import read_sections
 from tjscan.runs.directory import make_directory
 from tjscan.runs.scan import run_job
 
@@ -71,7 +71,7 @@ def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_pa
     job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
     assert job.joint is not None
     whole, out = tmp_path / "whole", tmp_path / "again"
-    make_directory(whole, job, joint=EXAMPLE.parent / job.joint.file)
+    make_directory(whole, job, EXAMPLE, joint=EXAMPLE.parent / job.joint.file)
     for name in job.stations:
         shutil.copytree(runs / name, whole / name)
     assert tjscan("reprocess", whole, "--out", out, "--groove.noise-mm", "0.06") == 0

@@ -27,6 +27,6 @@ def export(
         Unit of its lengths.
     """
     from tjscan.cli.console import say
-    from tjscan.export.write import export as export_run
+    from tjscan.result.export import export as export_run
 
     say(f"written to {export_run(run, to, units, out)}")

@@ -11,15 +11,14 @@ from tjscan.report.design import designed_measures
 from tjscan.report.material import Material
 from tjscan.report.picture import Picture, inlined, sheet
 from tjscan.result.outline import joint_outline
-from tjscan.result.picture import CORNER, LASER, PATH, ROOT, SIGNS, draw_space
-from tjscan.result.sections import IN_FILE, MEASURES, lengths
+from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_space
+from tjscan.result.section import MEASURES, SIGMAS, lengths
 
-NAMES: Final = tuple(name.replace("_", " ") for name in MEASURES)
 DESIGN: Final = "#d62728"
 ABOUT: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
-SIGMAS: Final = 2.0
+BAND: Final = 2.0
 """Half width of the bands, in standard deviations."""
 
 
@@ -55,22 +54,26 @@ def draw_measures(material: Material) -> Picture:
     """Groove angle, root width, depth and area along the groove, with their uncertainty."""
     x, label = _along(material)
     order = np.argsort(x)
-    values = IN_FILE * np.array([section.measures for section in material.sections])
-    spread = IN_FILE * np.array([section.sigmas for section in material.sections])
     design = None
     if material.joint is not None:
-        design = IN_FILE * designed_measures(material.sections, material.joint)
+        design = designed_measures(material.sections, material.joint)
     figure = sheet(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
-    for k, axes in enumerate(panels.flat):
-        y, sigma = values[order, k], SIGMAS * spread[order, k]
+    for k, (axes, field, spread) in enumerate(zip(panels.flat, MEASURES, SIGMAS, strict=True)):
+        y = field.values(material.sections)[order]
+        sigma = BAND * spread.values(material.sections)[order]
         axes.fill_between(x[order], y - sigma, y + sigma, color=LASER, alpha=0.3, linewidth=0)
         axes.plot(x[order], y, marker="o", markersize=3, linewidth=1, color=LASER, label="measured")
         if design is not None:
             axes.plot(
-                x[order], design[order, k], "--", color=DESIGN, linewidth=1, label="as designed"
+                x[order],
+                design[order, k] / field.unit.factor,
+                "--",
+                color=DESIGN,
+                linewidth=1,
+                label="as designed",
             )
-        axes.set_ylabel(f"{NAMES[k]} / {SIGNS[k]}")
+        axes.set_ylabel(field.title)
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
         axes.set_xlabel(label)
@@ -81,7 +84,7 @@ def draw_measures(material: Material) -> Picture:
     return inlined(
         figure,
         "Groove angle, root width, depth and area",
-        f"Measured in the laser's plane at each section; bands are ± {SIGMAS:g} standard "
+        f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
         f"deviations, as each profile tells them.{designed}",
     )
 

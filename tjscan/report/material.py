@@ -22,9 +22,9 @@ from tjscan.joint.file import read_joint
 from tjscan.recording.log import RunLog, read_log
 from tjscan.report.stations import read_stitching, station_folders
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, SECTIONS, SUMMARY
-from tjscan.result.sections import read_sections
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import Summary, check_recorded, read_summary
+from tjscan.result.table import read_sections
 from tjscan.stitching.told import ToldStitching
 
 RECORDING: Final = "scan.mcap"

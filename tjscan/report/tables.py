@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.provenance import FRAME_MEANING
 from tjscan.joint.definition import JointDefinition
 from tjscan.report.findings import coverage
 from tjscan.report.material import Material, Place
 from tjscan.report.stations import found_rows
-from tjscan.result.frame import FRAME_WORDS
 
 MOST_EVENTS: Final = 200
 """Events that are listed; a run with more has other troubles."""
@@ -27,7 +27,7 @@ def scan_rows(material: Material) -> Iterator[tuple[str, str]]:
     yield "covered", coverage(material)
     yield "sections", f"{summary.sections} from {summary.scans} profiles"
     yield "ended", summary.detail
-    words = FRAME_WORDS.get(summary.frame, "")
+    words = FRAME_MEANING.get(summary.frame, "")
     yield "coordinates", f"millimetres in frame {summary.frame}{words and ': ' + words}"
     for name, tell in PLACE_ROWS.items():
         told = [(place.name, tell(place)) for place in material.places]

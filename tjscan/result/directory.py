@@ -1,8 +1,12 @@
-"""Names of the files in a run directory."""
+"""The files in a run directory, and the job that they come from."""
 
 from __future__ import annotations
 
+from hashlib import sha256
+from pathlib import Path
 from typing import Final
+
+from tjscan.core.provenance import Provenance
 
 JOB: Final = "job.toml"
 JOINT: Final = "joint.toml"
@@ -14,3 +18,30 @@ SUMMARY: Final = "summary.json"
 PICTURE: Final = "scan.png"
 STATIONS: Final = "stations.json"
 STATIONS_PICTURE: Final = "stitch.png"
+
+
+def job_of(*directories: Path) -> str:
+    """What a run's files call the job that they come from, see `Provenance`.
+
+    Parameters
+    ----------
+    directories : Path
+        A run directory, or several that were stitched: the first that holds a job counts.
+
+    Returns
+    -------
+    str
+        As the head of the ``job.toml`` says it. One of version 0.1.0 has no head: its own name,
+        and the beginning of its SHA-256. Empty where there is none.
+    """
+    for directory in directories:
+        if (file := directory / JOB).is_file():
+            content = file.read_bytes()
+            head = Provenance.read(content.decode(errors="replace"), "#")
+            return job_name(JOB, content) if head is None else head.job
+    return ""
+
+
+def job_name(name: str, content: bytes) -> str:
+    """Name of a job file, and the beginning of the SHA-256 of its content."""
+    return f"{name}, SHA-256 {sha256(content).hexdigest()[:16]}"

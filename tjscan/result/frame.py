@@ -1,19 +1,12 @@
-"""The frame in which results are told."""
+"""The frame in which results are given."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, inverse
-
-FRAME_WORDS: Final = {
-    "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
-    "b": "the arm's base",
-}
-"""What the letters of results' frames mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import Reading
-from tjscan.result.sections import IN_FILE, MEASURES, lengths
+from tjscan.result.section import MEASURES, lengths
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
 POINTS_DRAWN = 6000
@@ -25,7 +26,6 @@ POINTS_DRAWN = 6000
 MOST_DRAWN: Final = 48
 """A picture of more profiles shows nothing any more."""
 
-SIGNS: Final = ("°", "mm", "mm", "mm²")
 ANGLE_AND_WIDTH, DEPTH_AND_AREA = (0, 1), (2, 3)
 """Measures that are drawn together."""
 
@@ -75,8 +75,17 @@ def draw_groove(
     return figure
 
 
-def write_picture(file: Path, figure: Figure) -> None:
+def write_picture(file: Path, figure: Figure, provenance: Provenance | None = None) -> None:
     """Write a figure as PNG.
+
+    Parameters
+    ----------
+    file : Path
+        The file to write.
+    figure : Figure
+        What to write.
+    provenance : Provenance, optional
+        Stands in the picture's metadata.
 
     Raises
     ------
@@ -84,7 +93,8 @@ def write_picture(file: Path, figure: Figure) -> None:
         If it can't be written.
     """
     try:
-        figure.savefig(file, dpi=110, format="png")
+        entries = {} if provenance is None else provenance.entries
+        figure.savefig(file, dpi=110, format="png", metadata=entries)
     except OSError as error:
         raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
 
@@ -139,15 +149,12 @@ def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
 def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[int, int]) -> None:
     """Draw two of the measures along the groove, each with its own scale."""
     along = 1e3 * lengths(sections)
-    values = IN_FILE * np.array([section.measures for section in sections])
-    names = [f"{MEASURES[i].replace('_', ' ')} / {SIGNS[i]}" for i in which]
-    for i, name, part, colour in zip(
-        which, names, (axes, axes.twinx()), (CORNER, ROOT), strict=True
-    ):
-        part.plot(along, values[:, i], marker="o", markersize=3, color=colour)
-        part.set_ylabel(name, color=colour)
+    fields = [MEASURES[i] for i in which]
+    for field, part, colour in zip(fields, (axes, axes.twinx()), (CORNER, ROOT), strict=True):
+        part.plot(along, field.values(sections), marker="o", markersize=3, color=colour)
+        part.set_ylabel(field.title, color=colour)
     axes.set_xlabel("along the groove / mm")
-    axes.set_title(" and ".join(MEASURES[i].replace("_", " ") for i in which))
+    axes.set_title(" and ".join(field.words for field in fields))
 
 
 def draw_readings(readings: Sequence[Reading]) -> Figure:

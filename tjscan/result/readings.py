@@ -14,6 +14,7 @@ from tjscan.groove.find import GrooveSettings, find_groove, fit_profile
 from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
+from tjscan.result.section import MEASURES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,13 +73,9 @@ def to_dict(reading: Reading) -> dict[str, Any]:
 
 def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
     """Name, value and standard deviation of each measure, in mm and degrees."""
+    values = (getattr(section, field.name) for field in MEASURES)
+    sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
-        (
-            "groove_angle_deg",
-            float(np.degrees(section.groove_angle)),
-            float(np.degrees(section.groove_angle_sigma)),
-        ),
-        ("root_width_mm", 1e3 * section.root_width, 1e3 * section.root_width_sigma),
-        ("depth_mm", 1e3 * section.depth, 1e3 * section.depth_sigma),
-        ("area_mm2", 1e6 * section.area, 1e6 * section.area_sigma),
+        (field.columns()[0], float(value / field.unit.factor), float(sigma / field.unit.factor))
+        for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
     ]

@@ -14,8 +14,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_inside
 from tjscan.core.frames import readonly
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
-from tjscan.result.sections import read_sections
 from tjscan.result.summary import Summary, read_summary
+from tjscan.result.table import read_sections
 
 
 def read_shape(path: Path, told: Told | None = None) -> Shape:

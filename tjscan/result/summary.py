@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_json as to_json_bytes
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.sections import lengths
+from tjscan.result.section import lengths
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -93,6 +94,8 @@ class Summary:
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
         How often each remedy was tried, see `tjscan.scanning.events.EventCounts`.
+    provenance : Provenance or None
+        Of the file that it stands in; None before it is written, and in files of version 0.1.0.
     """
 
     sections: int
@@ -116,6 +119,7 @@ class Summary:
     merged: int = 0
     nudges: int = 0
     retreats: int = 0
+    provenance: Provenance | None = None
 
 
 def summarise_stations(
@@ -225,7 +229,7 @@ def check_recorded(directory: Path, summary: Summary, sections: int) -> None:
 
 def to_json(summary: Summary) -> str:
     """The summary as JSON text."""
-    return json.dumps(asdict(summary), indent=2)
+    return to_json_bytes(summary, indent=2).decode()
 
 
 def write_summary(file: Path, summary: Summary) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.cloud import write_cloud
-from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
+from tjscan.result.directory import CLOUD, PICTURE, SECTIONS, SUMMARY
 from tjscan.result.picture import write_picture
-from tjscan.result.sections import write_sections
+from tjscan.result.ply import write_cloud
 from tjscan.result.summary import Summary, write_summary
+from tjscan.result.table import write_sections
 
 
 def write_results(
@@ -22,7 +24,8 @@ def write_results(
     points: Array,
     summary: Summary,
     picture: Any,
-) -> None:
+    job: str,
+) -> Summary:
     """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and ``summary.json``, all or none.
 
     Parameters
@@ -37,14 +40,24 @@ def write_results(
         The rest in a few numbers.
     picture : matplotlib Figure
         See `draw_groove`.
+    job : str
+        The job that all of it comes from, see `job_of`.
+
+    Returns
+    -------
+    Summary
+        With the provenance of its file.
 
     Raises
     ------
     RecordingError
         If a file can't be written.
     """
+    provenance = Provenance.now(job, summary.frame)
+    summary = replace(summary, provenance=provenance)
     with atomic_directory(directory, last=SUMMARY) as draft:
-        write_sections(draft / SECTIONS, sections)
-        write_cloud(draft / CLOUD, points)
-        write_picture(draft / "scan.png", picture)
+        write_sections(draft / SECTIONS, sections, provenance)
+        write_cloud(draft / CLOUD, points, provenance)
+        write_picture(draft / PICTURE, picture, provenance)
         write_summary(draft / SUMMARY, summary)
+    return summary

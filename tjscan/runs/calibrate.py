@@ -37,7 +37,7 @@ def start_calibration(
     # The directory keeps the guess itself: the file it may come from is not its own result.
     guess = CalibrationTable(T_f_s_mm=pose_to_rows(mount_of(job, job_file).T_f_s))
     alone = job.model_copy(update={"calibration": guess, "joint": None, "scan": None})
-    make_directory(directory, alone)
+    make_directory(directory, alone, job_file)
     return resume_calibration(directory, operator)
 
 

@@ -11,9 +11,10 @@ import tomli_w
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT, atomic_directory, locked
+from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationTable, CellFile
 from tjscan.recording.origin import Origin, digest
-from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF
+from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_name, job_of
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
@@ -26,11 +27,27 @@ def default_directory(job_file: Path, station: str | None = None) -> Path:
 
 
 def make_directory(
-    directory: Path, job: CellFile, *, joint: Path | None = None, calibration: Path | None = None
+    directory: Path,
+    job: CellFile,
+    job_file: Path,
+    *,
+    joint: Path | None = None,
+    calibration: Path | None = None,
 ) -> None:
     """Make a run directory that holds the resolved job, and the files that it names.
 
     The job in it names these copies, so the directory can be moved and run again.
+
+    Parameters
+    ----------
+    directory : Path
+        To make, or an empty one.
+    job : CellFile
+        The resolved job.
+    job_file : Path
+        The file that it was read from, whose name every file of the run states.
+    joint, calibration : Path, optional
+        The files that the job names.
 
     Raises
     ------
@@ -51,7 +68,16 @@ def make_directory(
             shutil.copyfile(calibration, draft / CALIBRATION)
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
-        (draft / JOB).write_text(_text(job, draft), encoding="utf-8")
+        text = _text(job, draft)
+        name = job_name(_first_name(job_file), text.encode())
+        head = Provenance.now(name, "w" if job.station else "b").lines("#")
+        (draft / JOB).write_text(head + text, encoding="utf-8")
+
+
+def _first_name(job_file: Path) -> str:
+    """Name of the file that a job was first read from, be it from a copy in a run directory."""
+    copied = job_of(job_file.parent).rpartition(", SHA-256 ")[0] if job_file.name == JOB else ""
+    return copied or job_file.name
 
 
 def _check_empty(directory: Path, draft: Path) -> None:

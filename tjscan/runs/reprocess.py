@@ -160,7 +160,8 @@ def _make(out: Path, job: JobFile, job_file: Path) -> JointDefinition | None:
     """Make a directory with a job and what it names; gives the joint."""
     with naming(job_file):
         joint = joint_of(job, job_file)
-        make_directory(out, job, joint=joint and joint[0], calibration=mount_of(job, job_file).file)
+        mount = mount_of(job, job_file)
+        make_directory(out, job, job_file, joint=joint and joint[0], calibration=mount.file)
     return joint and joint[1]
 
 

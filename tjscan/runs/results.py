@@ -14,7 +14,7 @@ from tjscan.core.frames import Array, rotation_angle, transform
 from tjscan.groove.measured import MeasuredSection, measure
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION, JOB, job_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove
@@ -163,5 +163,4 @@ def write_scan(
             f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
         ),
     )
-    write_results(directory, sections, points, summary, picture)
-    return summary
+    return write_results(directory, sections, points, summary, picture, job_of(directory))

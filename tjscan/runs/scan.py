@@ -227,7 +227,7 @@ def run_job(
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
         cell = open_cell(job, mount.T_f_s, joint and joint[1])
-        make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
+        make_directory(directory, job, job_file, joint=joint and joint[0], calibration=mount.file)
         with sole_writer(directory):
             with Recording(next_part(directory), origin_of(directory, job)) as recording:
                 result = scan_in(cell, job, Journals(recording, watch), stop=stop)

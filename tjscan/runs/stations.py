@@ -110,7 +110,7 @@ def run_stations(
     with naming(job_file):
         joint = joint_of(job, job_file)
         mount = mount_of(job, job_file)
-        make_directory(directory, job, joint=joint and joint[0], calibration=mount.file)
+        make_directory(directory, job, job_file, joint=joint and joint[0], calibration=mount.file)
     return resume_stations(directory, {}, attendant, watch, stop=stop)
 
 

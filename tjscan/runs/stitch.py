@@ -21,7 +21,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.report.write import write_report
-from tjscan.result.directory import JOB, JOINT, SUMMARY
+from tjscan.result.directory import JOB, JOINT, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
@@ -243,5 +243,6 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
     with atomic_directory(directory) as draft:
         write_stations(draft / STATIONS, told)
         write_picture(draft / PICTURE, draw_stitching(stitched.draft))
-    write_results(directory, stitched.sections, points, summary, picture)
+    job = job_of(directory, *(one.directory for one in read))
+    summary = write_results(directory, stitched.sections, points, summary, picture, job)
     return StitchedRun(summary, told, stitched)

@@ -1,8 +1,8 @@
 """The groove's direction and the surfaces' normals, from sections that lie across it.
 
 A section's own plane is turned from the groove's normal plane by about the pull angle, and so are
-the axes of its frame g. What a torch wants to know is the groove's true direction, which only
-neighbouring sections tell.
+the axes of its frame g. A torch needs the groove's true direction, which only neighbouring
+sections show.
 """
 
 from __future__ import annotations
@@ -13,21 +13,20 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly
 from tjscan.groove.measured import MeasuredSection
 
 WINDOW: Final = 60e-3
-"""Metres to either side within which neighbours tell the direction."""
+"""Metres to either side within which neighbours count for the direction."""
 
 FEWEST: Final = 5
-"""Neighbours that are asked at least, itself included, where there are as many."""
+"""Fewest sections that count, itself included, where there are as many."""
 
 DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
 
 FADING: Final = 0.4
-"""Standard deviation of the neighbours' weights, in reaches: the near ones tell more.
+"""Standard deviation of the neighbours' weights, as a share of the width: near ones count more.
 
 On the edge of a 457 mm brace on a 600 mm leg, noise of 0.05 mm included, nine directions of ten
 are then right to 0.3° inside the chain and 1.1° at its ends for steps of 5 to 40 mm; for steps
@@ -36,7 +35,7 @@ of 80 mm to 1.2° and 5°.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class Directions:
     """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
 
     Parameters
@@ -58,16 +57,14 @@ class Surfaces:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
-    """Directions at sections that stand in the order along the groove.
+def directions_of(sections: Sequence[MeasuredSection]) -> Directions:
+    """Directions at each section, from its neighbours.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is one section only, which tells no direction.
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        Two or more, in their order along the groove.
     """
-    if len(sections) < 2:
-        raise ConfigurationError("two sections or more are needed to tell the groove's direction")
     frames = np.array([section.T_r_g[:3, :3] for section in sections])
     x, y, z = (frames[:, :, i] for i in range(3))
     edges = np.array([section.points[1:4] for section in sections])
@@ -78,7 +75,7 @@ def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
     gamma_1, gamma_2 = (0.5 * opening + work)[:, None], (0.5 * opening - work)[:, None]
     bevel = np.cos(gamma_1) * z + np.sin(gamma_1) * y
     leg = np.cos(gamma_2) * z - np.sin(gamma_2) * y
-    return Surfaces(
+    return Directions(
         tangent=along[1],
         wall=_units(np.cross(along[0], y)),
         bevel=_units(np.cross(along[1], bevel)),
@@ -87,7 +84,20 @@ def surfaces_of(sections: Sequence[MeasuredSection]) -> Surfaces:
 
 
 def direction_along(points: Array, x: Array) -> Array:
-    """Directions of a line through points, shape (n, 3), on the side of `x`, shape (n, 3)."""
+    """Directions of a smooth line through points.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        In their order along the line; closed where the last lies about a step from the first.
+    x : ndarray, shape (n, 3)
+        To whose side each direction goes.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Unit vectors.
+    """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     s = np.concatenate(([0.0], steps.cumsum()))
     gap = float(np.linalg.norm(points[-1] - points[0]))

@@ -8,49 +8,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
+from measured import ORIGIN, a_section
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, pose
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.sections import COLUMNS, IN_FILE, read_sections, write_sections
+from tjscan.result.section import MEASURES
+from tjscan.result.table import COLUMNS, read_sections, write_sections
 
 PRINTED_MM = 0.51e-4
 """Half of the last of four decimals."""
 
 PRINTED_AXIS = 0.51e-7
+ABOVE = 5
+"""Lines above the table."""
+
 SIX_DIGITS = 1e-5
 """Relative: half of the last of six digits, twice in a covariance."""
 
 
-def spread(rng: np.random.Generator, n: int) -> Array:
-    """A covariance, shape (n, n), about one in size."""
-    half = rng.normal(size=(n, n))
-    return half @ half.T
-
-
-def a_section(seed: int, *, azimuth: float | None = None, sure: bool = False) -> MeasuredSection:
-    """A section as large as real ones are; `sure` leaves no uncertainty."""
-    rng = np.random.default_rng(seed)
-    scale = 0.0 if sure else 1.0
-    return MeasuredSection(
-        index=seed % 1000,
-        station="left, upper" if seed % 2 else "left+right",
-        azimuth=rng.uniform(-np.pi, np.pi) if azimuth is None else azimuth,
-        T_r_g=pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-2, 2, 3)),
-        points=rng.uniform(-2, 2, (5, 3)),
-        covariances=scale * 1e-10 * np.array([spread(rng, 3) for _ in range(3)]),
-        measures=np.array((1.0, 2e-3, 25e-3, 4e-4)) * rng.uniform(0.5, 2, 4),
-        measure_covariance=scale
-        * spread(rng, 4)
-        * np.outer((1e-3, 2e-5, 3e-5, 5e-7), (1e-3, 2e-5, 3e-5, 5e-7)),
-        work_angle=rng.uniform(-1, 1),
-        rms=rng.uniform(0, 1e-4),
-    )
-
-
 def written(file: Path, sections: list[MeasuredSection]) -> Path:
-    write_sections(file, sections)
+    write_sections(file, sections, ORIGIN)
     return file
 
 
@@ -74,7 +52,11 @@ def test_sections_come_back_to_the_printed_digits(
         np.testing.assert_allclose(1e3 * now.T_r_g[:3, 3], 1e3 * was.T_r_g[:3, 3], atol=PRINTED_MM)
         np.testing.assert_allclose(now.T_r_g[:3, :3], was.T_r_g[:3, :3], atol=PRINTED_AXIS)
         np.testing.assert_allclose(now.covariances, was.covariances, rtol=SIX_DIGITS, atol=0)
-        np.testing.assert_allclose(IN_FILE * now.measures, IN_FILE * was.measures, atol=0.51e-3)
+        np.testing.assert_allclose(
+            [field.values([now])[0] for field in MEASURES],
+            [field.values([was])[0] for field in MEASURES],
+            atol=0.51e-3,
+        )
         # Correlations are printed with five decimals.
         floor = SIX_DIGITS * np.outer(was.sigmas, was.sigmas)
         assert (np.abs(now.measure_covariance - was.measure_covariance) <= 2 * floor).all()
@@ -97,7 +79,7 @@ def test_what_was_read_is_written_the_same(
 def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
     file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
     with file.open(encoding="utf-8", newline="") as stream:
-        rows = [["note", *reversed(row)] for row in csv.reader(stream)]
+        rows = [["note", *reversed(row)] for row in list(csv.reader(stream))[ABOVE:]]
     moved = tmp_path / "moved.csv"
     with moved.open("w", encoding="utf-8-sig", newline="") as stream:
         csv.writer(stream).writerows(rows)
@@ -105,7 +87,7 @@ def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
     assert again.read_bytes() == file.read_bytes()
 
 
-def cell(column: str, text: str, line: int = 3) -> Callable[[list[list[str]]], None]:
+def cell(column: str, text: str, line: int = 8) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
         rows[line - 1][COLUMNS.index(column)] = text
 
@@ -114,7 +96,7 @@ def cell(column: str, text: str, line: int = 3) -> Callable[[list[list[str]]], N
 
 def drop(column: str) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
-        for row in rows:
+        for row in rows[ABOVE:]:
             del row[COLUMNS.index(column)]
 
     return change
@@ -123,23 +105,23 @@ def drop(column: str) -> Callable[[list[list[str]]], None]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (cell("p3x_mm", "wide"), "line 3, column p3x_mm: 'wide' is no number"),
-        (cell("p3x_mm", ""), "line 3, column p3x_mm: is empty"),
-        (cell("depth_mm", "nan"), "line 3, column depth_mm: nan can't be"),
-        (cell("azimuth_deg", "361"), "line 3, column azimuth_deg: 361"),
-        (cell("index", "1.5"), "line 3, column index: 1.5 is no whole number"),
-        (cell("index", "-1"), "line 3, column index: -1"),
-        (cell("station", " "), "line 3, column station: is empty"),
-        (cell("rms_mm", "-0.1"), "line 3, column rms_mm: -0.1"),
-        (cell("xg_x", "0.5"), "line 3, column xg_x: xg, yg and zg"),
-        (cell("xg_x", "2"), "line 3, column xg_x: 2"),
-        (cell("sigma_depth_mm", "-1"), "line 3, column sigma_depth_mm: -1"),
-        (cell("corr_depth_area", "1.5"), "line 3, column corr_depth_area: 1.5"),
-        (cell("cov_p3_yy_mm2", "-1"), "line 3, column cov_p3_yy_mm2: a variance"),
-        (cell("p1x_mm", "p1z_mm", line=1), "line 1, column p1x_mm: is missing"),
-        (lambda rows: rows[0].append("p1x_mm"), "line 1, column p1x_mm: stands there twice"),
-        (drop("gx_mm"), "line 1, column gx_mm: is missing"),
-        (lambda rows: rows[2].pop(), f"line 3: {len(COLUMNS) - 1} cells stand under"),
+        (cell("p3x_mm", "wide"), "line 8, column p3x_mm: 'wide' is no number"),
+        (cell("p3x_mm", ""), "line 8, column p3x_mm: is empty"),
+        (cell("depth_mm", "nan"), "line 8, column depth_mm: nan can't be"),
+        (cell("azimuth_deg", "361"), "line 8, column azimuth_deg: 361"),
+        (cell("index", "1.5"), "line 8, column index: 1.5 is no whole number"),
+        (cell("index", "-1"), "line 8, column index: -1"),
+        (cell("station", " "), "line 8, column station: is empty"),
+        (cell("rms_mm", "-0.1"), "line 8, column rms_mm: -0.1"),
+        (cell("xg_x", "0.5"), "line 8, column xg_x: xg, yg and zg"),
+        (cell("xg_x", "2"), "line 8, column xg_x: 2"),
+        (cell("sigma_depth_mm", "-1"), "line 8, column sigma_depth_mm: -1"),
+        (cell("corr_depth_area", "1.5"), "line 8, column corr_depth_area: 1.5"),
+        (cell("cov_p3_yy_mm2", "-1"), "line 8, column cov_p3_yy_mm2: a variance"),
+        (cell("p1x_mm", "p1z_mm", line=6), "line 6, column p1x_mm: is missing"),
+        (lambda rows: rows[5].append("p1x_mm"), "line 6, column p1x_mm: stands there twice"),
+        (drop("gx_mm"), "line 6, column gx_mm: is missing"),
+        (lambda rows: rows[7].pop(), f"line 8: {len(COLUMNS) - 1} cells stand under"),
         (lambda rows: rows.clear(), "line 1, column index: is missing"),
     ],
 )
@@ -165,3 +147,30 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
     file.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"sections\.csv"):
         read_sections(file)
+
+
+def test_a_table_says_where_it_comes_from(tmp_path: Path) -> None:
+    text = written(tmp_path / "sections.csv", [a_section(1)]).read_text(encoding="utf-8")
+    assert Provenance.read(text, "#") == ORIGIN
+    assert all(line.startswith("# ") for line in text.splitlines()[:ABOVE])
+    assert text.splitlines()[ABOVE].startswith("index,station,")
+
+
+def test_pandas_reads_a_table_as_documented(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    sections = [a_section(1), a_section(2)]
+    table = pandas.read_csv(written(tmp_path / "sections.csv", sections), comment="#")
+    assert list(table.columns) == list(COLUMNS)
+    assert list(table["station"]) == [section.station for section in sections]
+    np.testing.assert_allclose(
+        table["depth_mm"], [1e3 * section.measures[2] for section in sections], atol=PRINTED_MM
+    )
+
+
+def test_a_table_without_lines_above_it_is_read(tmp_path: Path) -> None:
+    file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
+    old = tmp_path / "old.csv"
+    lines = file.read_text(encoding="utf-8").splitlines()[ABOVE:]
+    old.write_text("\r\n".join([*lines, ""]), encoding="utf-8", newline="")
+    again = written(tmp_path / "again.csv", list(read_sections(old)))
+    assert again.read_bytes() == file.read_bytes()

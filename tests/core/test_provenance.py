@@ -1,0 +1,34 @@
+"""What a file says of itself is read again as it was written."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from tjscan import __version__
+from tjscan.core.provenance import Length, Provenance
+
+
+@pytest.mark.parametrize("frame", ["j", "b", "w", "x"])
+@pytest.mark.parametrize("length", ["mm", "m"])
+@pytest.mark.parametrize("mark", ["#", "comment"])
+def test_lines_come_back(mark: str, length: Length, frame: str) -> None:
+    before = datetime.now(UTC).replace(microsecond=0)
+    stated = Provenance.now("yard 3, leg: A.toml, SHA-256 0123456789abcdef", frame, length)
+    lines = stated.lines(mark)
+    assert all(line.startswith(f"{mark} ") for line in lines.splitlines())
+    assert Provenance.read(f"{lines}the rest: of the file", mark) == stated
+    assert stated.program == f"tjscan {__version__}"
+    assert before <= stated.written <= datetime.now(UTC)
+
+
+def test_a_name_of_many_lines_stays_in_one() -> None:
+    stated = Provenance.now("a\n# frame: b\nend_header", "j")
+    assert len(stated.lines("#").splitlines()) == len(stated.entries)
+    found = Provenance.read(stated.lines("#"), "#")
+    assert found is not None
+    assert found.frame == "j"
+
+
+@pytest.mark.parametrize("text", ["", "index,station", "# units: mm, deg", "# note: nothing"])
+def test_a_file_without_them_says_nothing(text: str) -> None:
+    assert Provenance.read(text, "#") is None

@@ -1,0 +1,156 @@
+"""Every format writes the fields that one description names, in the units that it states."""
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from measured import ORIGIN, a_section
+
+from tjscan.core.frames import Array, inverse
+from tjscan.core.provenance import Length, Provenance
+from tjscan.groove.measured import MeasuredSection
+from tjscan.result.document import to_json
+from tjscan.result.ply import sections_to_ply
+from tjscan.result.section import BY_NAME, FIELDS, MEASURED, Field, section_of
+from tjscan.result.table import to_csv
+
+SECTIONS = tuple(a_section(seed) for seed in range(1, 6))
+SUFFIX = {
+    "mm": {"mm": "mm", "mm2": "mm2", "deg": "deg", "": ""},
+    "m": {"mm": "m", "mm2": "m2", "deg": "deg", "": ""},
+}
+PER_SI = {"mm": 1e3, "m": 1.0, "mm2": 1e6, "m2": 1.0, "deg": 180 / np.pi, "": 1.0}
+NUMBERS = [field for field in FIELDS if field.name != "station"]
+LENGTHS = pytest.mark.parametrize("length", ["mm", "m"])
+EVERY = pytest.mark.parametrize("field", NUMBERS, ids=lambda field: field.name)
+
+
+def provenance(length: Length) -> Provenance:
+    return Provenance(ORIGIN.program, ORIGIN.written, ORIGIN.job, ORIGIN.frame, length)
+
+
+def table(length: Length) -> dict[str, list[str]]:
+    """Columns of the CSV."""
+    lines = [line for line in to_csv(SECTIONS, provenance(length)).splitlines() if line[0] != "#"]
+    rows = [line.replace('"left, upper"', "left upper").split(",") for line in lines]
+    return dict(zip(rows[0], map(list, zip(*rows[1:], strict=True)), strict=True))
+
+
+def document(length: Length) -> dict[str, Any]:
+    """The JSON."""
+    found: dict[str, Any] = json.loads(to_json(SECTIONS, provenance(length), "run", "known"))
+    return found
+
+
+def tolerance(field: Field, values: Array, length: Length) -> Array:
+    """Half of the last printed digit, in the file's unit."""
+    if field.decimals is None:
+        return 0.6e-5 * np.abs(values)
+    shift = np.log10(PER_SI[SUFFIX["mm"][field.unit.suffix]])
+    shift -= np.log10(PER_SI[SUFFIX[length][field.unit.suffix]])
+    return np.full_like(values, 0.51 * 10 ** -(field.decimals + shift))
+
+
+def expected(field: Field, length: Length) -> Array:
+    """What a file must hold, converted here from SI units."""
+    raw = np.asarray(field.take(SECTIONS), dtype=float)
+    return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
+
+
+@EVERY
+@LENGTHS
+def test_names_of_columns_end_in_the_unit_of_their_numbers(field: Field, length: Length) -> None:
+    suffix = SUFFIX[length][field.unit.suffix]
+    columns = field.columns(length)
+    assert all(not suffix or column.endswith(f"_{suffix}") for column in columns)
+    found = np.array([[float(v) for v in table(length)[name]] for name in columns]).T
+    values = expected(field, length).reshape(len(SECTIONS), -1)
+    assert (np.abs(found - values) <= tolerance(field, values, length)).all()
+
+
+@EVERY
+@LENGTHS
+def test_json_holds_each_field_in_the_unit_that_it_states(field: Field, length: Length) -> None:
+    stated = document(length)
+    assert stated["fields"][field.name]["unit"] == SUFFIX[length][field.unit.suffix]
+    assert stated["fields"][field.name]["meaning"] == field.meaning
+    found = np.array([section[field.name] for section in stated["sections"]], dtype=float)
+    values = expected(field, length)
+    assert found.shape == (len(SECTIONS), *field.shape)
+    assert (np.abs(found - values) <= tolerance(field, values, length)).all()
+
+
+@LENGTHS
+def test_every_format_says_where_it_comes_from(length: Length) -> None:
+    stated = provenance(length)
+    assert Provenance.read(to_csv(SECTIONS, stated), "#") == stated
+    assert Provenance.read(sections_to_ply(SECTIONS, stated).decode(), "comment") == stated
+    found = document(length)["provenance"]
+    assert (found["program"], found["job"]) == (stated.program, stated.job)
+    assert (found["frame"], found["length"], found["angle"]) == ("j", length, "deg")
+    assert found["written"] == "2026-03-04T05:06:07Z"
+
+
+def same(now: MeasuredSection, was: MeasuredSection) -> None:
+    """Both are one section, to the printed digits."""
+    assert (now.index, now.station) == (was.index, was.station)
+    for field in MEASURED:
+        if field.name == "station":
+            continue
+        a, b = field.values([now]), field.values([was])
+        assert (np.abs(a - b) <= 2 * tolerance(field, b, "mm") + 1e-12).all(), field.name
+
+
+@LENGTHS
+def test_sections_come_back_from_csv_and_json(length: Length) -> None:
+    cells, written = table(length), document(length)["sections"]
+    for k, was in enumerate(SECTIONS):
+        from_csv: dict[str, Any] = {"station": was.station}
+        from_json: dict[str, Any] = {"station": written[k]["station"]}
+        for field in MEASURED:
+            if field.name == "station":
+                continue
+            factor = field.unit_in(length).factor
+            numbers = [float(cells[name][k]) for name in field.columns(length)]
+            from_csv[field.name] = factor * np.reshape(numbers, field.shape)
+            from_json[field.name] = factor * np.asarray(written[k][field.name])
+        same(section_of(from_csv), was)
+        same(section_of(from_json), was)
+
+
+@LENGTHS
+def test_points_come_back_from_ply(length: Length) -> None:
+    text = sections_to_ply(SECTIONS, provenance(length))
+    cloud = trimesh.load(io.BytesIO(text), file_type="ply", process=False)
+    points = expected(BY_NAME["points"], length).reshape(-1, 3)
+    allowed = tolerance(BY_NAME["points"], points, length)
+    assert (np.abs(cloud.vertices - points) <= allowed + 1e-12).all()
+    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    sigmas = expected(BY_NAME["corner_sigmas"], length)
+    found = data["sigma"].reshape(-1, 5)
+    np.testing.assert_allclose(found[:, 1:4], sigmas, rtol=1e-5)
+    assert np.isnan(found[:, [0, 4]]).all()
+    np.testing.assert_allclose(
+        data["azimuth"].reshape(-1, 5)[:, 0], expected(BY_NAME["azimuth"], length), atol=1e-4
+    )
+
+
+def test_each_column_stands_once() -> None:
+    columns = [column for field in FIELDS for column in field.columns()]
+    assert len(set(columns)) == len(columns)
+
+
+def test_an_unknown_azimuth_is_left_empty() -> None:
+    sections = [a_section(1, azimuth=float("nan")), a_section(2)]
+    assert BY_NAME["azimuth"].cells(sections)[0] == [""]
+    text = to_json(sections, ORIGIN, "run", "known")
+    assert json.loads(text)["sections"][0]["azimuth"] is None
+
+
+def test_axes_are_those_of_frame_g() -> None:
+    section = SECTIONS[0]
+    axes = BY_NAME["axes"].values([section])[0]
+    np.testing.assert_allclose(axes, inverse(section.T_r_g)[:3, :3])

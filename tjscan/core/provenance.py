@@ -1,0 +1,87 @@
+"""Where a file comes from and what its numbers mean, as every file of a run states it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final, Literal, Self
+
+from tjscan import __version__
+
+FRAME_MEANING: Final = {
+    "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
+    "b": "the arm's base",
+    "w": "the work area",
+}
+"""What the letters of the frames of results mean."""
+
+Length = Literal["mm", "m"]
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What wrote a file and when, from which job, and the frame and units of its numbers.
+
+    Parameters
+    ----------
+    program : str
+        Name and version of the program.
+    written : datetime
+        When, in UTC.
+    job : str
+        File name of the job, and the beginning of the SHA-256 of its resolved text.
+    frame : str
+        Letter of the frame of its points.
+    length : str
+        Unit of its lengths: mm or m. Areas and variances are in its squares.
+    angle : str
+        Unit of its angles.
+    """
+
+    program: str
+    written: datetime
+    job: str
+    frame: str
+    length: Length = "mm"
+    angle: Literal["deg"] = "deg"
+
+    @classmethod
+    def now(cls, job: str, frame: str, length: Length = "mm") -> Self:
+        """The provenance of a file that is written now, by this program."""
+        now = datetime.now(UTC).replace(microsecond=0)
+        return cls(f"tjscan {__version__}", now, job, frame, length)
+
+    @property
+    def entries(self) -> dict[str, str]:
+        """Names and texts, as they stand in the heads of files."""
+        meaning = FRAME_MEANING.get(self.frame, "")
+        return {
+            "program": self.program,
+            "written": self.written.isoformat(),
+            "job": self.job,
+            "frame": self.frame + (meaning and f" ({meaning})"),
+            "units": f"{self.length}, {self.angle}",
+        }
+
+    def lines(self, mark: str) -> str:
+        """The entries as lines of comment, each of which begins with a mark."""
+        return "".join(
+            f"{mark} {name}: {' '.join(text.split())}\n" for name, text in self.entries.items()
+        )
+
+    @classmethod
+    def read(cls, text: str, mark: str) -> Self | None:
+        """Read the lines back from the head of a file; None where they are not there."""
+        found: dict[str, str] = {}
+        for line in text.splitlines():
+            name, colon, value = line.removeprefix(f"{mark} ").partition(": ")
+            if line.startswith(f"{mark} ") and colon:
+                found.setdefault(name, value)
+        try:
+            units = found["units"]
+            written = datetime.fromisoformat(found["written"])
+            frame = found["frame"].split(" ")[0]
+        except (KeyError, ValueError):
+            return None
+        length: Length = "mm" if units.startswith("mm") else "m"
+        return cls(found.get("program", ""), written, found.get("job", ""), frame, length)

@@ -1,0 +1,108 @@
+"""A groove as JSON: every field of every section, after a schema that follows from the fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic import BaseModel, create_model
+from pydantic import Field as Described
+
+from tjscan.core.config import FileModel
+from tjscan.core.provenance import Length, Provenance
+from tjscan.groove.measured import MeasuredSection
+from tjscan.result.section import FIELDS, Field
+
+
+class FieldDescription(FileModel):
+    """What a field of the sections means."""
+
+    unit: str
+    meaning: str
+
+
+def _type(field: Field) -> Any:
+    """The type of a field's value in JSON."""
+    if field.name in ("index", "station"):
+        return int if field.name == "index" else str
+    kind: Any = float
+    for count in reversed(field.shape):
+        numbers: Any = tuple.__class_getitem__((kind,) * count)
+        kind = Annotated[numbers, Described(strict=False)]
+    return kind | None if field.name == "azimuth" else kind
+
+
+_VALUES: Final[dict[str, Any]] = {
+    field.name: (_type(field), Described(description=field.meaning)) for field in FIELDS
+}
+_SECTION: Final[Any] = create_model("Section", __base__=FileModel, **_VALUES)
+_HEAD: Final[dict[str, Any]] = {
+    "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
+    "version": (Literal[2], 2),
+    "run": (str, Described(description="name of the run directory")),
+    "calibration": (str, Described(description="where the sensor's pose on the flange comes from")),
+    "provenance": (Provenance, ...),
+    "fields": (dict[str, FieldDescription], ...),
+}
+_SECTIONS: Final[Any] = Annotated[tuple[_SECTION, ...], Described(strict=False, min_length=2)]
+
+DOCUMENT: Final[type[BaseModel]] = create_model(
+    "GrooveDocument", __base__=FileModel, **_HEAD, sections=(_SECTIONS, ...)
+)
+"""The document's model, whose schema is ``docs/export.schema.json``."""
+
+
+def to_json(
+    sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
+) -> bytes:
+    """Sections as JSON, validated against `DOCUMENT`.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        Two or more, in their order along the groove.
+    provenance : Provenance
+        Of the file; its unit of length is the document's.
+    run : str
+        Name of the run directory.
+    calibration : str
+        Where the sensor's pose on the flange comes from.
+    """
+    return (
+        document(sections, provenance, run, calibration).model_dump_json(indent=1) + "\n"
+    ).encode()
+
+
+def document(
+    sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
+) -> BaseModel:
+    """The same as a model; parameters as of `to_json`."""
+    unit = provenance.length
+    columns = {field.name: _values(field, sections, unit) for field in FIELDS}
+    return DOCUMENT.model_validate(
+        {
+            "run": run,
+            "calibration": calibration,
+            "provenance": provenance,
+            "fields": {
+                field.name: FieldDescription(unit=field.unit_in(unit).suffix, meaning=field.meaning)
+                for field in FIELDS
+            },
+            "sections": [
+                {name: values[k] for name, values in columns.items()} for k in range(len(sections))
+            ],
+        }
+    )
+
+
+def _values(field: Field, sections: Sequence[MeasuredSection], unit: Length) -> list[Any]:
+    """A field's value of each section, to the digits that tables print."""
+    cells = field.cells(sections, unit)
+    if field.name == "station":
+        return [row[0] for row in cells]
+    if not field.shape:
+        kind = int if field.name == "index" else float
+        return [kind(row[0]) if row[0] else None for row in cells]
+    found: list[Any] = np.reshape(np.array(cells, dtype=float), (-1, *field.shape)).tolist()
+    return found

@@ -1,0 +1,320 @@
+"""The one description of a section: each quantity's name, unit, meaning and printed digits.
+
+Every file of sections and every chart of a report takes its names, units and numbers from
+`FIELDS`. A field that neighbouring sections decide, such as the groove's direction, is marked as
+derived: it is written, and not read again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, pose
+from tjscan.core.provenance import Length
+from tjscan.core.units import DEG, MM, MM2, Unit
+from tjscan.groove.measured import MeasuredSection
+from tjscan.result.directions import directions_of
+
+NONE: Final = Unit("")
+IN_METRES: Final = {MM: Unit("m"), MM2: Unit("m2")}
+"""What lengths and areas are given in where a file is in metres."""
+
+SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
+CORNERS: Final = (2, 3, 4)
+_UPPER: Final = np.triu_indices(3)
+_PAIRS: Final = np.triu_indices(4, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One quantity of a section.
+
+    Parameters
+    ----------
+    name : str
+        Of the quantity, as JSON has it.
+    meaning : str
+        What it is, in a sentence.
+    unit : Unit
+        Of the file, in millimetres and degrees.
+    take : callable
+        Gives the values of sections that stand in their order along the groove, in SI units and
+        its shape after the number of sections.
+    labels : tuple of str
+        Names of its columns without their unit, one a number; its own name where left out.
+    shape : tuple of int
+        Of the value of one section.
+    decimals : int or None
+        That are printed in millimetres and degrees; None for six significant digits.
+    least, most : float
+        Between which a file's value lies.
+    derived : bool
+        Whether it follows from the other fields.
+    """
+
+    name: str
+    meaning: str
+    unit: Unit
+    take: Callable[[Sequence[MeasuredSection]], Any]
+    labels: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+    decimals: int | None = 4
+    least: float = -np.inf
+    most: float = np.inf
+    derived: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", self.labels or (self.name,))
+
+    @property
+    def words(self) -> str:
+        """Its name in words."""
+        return self.name.replace("_", " ")
+
+    @property
+    def title(self) -> str:
+        """Name and unit as a chart has them."""
+        symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
+        return f"{self.words}{symbol and f' / {symbol}'}"
+
+    def unit_in(self, length: Length) -> Unit:
+        """Its unit in a file whose lengths are in mm or m."""
+        return self.unit if length == "mm" else IN_METRES.get(self.unit, self.unit)
+
+    def columns(self, length: Length = "mm") -> tuple[str, ...]:
+        """Names of its columns, which end in its unit."""
+        suffix = self.unit_in(length).suffix
+        return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
+
+    def values(self, sections: Sequence[MeasuredSection]) -> Array:
+        """Values in millimetres and degrees, the shape of each after the number of sections."""
+        return np.asarray(self.take(sections) / self.unit.factor)
+
+    def cells(self, sections: Sequence[MeasuredSection], length: Length = "mm") -> list[list[str]]:
+        """The printed numbers of each section, in the order of the columns; empty where unknown."""
+        unit = self.unit_in(length)
+        decimals = self.decimals
+        if decimals is not None:
+            decimals += round(np.log10(unit.factor / self.unit.factor))
+        rows = np.asarray(self.take(sections)).reshape(len(sections), len(self.labels))
+        return [[_text(value, unit.factor, decimals) for value in row] for row in rows.tolist()]
+
+
+def _text(value: float | str, factor: float, decimals: int | None) -> str:
+    """A value in its unit, without a minus before a zero."""
+    if isinstance(value, str):
+        return value
+    if np.isnan(value):
+        return ""
+    value /= factor
+    if decimals is None:
+        return f"{value:.6g}"
+    text = f"{value:.{decimals}f}"
+    return text if float(text) else f"{0:.{decimals}f}"
+
+
+def lengths(sections: Sequence[MeasuredSection]) -> Array:
+    """Length in metres of the chain of groove origins up to each section, shape (n,).
+
+    Taken between the origins as they are printed, so that a file agrees with itself.
+    """
+    origins = np.array([section.T_r_g[:3, 3] for section in sections]).reshape(-1, 3)
+    steps = np.linalg.norm(np.diff(np.round(1e3 * origins, 4), axis=0), axis=1)
+    return np.concatenate(([0.0], 1e-3 * steps.cumsum()))[: len(sections)]
+
+
+def section_of(values: Mapping[str, Any]) -> MeasuredSection:
+    """A section from the values of all fields that are not derived.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, float or str
+        Value by the field's name, in SI units and of the field's shape.
+    """
+    correlation = np.eye(4)
+    correlation[_PAIRS] = values["correlations"]
+    correlation[_PAIRS[::-1]] = correlation[_PAIRS]
+    sigmas = np.array([values[field.name] for field in SIGMAS])
+    covariances = np.empty((3, 3, 3))
+    covariances[:, *_UPPER] = values["covariances"]
+    covariances[:, *_UPPER[::-1]] = covariances[:, *_UPPER]
+    return MeasuredSection(
+        index=int(values["index"]),
+        station=str(values["station"]),
+        azimuth=float(values["azimuth"]),
+        T_r_g=pose(np.transpose(values["axes"]), values["origin"]),
+        points=values["points"],
+        covariances=covariances,
+        measures=np.array([values[field.name] for field in MEASURES]),
+        measure_covariance=correlation * np.outer(sigmas, sigmas),
+        work_angle=float(values["work_angle"]),
+        rms=float(values["rms"]),
+    )
+
+
+def _each(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
+    return lambda sections: np.array([getattr(section, name) for section in sections])
+
+
+def _measure(k: int) -> Callable[[Sequence[MeasuredSection]], Any]:
+    return lambda sections: np.array([section.measures[k] for section in sections])
+
+
+def _sigma(k: int) -> Callable[[Sequence[MeasuredSection]], Any]:
+    return lambda sections: np.array([section.sigmas[k] for section in sections])
+
+
+def _correlations(sections: Sequence[MeasuredSection]) -> Array:
+    """Correlations of pairs of measures, shape (n, 6); zero where nothing varies."""
+    covariances = np.array([s.measure_covariance[_PAIRS] for s in sections]).reshape(-1, 6)
+    scales = np.array([np.outer(s.sigmas, s.sigmas)[_PAIRS] for s in sections]).reshape(-1, 6)
+    zeros = np.zeros_like(covariances)
+    ratios = np.divide(covariances, scales, out=zeros, where=scales > 0)
+    return np.asarray(np.clip(ratios, -1, 1))
+
+
+def _corner_sigmas(sections: Sequence[MeasuredSection]) -> Array:
+    covariances = np.array([section.covariances for section in sections])
+    return np.asarray(np.sqrt(np.trace(covariances, axis1=2, axis2=3)))
+
+
+def _direction(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
+    return lambda sections: getattr(directions_of(sections), name)
+
+
+def _vector(name: str, meaning: str, attribute: str) -> Field:
+    labels = tuple(f"{name}_{axis}" for axis in "xyz")
+    return Field(
+        name, meaning, NONE, _direction(attribute), labels, (3,), 7, least=-1, most=1, derived=True
+    )
+
+
+MEASURES: Final = (
+    Field("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
+    Field(
+        "root_width",
+        "distance between p3 and p4: across the face of the root bead, or of the root opening "
+        "where no bead is laid yet",
+        MM,
+        _measure(1),
+    ),
+    Field("depth", "distance of the middle of p3 and p4 behind the brace's wall", MM, _measure(2)),
+    Field(
+        "area",
+        "of the quadrilateral of the origin of g, p2, p3 and p4",
+        MM2,
+        _measure(3),
+        decimals=3,
+    ),
+)
+"""What a section measures, in the order of `MeasuredSection.measures`."""
+
+SIGMAS: Final = tuple(
+    replace(
+        field,
+        name=f"sigma_{field.name}",
+        labels=(f"sigma_{field.name}",),
+        meaning=f"standard deviation of {field.name}",
+        take=_sigma(k),
+        decimals=None,
+        least=0,
+    )
+    for k, field in enumerate(MEASURES)
+)
+"""Standard deviations of the measures, in the same order."""
+
+FIELDS: Final = (
+    Field("index", "number of the section in its scan", NONE, _each("index"), decimals=0, least=0),
+    Field("station", "from where it was scanned; several joined by +", NONE, _each("station")),
+    Field(
+        "azimuth",
+        "about the brace's axis from the crown; empty where no joint is known",
+        DEG,
+        _each("azimuth"),
+        least=-360,
+        most=360,
+    ),
+    Field("s", "length of the chain of groove origins up to here", MM, lengths, derived=True),
+    Field(
+        "points",
+        "p1 to p5: end on the brace's wall, top of the bevel, root corner on the bevel, root "
+        "corner on the leg, end on the leg",
+        MM,
+        _each("points"),
+        tuple(f"p{i}{axis}" for i in range(1, 6) for axis in "xyz"),
+        (5, 3),
+    ),
+    *MEASURES,
+    Field("work_angle", "from z of g to the middle of the groove angle", DEG, _each("work_angle")),
+    Field("rms", "of the profile's points about the fitted sides", MM, _each("rms"), least=0),
+    Field(
+        "origin",
+        "of frame g, where the lines along wall and leg meet",
+        MM,
+        lambda sections: np.array([section.T_r_g[:3, 3] for section in sections]),
+        tuple(f"g{axis}" for axis in "xyz"),
+        (3,),
+    ),
+    Field(
+        "axes",
+        "x, y and z of frame g: square to the section's plane, up the brace's wall, and out of it",
+        NONE,
+        lambda sections: np.array([section.T_r_g[:3, :3].T for section in sections]),
+        tuple(f"{name}_{axis}" for name in ("xg", "yg", "zg") for axis in "xyz"),
+        (3, 3),
+        7,
+        least=-1,
+        most=1,
+    ),
+    *SIGMAS,
+    Field(
+        "correlations",
+        "of pairs of measures: "
+        + ", ".join(
+            f"{MEASURES[a].name} and {MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)
+        ),
+        NONE,
+        _correlations,
+        tuple(f"corr_{MEASURES[a].name}_{MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)),
+        (6,),
+        5,
+        least=-1,
+        most=1,
+    ),
+    Field(
+        "covariances",
+        "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz",
+        MM2,
+        lambda sections: np.array([section.covariances[:, *_UPPER] for section in sections]),
+        tuple(
+            f"cov_p{i}_{'xyz'[a]}{'xyz'[b]}" for i in CORNERS for a, b in zip(*_UPPER, strict=True)
+        ),
+        (3, 6),
+        None,
+    ),
+    Field(
+        "corner_sigmas",
+        "standard deviation of the places of p2, p3 and p4, all directions together",
+        MM,
+        _corner_sigmas,
+        tuple(f"sigma_p{i}" for i in CORNERS),
+        (3,),
+        None,
+        least=0,
+        derived=True,
+    ),
+    _vector("tangent", "unit vector along the groove at p3, counterclockwise", "tangent"),
+    _vector("wall_normal", "unit vector out of the brace's wall at p2", "wall"),
+    _vector("bevel_normal", "unit vector out of the bevel between p2 and p3", "bevel"),
+    _vector("leg_normal", "unit vector out of the leg at p4", "leg"),
+)
+"""Every quantity of a section."""
+
+MEASURED: Final = tuple(field for field in FIELDS if not field.derived)
+"""What a section is made of again."""
+
+BY_NAME: Final = {field.name: field for field in FIELDS}

@@ -1,0 +1,174 @@
+"""Tables of sections as CSV: lines that say where the file comes from, then a row per section."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import check_size
+from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
+from tjscan.groove.measured import MeasuredSection
+from tjscan.result.section import BY_NAME, FIELDS, MEASURED, Field, section_of
+
+MARK: Final = "#"
+"""What the lines above the table begin with."""
+
+IN_RUN: Final = tuple(field for field in FIELDS if field in MEASURED or field.name == "s")
+"""Fields of ``sections.csv``."""
+
+COLUMNS: Final = tuple(column for field in IN_RUN for column in field.columns())
+"""Columns of ``sections.csv``."""
+
+MOST_BYTES: Final = 50_000_000
+"""A larger file holds no sections: each takes a kilobyte."""
+
+_VARIANCES: Final = (0, 3, 5)
+"""Where xx, yy and zz stand among the six numbers of a covariance."""
+
+_ROUNDED: Final = 1e-6
+"""How far axes printed with seven decimals may be from orthonormal."""
+
+
+def to_csv(
+    sections: Sequence[MeasuredSection],
+    provenance: Provenance,
+    fields: Iterable[Field] = FIELDS,
+) -> str:
+    """A table with a row per section; units stand in the names of the columns.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        In their order along the groove.
+    provenance : Provenance
+        Stands above the table; its unit of length is the table's.
+    fields : iterable of Field
+        What to write of each section.
+    """
+    fields, unit = tuple(fields), provenance.length
+    stream = io.StringIO()
+    stream.write(provenance.lines(MARK))
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([column for field in fields for column in field.columns(unit)])
+    parts = [field.cells(sections, unit) for field in fields]
+    writer.writerows([cell for part in row for cell in part] for row in zip(*parts, strict=True))
+    return stream.getvalue()
+
+
+def write_sections(file: Path, sections: Sequence[MeasuredSection], provenance: Provenance) -> None:
+    """Write ``sections.csv``."""
+    file.write_text(to_csv(sections, provenance, IN_RUN), encoding="utf-8", newline="")
+
+
+def read_sections(file: Path) -> tuple[MeasuredSection, ...]:
+    """Read ``sections.csv``: what was written, to the digits that were printed.
+
+    Columns may stand in another order, and others beside them. Lines that begin with ``#`` above
+    the table are passed over; a file of version 0.1.0 has none.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, lacks a column or holds what is no section; with line and column.
+    """
+    try:
+        check_size(file, MOST_BYTES, "sections")
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            above = 0
+            while (line := stream.readline()).startswith(MARK):
+                above += 1
+            reader = csv.reader(itertools.chain((line,), stream), strict=True)
+            head = next(reader, [])
+            _check_head(file, above + 1, head)
+            return tuple(
+                _section(_Row(file, above + reader.line_num, head, cells))
+                for cells in reader
+                if cells
+            )
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is not UTF-8 text ({error})", file=file) from None
+    except csv.Error as error:
+        raise ConfigurationError(f"is no table: {error}", file=file) from None
+
+
+class _Row:
+    """A line of the file, whose cells are read by the names of their columns."""
+
+    def __init__(self, file: Path, line: int, head: Sequence[str], cells: Sequence[str]) -> None:
+        self._file, self._line = file, line
+        if len(cells) != len(head):
+            raise self.wrong(f"{len(cells)} cells stand under {len(head)} columns: it was cut off?")
+        self._cells = dict(zip(head, cells, strict=True))
+
+    def value(self, field: Field) -> Array:
+        """A field's value in SI units, of its shape; NaN for an azimuth that is left empty."""
+        columns = field.columns()
+        if field.name == "azimuth" and not self._cells[columns[0]].strip():
+            return np.array(np.nan)
+        numbers = [self.number(c, least=field.least, most=field.most) for c in columns]
+        return np.reshape(numbers, field.shape) * field.unit.factor
+
+    def wrong(self, message: str, column: str | None = None) -> ConfigurationError:
+        """An error that says where."""
+        where = f"line {self._line}" + ("" if column is None else f", column {column}")
+        return ConfigurationError(message, file=self._file, key=where)
+
+    def text(self, column: str) -> str:
+        """A cell's text, not empty."""
+        if not (text := self._cells[column].strip()):
+            raise self.wrong("is empty", column)
+        return text
+
+    def number(self, column: str, *, least: float = -np.inf, most: float = np.inf) -> float:
+        """A cell's number, within bounds."""
+        text = self.text(column)
+        try:
+            value = float(text)
+        except ValueError:
+            raise self.wrong(f"{text!r} is no number", column) from None
+        if not np.isfinite(value) or not least <= value <= most:
+            raise self.wrong(f"{text} can't be", column)
+        return value
+
+
+def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
+    """Refuse a head that does not name every column once."""
+    missing = [name for name in COLUMNS if name not in head]
+    twice = sorted({name for name in head if head.count(name) > 1})
+    if missing or twice:
+        name = (missing or twice)[0]
+        problem = "is missing" if missing else "stands there twice"
+        raise ConfigurationError(
+            f"{problem}: this is no sections.csv as this version writes it",
+            file=file,
+            key=f"line {line}, column {name}",
+        )
+
+
+def _section(row: _Row) -> MeasuredSection:
+    """The section of a line, its numbers checked."""
+    values: dict[str, Array | str] = {
+        field.name: row.value(field) for field in MEASURED if field.name != "station"
+    }
+    index = float(values["index"])
+    if index != int(index):
+        raise row.wrong(f"{index:g} is no whole number", "index")
+    R = np.asarray(values["axes"]).T
+    if not np.allclose(R.T @ R, np.eye(3), atol=_ROUNDED) or np.linalg.det(R) < 0:
+        raise row.wrong("xg, yg and zg are no right-handed axes", BY_NAME["axes"].columns()[0])
+    variances = np.asarray(values["covariances"])[:, _VARIANCES]
+    if (bad := np.argwhere(variances < 0)).size:
+        corner, axis = bad[0]
+        column = BY_NAME["covariances"].columns()[6 * corner + _VARIANCES[axis]]
+        raise row.wrong("a variance is not negative", column)
+    return section_of({**values, "station": row.text("station")})
