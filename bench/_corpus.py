@@ -41,7 +41,8 @@ from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
-from tjscan.runs.scan import run_job
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import run_scan
 from tjscan.scanning.section import ScannedSection, View
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
@@ -74,7 +75,7 @@ def readers(folder: Path) -> Iterator[Reader]:
     """Every reader with whole files, which are made in a folder."""
     run, sections = folder / "run", _Sections()
     job = read_job(EXAMPLES / "paper.toml", {"scan.sections": 3})
-    run_job(job, EXAMPLES / "paper.toml", run, sections)
+    run_scan(RunContext(job, EXAMPLES / "paper.toml", sections), run)
     yield from _configurations(folder, run)
     yield from _recordings(folder, run, sections.scans)
     yield from _profiles(sections.scans[-1].view.profile)

@@ -14,11 +14,11 @@ from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import transform
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
-from tjscan.runs.scan import joint_of, plan_of, scan_in
+from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import complete
 
@@ -82,8 +82,8 @@ def faulty_scan(seed: int) -> FaultyScan:
     if kind == "spurious" and dice.random() < 0.5:
         count = 10_000  # for good
     job = read_job(JOB, {"simulation.seed": 1000 + seed})
-    joint = joint_of(job, JOB)
-    cell = open_cell(job, mount_of(job, JOB).T_f_s, joint and joint[1])
+    joint = RunContext(job, JOB).joint
+    cell = RunContext(job, JOB).cell()
     fault = {"missing": missing, "frozen": frozen, "spurious": strewn(seed)}[kind]
     bad = range(first, first + count)
     cell = replace(cell, laser=FaultyLaser(cell.laser, lambda k: fault if k in bad else None))
@@ -97,6 +97,6 @@ def faulty_scan(seed: int) -> FaultyScan:
         raise SystemExit(f"{JOB} names no joint to compare with")
     T = ResultFrame(job.joint.T_w_j).T_r_b
     points = np.array([transform(T, section.points_b) for section in result.sections])
-    worst = 1e3 * float(corner_errors(points, feature_edges(joint[1])).max())
+    worst = 1e3 * float(corner_errors(points, feature_edges(joint)).max())
     done = complete(result.stop, plan_of(job))
     return FaultyScan(kind, done, True, worst, result.detail)

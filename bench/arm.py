@@ -16,9 +16,9 @@ from _table import Row, main
 
 from tjscan.core.frames import Array
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.robot.cleared import ClearedArm
-from tjscan.runs.scan import joint_of, scan_in
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.section import View
 
@@ -34,8 +34,7 @@ def milliseconds(work: Callable[[], Any]) -> float:
 def scanned() -> tuple[ClearedArm, tuple[View, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_job(PAPER)
-    joint = joint_of(job, PAPER)
-    cell = open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1])
+    cell = RunContext(job, PAPER).cell()
     if not isinstance(cell.arm, ClearedArm):
         raise SystemExit("the cell's arm does not look before it moves")
     return cell.arm, scan_in(cell, job, Journals()).views

@@ -35,8 +35,8 @@ from tjscan.job import read_calibration_job, read_job
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.runs.calibrate import start_calibration
-from tjscan.runs.scan import run_job
-from tjscan.scanning.journal import Journals
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import run_scan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 MM: Final = 1e-3
@@ -333,7 +333,7 @@ def end_to_end() -> list[Row]:
 def corner_error(keys: dict[str, Any], folder: Path) -> float:
     """Mean corner error in millimetres of the paper's scan, with keys replaced."""
     file = EXAMPLES / "paper.toml"
-    summary = run_job(read_job(file, keys), file, folder, Journals())
+    summary = run_scan(RunContext(read_job(file, keys), file), folder)
     if summary.corner_error_mm is None:
         raise SystemExit(f"{file} names no joint to compare with")
     return summary.corner_error_mm.mean

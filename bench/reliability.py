@@ -32,10 +32,10 @@ from _table import Row, main
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.recording.reader import read_recorded
 from tjscan.recording.writer import Recording
-from tjscan.runs.scan import joint_of, scan_in
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.section import ScannedSection, View
 
 WORKERS: Final = 2
@@ -259,10 +259,9 @@ def _overhead(times: int, sections: int) -> Row:
     """Share of a scan's wall time that recording takes, the arm moving in real time."""
     file = EXAMPLES / "paper.toml"
     job = read_job(file, {"scan.sections": sections, "simulation.arm.realtime": True})
-    joint = joint_of(job, file)
     shares = []
     for _ in range(times):
-        cell = open_cell(job, mount_of(job, file).T_f_s, joint and joint[1])
+        cell = RunContext(job, file).cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
             with Recording(Path(name) / "scan.mcap") as recording:

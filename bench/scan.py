@@ -18,12 +18,12 @@ from _table import Row, main
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.frames import transform
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
+from tjscan.runs.context import RunContext, plan_of
 from tjscan.runs.results import summarise
-from tjscan.runs.scan import joint_of, plan_of, scan_in
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import StopReason
 
@@ -47,16 +47,16 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Su
     file = JOBS[way]
     keys = {"scan.prediction_case": case, "scan.step_mm": step_mm}
     job = read_job(file, keys | (FAULTLESS if faultless else {}))
-    joint = joint_of(job, file)
+    joint = RunContext(job, file).joint
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
-    cell = open_cell(job, mount_of(job, file).T_f_s, joint[1])
+    cell = RunContext(job, file).cell()
     start = perf_counter()
     result = scan_in(cell, job, Journals())
     seconds = perf_counter() - start
     frame = ResultFrame(job.joint.T_w_j)
     corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
-    errors = corner_errors(corners, feature_edges(joint[1]))
+    errors = corner_errors(corners, feature_edges(joint))
     return summarise(result, plan_of(job), frame, errors), seconds
 
 
@@ -86,9 +86,7 @@ def command_seconds() -> float:
 def profile_ms() -> float:
     """Median time of one simulated profile of 640 points, all faults on."""
     job = read_job(JOBS["ccw"])
-    joint = joint_of(job, JOBS["ccw"])
-    T_f_s = mount_of(job, JOBS["ccw"]).T_f_s
-    cell, times = open_cell(job, T_f_s, joint and joint[1]), []
+    cell, times = RunContext(job, JOBS["ccw"]).cell(), []
     with cell:
         cell.arm.move_joint(job.starts[0].T)
         for _ in range(200):

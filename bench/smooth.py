@@ -20,10 +20,10 @@ import numpy as np
 from _table import Row, main
 
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.result.frame import ResultFrame
+from tjscan.runs.context import RunContext, plan_of
 from tjscan.runs.results import summarise
-from tjscan.runs.scan import joint_of, plan_of, scan_in
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.method import predictor_of
 from tjscan.scanning.progress import groove_length
@@ -78,8 +78,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
         file,
         {"scan.prediction_case": case, "scan.step_mm": step_mm, "simulation.seed": seed},
     )
-    joint = joint_of(job, file)
-    cell = open_cell(job, mount_of(job, file).T_f_s, joint and joint[1])
+    cell = RunContext(job, file).cell()
     result = scan_in(cell, job, Journals())
     summary = summarise(result, plan_of(job), ResultFrame(), None)
     metres = max(groove_length(result.sections[1:]), 1e-9)
@@ -98,8 +97,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
 def predictor_ms() -> float:
     """Median processor time of one prediction from thirty sections."""
     job = read_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
-    joint = joint_of(job, JOBS["ccw"])
-    cell = open_cell(job, mount_of(job, JOBS["ccw"]).T_f_s, joint and joint[1])
+    cell = RunContext(job, JOBS["ccw"]).cell()
     sections = scan_in(cell, job, Journals()).sections
     predictor, times = predictor_of(plan_of(job)), []
     for _ in range(50):

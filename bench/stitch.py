@@ -18,9 +18,9 @@ from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, inverse, pose, rotation_angle, unit
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.scan import joint_of, reader_of, scan_in
+from tjscan.runs.context import RunContext, reader_of
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.stitching.stations import Station, station_of
 from tjscan.stitching.stitch import Stitched, stitch
@@ -63,10 +63,10 @@ def scan(seed: int) -> Scanned:
     whole = read_job(EXAMPLE, {"simulation.seed": seed})
     for name in whole.stations:
         job = whole.at(name)
-        joint = joint_of(job, EXAMPLE)
+        joint = RunContext(job, EXAMPLE).joint
         if joint is None or job.joint is None:
             raise SystemExit(f"{EXAMPLE} names no joint to compare with")
-        cell = open_cell(job, mount_of(job, EXAMPLE).T_f_s, joint[1])
+        cell = RunContext(job, EXAMPLE).cell()
         result = scan_in(cell, job, Journals())
         true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
         away, turned = (
@@ -80,7 +80,7 @@ def scan(seed: int) -> Scanned:
 
 def judge(stitched: Stitched, scanned: Scanned) -> Errors:
     """Hold a stitching against the truth."""
-    joint = joint_of(read_job(EXAMPLE), EXAMPLE)
+    joint = RunContext(read_job(EXAMPLE), EXAMPLE).joint
     if joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     names = [station.name for station in scanned.stations]
@@ -89,9 +89,9 @@ def judge(stitched: Stitched, scanned: Scanned) -> Errors:
     turns = [max(map(rotation_angle, found, (turn @ T for T in truth))) for turn in _TURNS]
     truth = [_TURNS[int(np.argmin(turns))] @ T for T in truth]
     pairs = list(zip(found, truth, strict=True))
-    shape = stitched.shape.array[:2] - (joint[1].brace_radius, joint[1].leg_radius)
+    shape = stitched.shape.array[:2] - (joint.brace_radius, joint.leg_radius)
     corners = np.array([section.points for section in stitched.sections])
-    off = 1e3 * corner_errors(corners, feature_edges(joint[1]))
+    off = 1e3 * corner_errors(corners, feature_edges(joint))
     return Errors(
         place=max(1e3 * float(np.linalg.norm(_joint_off(f, t))) for f, t in pairs),
         base=max(1e3 * float(np.linalg.norm(f[:3, 3] - t[:3, 3])) for f, t in pairs),

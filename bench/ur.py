@@ -28,14 +28,14 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, pose
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.scan import joint_of, run_job, scan_in
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import run_scan, scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.result import ScanResult
 
@@ -95,8 +95,7 @@ def driven(host: str) -> dict[str, Any]:
 def scan(keys: dict[str, Any]) -> ScanResult:
     """Scan the paper's joint."""
     job = read_job(PAPER, keys)
-    joint = joint_of(job, PAPER)
-    return scan_in(open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1]), job, Journals())
+    return scan_in(RunContext(job, PAPER).cell(), job, Journals())
 
 
 def difference_mm(loopback: LoopbackProcess) -> float:
@@ -131,7 +130,7 @@ def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int)
     job = read_job(PAPER, driven(loopback.host))
     with TemporaryDirectory() as folder:
         try:
-            run_job(job, PAPER, Path(folder) / "run", Journals())
+            run_scan(RunContext(job, PAPER), Path(folder) / "run")
             known = True  # the fault came after the last move
         except ArmFault as error:
             known = type(error) in ENDS_IN.values()

@@ -19,7 +19,8 @@ from tjscan.core.frames import Array, from_euler_zyx, inverse, rotation_angle, t
 from tjscan.job import JobFile, read_calibration_job, read_job
 from tjscan.job.cell import clearance_of
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.scan import cell_of, frame_of, joint_of, plan_of, scan_in
+from tjscan.runs.context import RunContext, frame_of, plan_of
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.progress import complete
 from tjscan.scanning.result import ScanResult
 
@@ -34,7 +35,7 @@ ELSEWHERE = from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
     job = read_job(file, overrides).at(station)
-    return scan_in(cell_of(job, file), job, Notes())
+    return scan_in(RunContext(job, file).cell(), job, Notes())
 
 
 def corners(result: ScanResult) -> Array:
@@ -83,10 +84,10 @@ def _table(T: Array) -> dict[str, Any]:
 def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     result = scan(WHOLE, {"scan.sections": 5}, "left")
     job = read_job(WHOLE).at("left")
-    joint = joint_of(job, WHOLE)
+    joint = RunContext(job, WHOLE).joint
     assert job.joint is not None
     assert joint is not None
-    edges = feature_edges(joint[1])
+    edges = feature_edges(joint)
     T_j_w = inverse(job.joint.T_w_j)
     truly, believed = (
         corner_errors(transform(T_j_w @ T_w_b, corners(result)), edges).mean()

@@ -14,8 +14,8 @@ from tjscan.result.summary import (
     summarise_stations,
     write_summary,
 )
+from tjscan.runs.context import plan_of
 from tjscan.runs.results import measure_all, summarise
-from tjscan.runs.scan import plan_of
 from tjscan.scanning.result import ScanResult
 
 

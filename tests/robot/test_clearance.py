@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform
 from tjscan.job import read_job
-from tjscan.job.cell import clearance_of, mount_of, open_cell
+from tjscan.job.cell import clearance_of
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
 from tjscan.robot.cleared import SWEEP, ClearedArm
@@ -23,7 +23,8 @@ from tjscan.robot.kinematics import MODELS, Kinematics
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
-from tjscan.runs.scan import check_job, joint_of, scan_in
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import check_job, scan_in
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.scanned_surface import ScannedSurface, strip_triangles
 
@@ -394,7 +395,7 @@ def test_the_examples_ways_are_clear(file: object) -> None:
     assert isinstance(file, type(PAPER))
     job = read_job(file)
     assert {one.name for one in job.clearance.solid} == {"leg", "brace", "floor", "pillar"}
-    check_job(job, file)
+    check_job(RunContext(job, file))
 
 
 CLAMP = {
@@ -410,9 +411,8 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
     job = read_job(PAPER)
     solids = [*job.model_dump()["clearance"]["solid"], CLAMP]
     job = read_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
-    joint = joint_of(job, PAPER)
     notes = Notes()
-    cell = open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1])
+    cell = RunContext(job, PAPER).cell()
     result = scan_in(cell, job, notes)
     assert result.stop is StopReason.UNREACHABLE
     assert "clamp" in result.detail
@@ -434,9 +434,8 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
     }
     solids = [*job.model_dump()["clearance"]["solid"], crate]
     job = read_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
-    joint = joint_of(job, PAPER)
     notes = Notes()
-    scan_in(open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1]), job, notes)
+    scan_in(RunContext(job, PAPER).cell(), job, notes)
     (name, detail), *_ = notes.events
     assert name == "detour"
     assert detail.startswith("round crate, 50 mm back, across in joint space and forward: ")
@@ -444,8 +443,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
 
 def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     job = read_job(PAPER, {"scan.sections": 3})
-    joint = joint_of(job, PAPER)
-    cell = open_cell(job, mount_of(job, PAPER).T_f_s, joint and joint[1])
+    cell = RunContext(job, PAPER).cell()
     result = scan_in(cell, job, Notes())
     fresh = clearance_of(job)
     q = result.views[-1].q

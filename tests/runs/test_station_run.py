@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,11 @@ from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import JobFile, read_job
 from tjscan.recording.writer import parts
+from tjscan.report.write import write_report
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections
 from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.context import RunContext
 from tjscan.runs.stations import StationScan, resume_stations, run_stations
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
@@ -69,6 +71,11 @@ def quick(file: Path = WHOLE) -> JobFile:
     return read_job(file, {"scan.sections": 4})
 
 
+def in_directory(directory: Path) -> RunContext:
+    """The job that a run directory holds."""
+    return RunContext(read_job(directory / "job.toml"), directory / "job.toml")
+
+
 @dataclass(frozen=True)
 class Story:
     """A run that an attendant stopped before its second station, and let go on later."""
@@ -86,9 +93,11 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Story:
     """Both stations, four sections each."""
     directory = tmp_path_factory.mktemp("runs") / "whole"
     no, yes, before, later = Asked(False), Asked(True), Watched(), Watched()
-    refused = run_stations(quick(), WHOLE, directory, no, before)
+    context = RunContext(quick(), WHOLE, finished=write_report)
+    refused = run_stations(context, directory, no, before)
     begun = (directory / "right").exists()
-    done = resume_stations(directory, {}, yes, later)
+    held = replace(in_directory(directory), finished=write_report)
+    done = resume_stations(held, {}, yes, later)
     return Story(directory, refused, begun, (no, yes), (before.names, later.names), done)
 
 
@@ -159,7 +168,8 @@ def test_who_says_no_stops_before_the_next_station_and_goes_on_later(story: Stor
 def test_a_request_to_stop_begins_no_other_station(tmp_path: Path) -> None:
     stop = StopRequest()
     stop.ask()
-    left, right = run_stations(quick(), WHOLE, tmp_path / "run", Asked(True), Watched(), stop)
+    context = RunContext(quick(), WHOLE, stop=stop)
+    left, right = run_stations(context, tmp_path / "run", Asked(True), Watched())
     assert not left.done
     assert right.summary is None
 
@@ -168,7 +178,7 @@ def test_what_is_missing_is_scanned_and_what_is_done_stays(run: Path) -> None:
     before = (run / "left" / "scan.mcap").stat().st_mtime_ns
     cut(run / "right")
     asked, watched = Asked(True), Watched()
-    scans = resume_stations(run, {}, asked, watched)
+    scans = resume_stations(in_directory(run), {}, asked, watched)
     assert all(scan.done for scan in scans)
     assert watched.names == ["right"]
     assert asked.questions == []  # it was cut short there, and what moved would be seen
@@ -186,7 +196,7 @@ def test_one_station_of_a_run_is_gone_on_with(run: Path) -> None:
     cut(run / "left")
     shutil.rmtree(run / "right")
     watched = Watched()
-    left, right = resume_stations(run, {}, Asked(True), watched, "right")
+    left, right = resume_stations(in_directory(run), {}, Asked(True), watched, "right")
     assert watched.names == ["right"]
     assert left.summary is None
     assert right.done
@@ -210,7 +220,7 @@ def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
     data = read_toml(job)
     data["station"][1]["first"] = good
     job.write_text(tomli_w.dumps(data), encoding="utf-8")
-    assert all(scan.done for scan in resume_stations(out, {}, Asked(True), Watched()))
+    assert all(scan.done for scan in resume_stations(in_directory(out), {}, Asked(True), Watched()))
     assert (out / "right.1" / "scan.mcap").exists()
 
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import EXAMPLES, Notes
+from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.job import read_job
 from tjscan.result.table import read_sections
+from tjscan.runs.context import RunContext
 from tjscan.runs.directory import make_directory
-from tjscan.runs.scan import run_job
+from tjscan.runs.scan import run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"
 
@@ -25,7 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stations")
     job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
     for name in job.stations:
-        run_job(job.at(name), EXAMPLE, folder / name, Notes())
+        run_scan(RunContext(job.at(name), EXAMPLE), folder / name)
     return folder
 
 
@@ -85,9 +86,9 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = read_job(EXAMPLE, {"scan.sections": 6})
-    run_job(job.at("right"), EXAMPLE, tmp_path / "right", Notes())
+    run_scan(RunContext(job.at("right"), EXAMPLE), tmp_path / "right")
     left = read_job(EXAMPLE, {"scan.sections": 6}).at("left")
-    run_job(left, EXAMPLE, tmp_path / "left", Notes())
+    run_scan(RunContext(left, EXAMPLE), tmp_path / "left")
     out = tmp_path / "stitched"
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1
     said = capsys.readouterr().err

@@ -18,7 +18,7 @@ from tjscan.groove.find import find_groove
 from tjscan.job import read_job
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
-from tjscan.runs.scan import plan_of
+from tjscan.runs.context import plan_of
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
 from tjscan.scanning.progress import StopReason

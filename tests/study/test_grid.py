@@ -11,7 +11,7 @@ from cells import CLOCKWISE, PAPER
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import rotation_angle
-from tjscan.runs.scan import plan_of
+from tjscan.runs.context import plan_of
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
 from tjscan.study.task import Task

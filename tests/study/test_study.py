@@ -12,8 +12,8 @@ from command import tjscan
 from matplotlib.colors import to_rgba
 from study_work import double_or_die, threads
 
-from tjscan.runs.scan import run_job
-from tjscan.scanning.journal import Journals
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import run_scan
 from tjscan.study.figures import COLOURS, OTHER, draw_effort
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
@@ -100,7 +100,7 @@ def test_a_study_keeps_what_a_recorded_scan_would_say(
     tasks: tuple[Task, ...], rows: tuple[Row, ...], tmp_path: Path
 ) -> None:
     job = tasks[0].job_file
-    summary = run_job(job, PAPER, tmp_path / "run", Journals())
+    summary = run_scan(RunContext(job, PAPER), tmp_path / "run")
     measured = rows[0].measured
     assert summary.step_mm.mean == measured.step_mean_mm
     assert summary.flange_travel_mm == measured.travel_mm

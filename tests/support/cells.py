@@ -17,12 +17,11 @@ from tjscan.core.frames import Array, transform
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import read_job
-from tjscan.job.cell import mount_of, open_cell
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
-from tjscan.runs.scan import joint_of, plan_of
+from tjscan.runs.context import RunContext, plan_of
 from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
@@ -85,8 +84,7 @@ def scan_example(
 ) -> ScanResult:
     """Scan an example with keys replaced, its laser heard `through` another one."""
     job = read_job(file, overrides)
-    joint = joint_of(job, file)
-    with open_cell(job, mount_of(job, file).T_f_s, joint and joint[1]) as cell:
+    with RunContext(job, file).cell() as cell:
         scanner = Scanner(
             Setup(cell.arm, through(cell.laser), cell.T_f_s, read),
             plan_of(job),
@@ -101,12 +99,12 @@ def scan_example(
 def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     """Distances of p2, p3, p4 from the example's edges, metres, shape (n, 3)."""
     job = read_job(file)
-    joint = joint_of(job, file)
+    joint = RunContext(job, file).joint
     assert joint is not None
     assert job.joint is not None
     T_j_b = ResultFrame(job.joint.T_w_j).T_r_b
     corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
-    return corner_errors(corners, feature_edges(joint[1]))
+    return corner_errors(corners, feature_edges(joint))
 
 
 def calibration_file(file: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,7 @@ def calibrate(
     json: bool = False,
     recorded: RecordedOptions | None = None,
 ) -> None:
-    """Find where the laser sits on the hand: on the cell of a job file, or from recorded profiles.
+    """Find the pose of the sensor on the flange, in the cell of a job or from recorded profiles.
 
     Every key of the job file is an option too: ``--board.lines 16``.
 
@@ -47,27 +48,52 @@ def calibrate(
             f"profiles with --lines and --poses (found: {written(given) or 'none of them'})"
         )
     if recorded is not None and given:
-        from tjscan.cli.calibrate_recorded import calibrate_recorded
-
         if unattended:
             raise ConfigurationError("--unattended has no meaning for recorded profiles")
+        from tjscan.cli.calibrate_recorded import calibrate_recorded
+
         calibrate_recorded(recorded, out, json=json)
-        return
-    from tjscan.cli.calibration_words import report_calibration
-    from tjscan.cli.operators import AtTerminal, Unattended
+    elif resume is not None:
+        if out is not None:
+            raise ConfigurationError("--resume goes on where it was: --out has no meaning")
+        _resume(resume, unattended=unattended, json=json)
+    elif job is not None:
+        _start(job, overrides, station, out, unattended=unattended, json=json)
+
+
+def _start(
+    file: Path,
+    overrides: Sequence[str],
+    station: str | None,
+    out: Path | None,
+    *,
+    unattended: bool,
+    json: bool,
+) -> None:
+    """Calibrate the cell of a job."""
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.config import naming
     from tjscan.job import read_calibration_job
-    from tjscan.runs.calibrate import resume_calibration, start_calibration
+
+    keys = parse_overrides(overrides)
+    with naming(file):
+        job = read_calibration_job(file, keys).at(station)
+    # A job with a mistake in it is refused before anything heavy is loaded.
+    from tjscan.cli.calibration_output import print_calibration
+    from tjscan.cli.operators import operator_of
+    from tjscan.runs.calibrate import start_calibration
     from tjscan.runs.directory import default_directory
 
-    operator = Unattended() if unattended else AtTerminal()
-    if resume is not None:
-        if out is not None:
-            raise ConfigurationError("--resume goes on where it was: --out has no meaning")
-        found = resume_calibration(resume, operator)
-    elif job is not None:
-        with naming(job):
-            parsed = read_calibration_job(job, parse_overrides(overrides)).at(station)
-        found = start_calibration(parsed, job, out or default_directory(job), operator)
-    report_calibration(found, json=json)
+    operator = operator_of(unattended=unattended)
+    directory = out or default_directory(file)
+    print_calibration(start_calibration(job, file, directory, operator), json=json)
+
+
+def _resume(directory: Path, *, unattended: bool, json: bool) -> None:
+    """Go on with an interrupted calibration."""
+    from tjscan.cli.calibration_output import print_calibration
+    from tjscan.cli.operators import operator_of
+    from tjscan.runs.calibrate import resume_calibration
+
+    operator = operator_of(unattended=unattended)
+    print_calibration(resume_calibration(directory, operator), json=json)

@@ -15,7 +15,7 @@ from tjscan.calibration.plucker import Plane
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import pair, read_points, read_poses
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
-from tjscan.cli.calibration_words import report_calibration
+from tjscan.cli.calibration_output import print_calibration
 from tjscan.cli.console import say
 from tjscan.cli.recorded_options import RecordedOptions, written
 from tjscan.core.config import validate
@@ -56,7 +56,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         date=datetime.now(UTC).replace(microsecond=0),
     )
     write_calibration(file, found)
-    report_calibration(Calibrated(file, found, result.caveats), json=json)
+    print_calibration(Calibrated(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 TOLERANCE_EXCEEDED = 3
-"""Exit code of a comparison that was made, and came out badly."""
+"""Exit code where the distances exceed the tolerance."""
 
 
 def compare(
@@ -30,8 +30,8 @@ def compare(
     reference
         A joint's TOML, a mesh (STL, PLY, OBJ, 3MF, STEP), a cloud, or a joint's edges.csv.
     align
-        none: both stand in one frame. joint: leg and brace are found in both, and brought
-        together. icp: both stand nearly in one frame, and the rest is found.
+        none: both are given in one frame. joint: leg and brace are found in both and aligned.
+        icp: both are nearly aligned already, and iterative closest points finds the rest.
     tolerance_mm
         Exit with 3 where the 95th percentile of the distances is larger: that of a run's corners
         where they can be compared, else that of the cloud.
@@ -46,13 +46,9 @@ def compare(
     json
         Print the comparison as JSON on stdout.
     """
-    import sys
-    from json import dumps
-
-    from tjscan.cli.comparison_words import show_comparison
+    from tjscan.cli.comparison_output import print_comparison
     from tjscan.cli.console import say
     from tjscan.comparison.compare import compare as compare_shapes
-    from tjscan.comparison.compare import to_dict
     from tjscan.comparison.maps import check_map, write_map
     from tjscan.comparison.sidecar import Told
     from tjscan.result.shapes import read_shape
@@ -65,12 +61,9 @@ def compare(
         align,
         None if tolerance_mm is None else 1e-3 * tolerance_mm,
     )
-    if json:
-        print(dumps(to_dict(comparison), indent=2))
-    else:
-        show_comparison(comparison)
+    print_comparison(comparison, json=json)
     if plot is not None:
         write_map(plot, comparison)
         say(f"drawn in {plot}")
     if not comparison.passed:
-        sys.exit(TOLERANCE_EXCEEDED)
+        raise SystemExit(TOLERANCE_EXCEEDED)

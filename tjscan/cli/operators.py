@@ -1,4 +1,4 @@
-"""Operators of a calibration: a person at the terminal, or nobody."""
+"""Who watches a calibration: a person at the terminal, or nobody."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import questionary
 
-from tjscan.calibration.operator import Nobody, Question
+from tjscan.calibration.operator import Nobody, Operator, Question
 from tjscan.calibration.session import Progress
 from tjscan.cli.console import say
 from tjscan.core.errors import ConfigurationError
@@ -21,9 +21,9 @@ class Unattended(Nobody):
         say(message)
 
     def show(self, progress: Progress) -> None:
-        """Print a line on how sure the calibration is by now."""
+        """Print the uncertainty of the calibration so far."""
         sure, lines = progress.uncertainty, len(progress.samples)
-        how = f"certain to {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"
+        how = f"standard uncertainty {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"
         if progress.result is None:
             say(f"{lines} of {progress.wanted} lines; expected {how}")
             return
@@ -32,6 +32,11 @@ class Unattended(Nobody):
             f"{lines} of {progress.wanted} lines; {how}, "
             f"condition number {progress.result.condition:.1f}{bad}"
         )
+
+
+def operator_of(*, unattended: bool) -> Operator:
+    """Who watches a calibration; raises ConfigurationError if there is no terminal to ask at."""
+    return Unattended() if unattended else AtTerminal()
 
 
 class AtTerminal(Unattended):

@@ -28,19 +28,21 @@ def reprocess(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import report, say
+    from tjscan.cli.console import say
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.stitching_words import report_stitching
+    from tjscan.cli.scan_output import print_scan
+    from tjscan.cli.stitching_output import print_stitching
+    from tjscan.report.write import write_report
     from tjscan.runs.reprocess import reprocess as read_again
 
-    done = read_again(run, parse_overrides(overrides), out)
-    for found in done.stations:
-        for index, error in found.lost.items():
+    done = read_again(run, parse_overrides(overrides), out, write_report)
+    for one in done.stations:
+        for index, error in one.lost.items():
             say(f"section {index}: {error}")
     if done.stitched is not None:
-        report_stitching(done.stitched, done.directory, json=json)
+        print_stitching(done.stitched, done.directory, json=json)
         return
-    for found in done.stations:
-        report(found.summary, found.directory, json=json)
-    if any(found.lost for found in done.stations):
+    for one in done.stations:
+        print_scan(one.summary, one.directory, json=json)
+    if any(one.lost for one in done.stations):
         raise SystemExit(1)

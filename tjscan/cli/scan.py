@@ -44,43 +44,21 @@ def scan(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import report, say, watching
-    from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.scan_stations import scan_stations
-    from tjscan.core.config import naming
     from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_job
-    from tjscan.result.directory import JOB
-    from tjscan.runs.directory import default_directory
-    from tjscan.runs.scan import check_job, plan_of, resume_job, run_job
 
-    keys = parse_overrides(overrides)
-    if realtime:
-        keys["simulation.arm.realtime"] = True
-    file = job / JOB if resume else job
+    keys = parse_overrides(overrides) | ({"simulation.arm.realtime": True} if realtime else {})
+    file = job / "job.toml" if resume else job
     parsed = read_job(file, keys)
+    # A job with a mistake in it is refused before anything heavy is loaded.
+    from tjscan.cli.scan_modes import check_only, new_scan, resume_scan
+
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
-    whole = resume and len(parsed.station) > 1  # keeps its stations in folders of its own
-    if station is not None and not whole:
-        with naming(file):
-            parsed = parsed.at(station)
-    if dry_run:
-        check_job(parsed, file)
-        say(f"{file}: the job is sound, and the way to its taught poses is clear")
-        return
-    directory = job if resume else out or default_directory(file, station)
-    if len(parsed.station) > 1:
-        scan_stations(parsed, file, directory, keys if resume else None, station, json=json)
-        return
-    with watching(plan_of(parsed)) as watch, stopped_by_ctrl_c() as stop:
-        if resume:
-            summary = resume_job(directory, keys, watch, stop)
-        else:
-            summary = run_job(parsed, file, directory, watch, stop)
-    report(summary, directory, json=json)
-    if stop.wanted and not summary.complete:
-        raise SystemExit(INTERRUPTED)
-    if not summary.complete:
-        raise SystemExit(1)
+    if resume:
+        resume_scan(parsed, file, keys, station, json=json)
+    elif dry_run:
+        check_only(parsed, file, station)
+    else:
+        new_scan(parsed, file, out, station, json=json)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from math import radians
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tjscan.stitching.settings import StitchSettings
 
 
 def stitch(
@@ -25,28 +30,38 @@ def stitch(
     out
         The directory to make; ``runs/stitched-DATE`` where left out.
     repeatability_mm
-        How well the arm says where it stands, root mean square.
+        Root mean square error of the position that the arm reports.
     repeatability_deg
-        The same of its angle.
+        The same of its orientation.
     out_of_round_mm
-        How far the tubes' walls bulge from a circle, at least; more is found where it must be.
+        Deviation of the tubes' walls from a circle that is assumed at least; a larger one is
+        estimated from the scans.
     json
         Print the summary and the stations as JSON on stdout.
     """
-    from math import radians
-
-    from tjscan.cli.stitching_words import report_stitching
+    from tjscan.cli.stitching_output import print_stitching
     from tjscan.core.errors import ConfigurationError
-    from tjscan.joint.tubes.walls import Repeatability
+    from tjscan.report.write import write_report
     from tjscan.runs.directory import default_directory
     from tjscan.runs.stitch import stitch_runs
-    from tjscan.stitching.settings import DEFAULT, StitchSettings
 
     directory = out or default_directory(Path("stitched"))
     if directory.exists() and any(directory.iterdir()):
         raise ConfigurationError(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
+    settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
+    done = stitch_runs((run, *runs), directory, settings, write_report)
+    print_stitching(done, directory, json=json)
+
+
+def _settings(
+    repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
+) -> StitchSettings:
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.joint.tubes.walls import Repeatability
+    from tjscan.stitching.settings import DEFAULT, StitchSettings
+
     for name, value, most in (
         ("repeatability-mm", repeatability_mm, 5.0),
         ("repeatability-deg", repeatability_deg, 1.0),
@@ -54,12 +69,7 @@ def stitch(
     ):
         if not 0 < value <= most:
             raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")
-    done = stitch_runs(
-        (run, *runs),
-        directory,
-        StitchSettings(
-            Repeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
-            1e-3 * out_of_round_mm,
-        ),
+    return StitchSettings(
+        Repeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
+        1e-3 * out_of_round_mm,
     )
-    report_stitching(done, directory, json=json)

@@ -15,7 +15,7 @@ def study(
     dry_run: bool = False,
     json: bool = False,
 ) -> None:
-    """Run many simulated scans and tell them in one table.
+    """Run many simulated scans and write their results into one table.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def study(
     import os
 
     from tjscan.cli.console import say
-    from tjscan.cli.study_words import report, watching
+    from tjscan.cli.study_output import print_study, study_progress
     from tjscan.core.errors import ConfigurationError
     from tjscan.runs.directory import default_directory
     from tjscan.study.cluster import ClusterScheduler
@@ -60,6 +60,6 @@ def study(
         make_study(directory, tasks)
     here = LocalScheduler(workers or os.cpu_count() or 1)
     where = ClusterScheduler(scheduler) if scheduler else here
-    with watching(len(tasks)) as watch:
+    with study_progress(len(tasks)) as watch:
         rows = run_study(directory, where, watch)
-    report(rows, directory, json=json)
+    print_study(rows, directory, json=json)

@@ -16,11 +16,11 @@ from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
-from tjscan.job.cell import Cell, clearance_of, mount_of
+from tjscan.job.cell import Cell, clearance_of
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import identity_words
 from tjscan.robot.cleared import ClearedArm
-from tjscan.runs.scan import cell_of, frame_of, joint_of, reader_of
+from tjscan.runs.context import RunContext, frame_of, reader_of
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
 """Whose versions are told."""
@@ -85,9 +85,10 @@ def examine(
     if not finding.sound:
         return
     job = jobs[0]
+    context = RunContext(job, job_file)
     named = [
-        _look("joint", partial(_joint, job, job_file)),
-        _look("calibration", partial(_calibration, job, job_file)),
+        _look("joint", partial(_joint, context)),
+        _look("calibration", partial(_calibration, context)),
         _look("clearance", partial(_clearance, job)),
     ]
     yield from named
@@ -100,7 +101,7 @@ def examine(
 
 def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
     try:
-        cell = cell_of(job, job_file)
+        cell = RunContext(job, job_file).cell()
     except TjscanError as error:
         yield Finding("cell", str(error), error)
         return
@@ -138,14 +139,13 @@ def _versions() -> Iterator[str]:
             yield f"{library} not installed"
 
 
-def _joint(job: JobFile, job_file: Path) -> str:
-    joint = joint_of(job, job_file)
-    frame = f"results will be in frame {frame_of(job).name}"
-    return f"none named: {frame}" if joint is None else f"{joint[0]}; {frame}"
+def _joint(context: RunContext) -> str:
+    frame = f"results will be in frame {frame_of(context.job).name}"
+    return f"none named: {frame}" if context.joint is None else f"{context.joint_file}; {frame}"
 
 
-def _calibration(job: JobFile, job_file: Path) -> str:
-    mount = mount_of(job, job_file)
+def _calibration(context: RunContext) -> str:
+    mount = context.mount
     where = "as the job has it" if mount.file is None else f"{mount.file}"
     return (
         f"{where}; the sensor is {1e3 * np.linalg.norm(mount.T_f_s[:3, 3]):.0f} mm from the flange"

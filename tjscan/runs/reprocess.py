@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,21 +16,20 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import atomic_directory, check_inside
 from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
-from tjscan.job.cell import mount_of
-from tjscan.joint.definition import JointDefinition
 from tjscan.recording.reader import Finished, Recorded, read_recorded
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB
 from tjscan.result.summary import Summary
-from tjscan.runs.directory import COPIES, make_directory
-from tjscan.runs.scan import joint_of, plan_of, reader_of, write_run
+from tjscan.runs.context import RunContext, plan_of, reader_of, report_nothing
+from tjscan.runs.directory import COPIES
+from tjscan.runs.scan import write_run
 from tjscan.runs.stitch import StitchedRun, stitch_runs
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, View
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
-"""Keys that say how recorded profiles are read and told, not how they were taken."""
+"""Keys that say how recorded profiles are read and reported, not how they were taken."""
 
 FEWEST: Final = 2
 """Sections that make a result: fewer have no step between them."""
@@ -78,7 +77,10 @@ class ReprocessedRun:
 
 
 def reprocess(
-    directory: Path, overrides: dict[str, Any], out: Path | None = None
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path | None = None,
+    finished: Callable[[Path], object] = report_nothing,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
@@ -94,6 +96,8 @@ def reprocess(
         Dotted keys and values, those of `REPROCESSABLE` only.
     out : Path, optional
         The directory to make, outside of the run's; beside it where left out.
+    finished : callable
+        Is called with every directory whose results are written.
 
     Raises
     ------
@@ -120,24 +124,31 @@ def reprocess(
     if out.resolve().is_relative_to(directory.resolve()):
         raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
     job = read_job(job_file, overrides)
+    context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
-        return ReprocessedRun(out, (_reprocess(directory, job.at(), job_file, out),))
+        return ReprocessedRun(out, (_reprocess(replace(context, job=job.at()), out),))
     check_inside(directory, *(station.name for station in job.station))
-    _make(out, job, job_file)
+    context.make_directory(out)
     stations = tuple(
-        _reprocess(run, read_job(run / JOB, overrides).at(), run / JOB, out / run.name)
+        _reprocess(
+            replace(context, job=read_job(run / JOB, overrides).at(), job_file=run / JOB),
+            out / run.name,
+        )
         for run in (directory / station.name for station in job.station)
         if (run / JOB).is_file()
     )
     whole = len(stations) == len(job.station) and not any(one.lost for one in stations)
-    return ReprocessedRun(out, stations, stitch_runs([out], out) if whole else None)
+    return ReprocessedRun(
+        out, stations, stitch_runs([out], out, finished=finished) if whole else None
+    )
 
 
-def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Reprocessed:
+def _reprocess(context: RunContext, out: Path) -> Reprocessed:
     """The same for a single run."""
+    directory, job = context.job_file.parent, context.job
     check_inside(directory, *COPIES)
-    with naming(job_file):
-        T_f_s = mount_of(job, job_file).T_f_s
+    with naming(context.job_file):
+        T_f_s = context.mount.T_f_s
     recorded = read_recorded(directory)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
@@ -146,23 +157,14 @@ def _reprocess(directory: Path, job: JobFile, job_file: Path, out: Path) -> Repr
             iter(lost.values()),
             RecordingError(f"{directory}: holds less than {FEWEST} finished sections"),
         )
-    joint = _make(out, job, job_file)
+    context.make_directory(out)
     with atomic_directory(out) as draft:
         for file in parts(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections))
     result = ScanResult(sections, views, stop, detail, recorded.counts)
-    return Reprocessed(out, write_run(out, job, result, joint), lost)
-
-
-def _make(out: Path, job: JobFile, job_file: Path) -> JointDefinition | None:
-    """Make a directory with a job and what it names; gives the joint."""
-    with naming(job_file):
-        joint = joint_of(job, job_file)
-        mount = mount_of(job, job_file)
-        make_directory(out, job, job_file, joint=joint and joint[0], calibration=mount.file)
-    return joint and joint[1]
+    return Reprocessed(out, write_run(context, out, result), lost)
 
 
 def beside(directory: Path) -> Path:

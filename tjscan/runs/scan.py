@@ -1,13 +1,12 @@
-"""Run a job: from the job file to a run directory that tells all."""
+"""Scan as a job says, or go on with a scan that was interrupted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal
-
-import numpy as np
+from typing import Final
 
 from tjscan.core.config import naming
 from tjscan.core.errors import (
@@ -18,36 +17,24 @@ from tjscan.core.errors import (
     words_of,
 )
 from tjscan.core.files import check_inside, sole_writer
-from tjscan.groove.find import find_groove
-from tjscan.groove.section import GrooveSection
-from tjscan.job import AdaptiveTable, JobFile, ScanTable, read_job
-from tjscan.job.cell import Cell, mount_of, open_cell
-from tjscan.joint.definition import JointDefinition
-from tjscan.joint.file import read_joint
-from tjscan.laser.profile import Profile
+from tjscan.job import JobFile
+from tjscan.job.cell import Cell
 from tjscan.recording.origin import Origin, changes
 from tjscan.recording.reader import read_messages, read_origin, read_progress
-from tjscan.recording.writer import Recording, next_part, parts
-from tjscan.report.write import write_report
-from tjscan.result.directory import JOB
-from tjscan.result.frame import ResultFrame
+from tjscan.recording.writer import parts
 from tjscan.result.summary import Summary
 from tjscan.robot.arm import Arm, identity_words
 from tjscan.robot.cleared import ClearedArm
-from tjscan.runs.directory import COPIES, is_untouched, make_directory, origin_of
+from tjscan.runs.context import RunContext, frame_of, plan_of, reader_of
+from tjscan.runs.directory import COPIES, is_untouched
 from tjscan.runs.results import write_scan
-from tjscan.scanning.adaptive import Adaptive
-from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, Journals
-from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
 from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.result import InterruptedScan, ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurface
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import Direction
 
 RESUMABLE: Final = (
     "scan.length_mm",
@@ -66,87 +53,7 @@ RESUMABLE: Final = (
 """Keys that may change while a scan goes on."""
 
 
-def plan_of(job: JobFile) -> ScanPlan:
-    """The scan that a job asks for, in metres and radians."""
-    table = job.scan
-    return ScanPlan(
-        step=1e-3 * table.step_mm,
-        prediction=_prediction_of(table),
-        direction=Direction(table.direction),
-        pull_angle=float(np.radians(table.pull_angle_deg)),
-        standoff=1e-3 * table.standoff_mm,
-        offset=1e-3 * table.view_offset_mm,
-        length=None if table.length_mm is None else 1e-3 * table.length_mm,
-        sections=table.sections,
-        skip=_skip_of(table),
-        adaptive=_adaptive_of(table.adaptive),
-        return_tolerance=1e-3 * table.resume_tolerance_mm,
-    )
-
-
-def _prediction_of(scan: ScanTable) -> Prediction | Literal["smooth"]:
-    return "smooth" if scan.prediction_case == SMOOTH else CASES[scan.prediction_case]
-
-
-def _adaptive_of(table: AdaptiveTable | None) -> Adaptive | None:
-    if table is None:
-        return None
-    return Adaptive(
-        1e-3 * table.least_mm,
-        1e-3 * table.most_mm,
-        float(np.radians(table.angle_change_deg)),
-        1e-6 * table.area_change_mm2,
-        float(np.radians(table.turn_deg)),
-    )
-
-
-def _skip_of(scan: ScanTable) -> CorrectionCriterion | None:
-    table = scan.skip
-    enabled = scan.prediction_case not in CASES if table.enabled is None else table.enabled
-    if not enabled:
-        return None
-    return CorrectionCriterion(
-        1e-3 * table.position_mm,
-        float(np.radians(table.work_angle_deg)),
-        float(np.radians(table.rotation_deg)),
-    )
-
-
-def reader_of(job: JobFile) -> Callable[[Profile], GrooveSection]:
-    """What reads the grooves of a job's profiles."""
-    return partial(find_groove, settings=job.groove.settings)
-
-
-def joint_of(job: JobFile, job_file: Path) -> tuple[Path, JointDefinition] | None:
-    """The joint that a job names, and its file, sought from the job's folder.
-
-    Raises
-    ------
-    ConfigurationError
-        If that file is missing or describes a joint that can't be.
-    """
-    if job.joint is None:
-        return None
-    file = job_file.parent / job.joint.file
-    if not file.is_file():
-        raise ConfigurationError(f"there is no such file: {file}", file=job_file, key="joint.file")
-    return file, read_joint(file)
-
-
-def cell_of(job: JobFile, job_file: Path) -> Cell:
-    """Make the cell of a job, with all that the job names.
-
-    Raises
-    ------
-    ConfigurationError
-        If the job, or a file that it names, is wrong.
-    """
-    with naming(job_file):
-        joint = joint_of(job, job_file)
-        return open_cell(job, mount_of(job, job_file).T_f_s, joint and joint[1])
-
-
-def check_job(job: JobFile, job_file: Path) -> None:
+def check_job(context: RunContext) -> None:
     """Check a job, what it names, and the way to its taught poses where it stands; move nothing.
 
     Raises
@@ -156,10 +63,10 @@ def check_job(job: JobFile, job_file: Path) -> None:
     PoseUnreachable
         If a taught pose is, or the way there is blocked.
     """
-    with naming(job_file):
-        places = job.places
+    with naming(context.job_file):
+        places = context.job.places
     for place in places:
-        with cell_of(place, job_file) as cell:
+        with replace(context, job=place).cell() as cell:
             cell.arm.check(*(start.T for start in place.starts))
 
 
@@ -199,56 +106,40 @@ def _note_arm(arm: Arm, journal: Journal) -> None:
             journal.event("arm", identity_words(identity))
 
 
-def run_job(
-    job: JobFile, job_file: Path, directory: Path, watch: Journal, stop: StopRequest | None = None
-) -> Summary:
+def run_scan(context: RunContext, directory: Path) -> Summary:
     """Scan as a job says and leave a run directory behind.
 
     Parameters
     ----------
-    job : JobFile
-        The job, of one station if it has any.
-    job_file : Path
-        Where it was read from; the files it names are sought from there.
+    context : RunContext
+        The job, of one station if it has any, and where to report to.
     directory : Path
         The run directory to make.
-    watch : Journal
-        Is told of everything, after it is on disk.
-    stop : StopRequest, optional
-        Asks for an end before the job is done.
 
     Raises
     ------
     TjscanError
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
-    with naming(job_file):
-        job = job.at()
-        joint = joint_of(job, job_file)
-        mount = mount_of(job, job_file)
-        cell = open_cell(job, mount.T_f_s, joint and joint[1])
-        make_directory(directory, job, job_file, joint=joint and joint[0], calibration=mount.file)
+    with naming(context.job_file):
+        context = replace(context, job=context.job.at())
+        cell = context.cell()
+        context.make_directory(directory)
         with sole_writer(directory):
-            with Recording(next_part(directory), origin_of(directory, job)) as recording:
-                result = scan_in(cell, job, Journals(recording, watch), stop=stop)
-            return write_run(directory, job, result, joint and joint[1])
+            with context.recording(directory) as journal:
+                result = scan_in(cell, context.job, journal, stop=context.stop)
+            return write_run(context, directory, result)
 
 
-def resume_job(
-    directory: Path, overrides: dict[str, Any], watch: Journal, stop: StopRequest | None = None
-) -> Summary:
+def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> Summary:
     """Go on with a scan that was interrupted, after its last finished section.
 
     Parameters
     ----------
-    directory : Path
-        Its run directory, which holds the job, the calibration and the recording.
-    overrides : dict
-        Dotted keys and values, those of `RESUMABLE` only.
-    watch : Journal
-        Is told of everything, after it is on disk.
-    stop : StopRequest, optional
-        Asks for an end before the job is done.
+    context : RunContext
+        The job as the run directory holds it, with keys replaced or not.
+    overrides : iterable of str
+        The dotted keys that were replaced, those of `RESUMABLE` only.
 
     Raises
     ------
@@ -257,28 +148,23 @@ def resume_job(
     JointMoved
         If the last section is not where it was.
     TjscanError
-        As `run_job` does.
+        As `run_scan` does.
     """
-    job_file = directory / JOB
+    directory = context.job_file.parent
     check_inside(directory, *COPIES)
-    check_resumable(overrides, job_file)
-    with naming(job_file), sole_writer(directory):
-        job = read_job(job_file, overrides).at()
-        joint = joint_of(job, job_file)
-        mount = mount_of(job, job_file)
-        origin = origin_of(directory, job)
+    check_resumable(overrides, context.job_file)
+    with naming(context.job_file), sole_writer(directory):
+        context = replace(context, job=context.job.at())
         changed, done = [], None
         if not is_untouched(directory):  # else it ended before it began to record
-            changed = check_origin(directory, origin)
-            done = read_progress(directory, reader_of(job))
-        left = done.views[-1] if done and done.views else None
-        cell = open_cell(job, mount.T_f_s, joint and joint[1], left)
-        with Recording(next_part(directory), origin) as recording:
-            journal = Journals(recording, watch)
+            changed = check_origin(directory, context.origin(directory))
+            done = read_progress(directory, reader_of(context.job))
+        cell = context.cell(left=done.views[-1] if done and done.views else None)
+        with context.recording(directory) as journal:
             for key, what in changed:
                 journal.event("changed", f"{key} {what}")
-            result = scan_in(cell, job, journal, done, stop)
-        return write_run(directory, job, result, joint and joint[1])
+            result = scan_in(cell, context.job, journal, done, context.stop)
+        return write_run(context, directory, result)
 
 
 def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
@@ -334,19 +220,7 @@ def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
     return changed
 
 
-def frame_of(job: JobFile) -> ResultFrame:
-    """The frame that a scan's results are told in.
-
-    It is b for a station: where the joint stands there is known but about.
-    """
-    if job.joint is None or job.station:
-        return ResultFrame()
-    return ResultFrame(job.joint.T_w_j)
-
-
-def write_run(
-    directory: Path, job: JobFile, result: ScanResult, joint: JointDefinition | None
-) -> Summary:
+def write_run(context: RunContext, directory: Path, result: ScanResult) -> Summary:
     """Write what a job's scan found into its run directory.
 
     Raises
@@ -354,14 +228,14 @@ def write_run(
     RecordingError
         If a file can't be written.
     """
-    frame = frame_of(job)
+    job, frame = context.job, frame_of(context.job)
     summary = write_scan(
         directory,
         result,
         plan_of(job),
         frame,
-        None if frame.T_b_j is None else joint,
+        None if frame.T_b_j is None else context.joint,
         station=job.station[0].name if job.station else "1",
     )
-    write_report(directory)
+    context.finished(directory)
     return summary

@@ -1,10 +1,10 @@
-"""Run a job from all of its stations, one after the other, and stitch what they saw."""
+"""Scan from all stations of a job, one after the other, and stitch what they saw."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,24 +14,15 @@ from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
-from tjscan.job.cell import mount_of
 from tjscan.recording.reader import read_progress
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import Summary, read_summary
-from tjscan.runs.directory import COPIES, is_untouched, make_directory
-from tjscan.runs.scan import (
-    cell_of,
-    check_resumable,
-    joint_of,
-    plan_of,
-    reader_of,
-    resume_job,
-    run_job,
-)
+from tjscan.runs.context import RunContext, plan_of, reader_of, report_nothing
+from tjscan.runs.directory import COPIES, is_untouched
+from tjscan.runs.scan import check_resumable, resume_scan, run_scan
 from tjscan.runs.stitch import StitchedRun, stitch_runs
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.stopping import StopRequest
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""
@@ -70,12 +61,7 @@ class StationScan:
 
 
 def run_stations(
-    job: JobFile,
-    job_file: Path,
-    directory: Path,
-    attendant: Attendant,
-    watch: Watch,
-    stop: StopRequest | None = None,
+    context: RunContext, directory: Path, attendant: Attendant, watch: Watch
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -83,18 +69,14 @@ def run_stations(
 
     Parameters
     ----------
-    job : JobFile
-        The job, with several stations.
-    job_file : Path
-        Where it was read from; the files it names are sought from there.
+    context : RunContext
+        The job, with several stations; its journal is not used.
     directory : Path
         The directory to make.
     attendant : Attendant
         Is asked before the arm moves at another station than the first.
     watch : callable
         Gives a journal for each scan.
-    stop : StopRequest, optional
-        Asks for an end before the job is done.
 
     Returns
     -------
@@ -104,33 +86,30 @@ def run_stations(
     Raises
     ------
     TjscanError
-        As `run_job` does; the stations that were scanned before are whole.
+        As `run_scan` does; the stations that were scanned before are whole.
     """
-    _check(job, job_file)
-    with naming(job_file):
-        joint = joint_of(job, job_file)
-        mount = mount_of(job, job_file)
-        make_directory(directory, job, job_file, joint=joint and joint[0], calibration=mount.file)
-    return resume_stations(directory, {}, attendant, watch, stop=stop)
+    _check(context)
+    context.make_directory(directory)
+    made = replace(context, job=read_job(directory / JOB), job_file=directory / JOB)
+    return resume_stations(made, {}, attendant, watch)
 
 
 def resume_stations(
-    directory: Path,
+    context: RunContext,
     overrides: dict[str, Any],
     attendant: Attendant,
     watch: Watch,
     only: str | None = None,
-    stop: StopRequest | None = None,
 ) -> tuple[StationScan, ...]:
     """Scan what is missing: stations that were cut short, and those that were not begun.
 
     Parameters
     ----------
-    directory : Path
-        What `run_stations` made.
+    context : RunContext
+        The job as the directory that `run_stations` made holds it, with keys replaced or not.
     overrides : dict
-        Dotted keys and values that may change while a scan goes on.
-    attendant, watch, stop
+        The dotted keys that were replaced, and their values.
+    attendant, watch
         As of `run_stations`.
     only : str, optional
         The one station to scan; all where left out.
@@ -143,35 +122,43 @@ def resume_stations(
     Raises
     ------
     TjscanError
-        As `resume_job` does.
+        As `resume_scan` does.
     """
-    job_file = directory / JOB
+    job, job_file = context.job, context.job_file
+    directory = job_file.parent
     check_inside(directory, *COPIES)
     check_resumable(overrides, job_file)
-    job = read_job(job_file, overrides)
     check_inside(directory, *job.stations)
-    _check(job, job_file)
+    _check(context)
     if only is not None:
         with naming(job_file):
             job.at(only)
-    stop = stop or StopRequest()
     with sole_writer(directory):
         for name in job.stations if only is None else (only,):
             found = _found(directory, name)
             if found.done:
                 continue
-            if stop.wanted or not _stands(job, found, attendant):
+            if context.stop.wanted or not _stands(job, found, attendant):
                 break
             with (
-                _telling_what_to_do(directory, name),
+                _saying_how_to_go_on(directory, name),
                 watch(name, plan_of(job.at(name))) as journal,
             ):
-                _scan(job, found, overrides, journal, stop)
+                _scan(replace(context, job=job.at(name), journal=journal), found, overrides)
     return tuple(_found(directory, name) for name in job.stations)
 
 
-def stitch_stations(directory: Path) -> StitchedRun:
+def stitch_stations(
+    directory: Path, finished: Callable[[Path], object] = report_nothing
+) -> StitchedRun:
     """Make one groove of what all stations saw, and write it beside their directories.
+
+    Parameters
+    ----------
+    directory : Path
+        What `run_stations` made.
+    finished : callable
+        Is called with the directory once the results are written.
 
     Raises
     ------
@@ -180,7 +167,7 @@ def stitch_stations(directory: Path) -> StitchedRun:
     """
     with sole_writer(directory):
         try:
-            return stitch_runs([directory], directory)
+            return stitch_runs([directory], directory, finished=finished)
         except StitchingRefused as error:
             error.add_note(
                 "What each station scanned is whole. Where an overlap is too small, scan further: "
@@ -190,16 +177,17 @@ def stitch_stations(directory: Path) -> StitchedRun:
             raise
 
 
-def _check(job: JobFile, job_file: Path) -> None:
-    """See that a cell can be made at every station; connect none."""
+def _check(context: RunContext) -> None:
+    """Check that a cell can be made at every station; connect none."""
+    job = context.job
     if job.laser.is_replay:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
-            file=job_file,
+            file=context.job_file,
             key="laser.driver",
         )
     for name in job.stations:
-        cell_of(job.at(name), job_file)
+        replace(context, job=job.at(name)).cell()
 
 
 def _found(directory: Path, name: str) -> StationScan:
@@ -214,36 +202,33 @@ def _stands(job: JobFile, station: StationScan, attendant: Attendant) -> bool:
     if i == 0 or (station.directory / JOB).is_file():
         return True
     before = _found(station.directory.parent, job.stations[i - 1])
-    told = (
+    so_far = (
         f"Station {before.name} is not scanned."
         if before.summary is None
         else f"Station {before.name}: {before.summary.sections} sections, {before.summary.detail}."
     )
     return attendant.confirm(
         Question(
-            f"{told} Move the arm to station {station.name}. Does it stand there, firmly, and is "
+            f"{so_far} Move the arm to station {station.name}. Does it stand there, firmly, and is "
             "the way to its start poses free?",
             default=True,
         )
     )
 
 
-def _scan(
-    job: JobFile,
-    station: StationScan,
-    overrides: dict[str, Any],
-    journal: Journal,
-    stop: StopRequest,
-) -> None:
-    single = job.at(station.name)
-    if (station.directory / JOB).is_file():
+def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) -> None:
+    """Scan from one station, or go on with its scan where two sections of it are finished."""
+    file = station.directory / JOB
+    if file.is_file():
         begun = not is_untouched(station.directory)
-        if begun and len(read_progress(station.directory, reader_of(single)).sections) >= 2:
-            resume_job(station.directory, overrides, journal, stop)
+        if begun and len(read_progress(station.directory, reader_of(context.job)).sections) >= 2:
+            check_inside(station.directory, JOB)
+            job = read_job(file, overrides)
+            resume_scan(replace(context, job=job, job_file=file), overrides)
             return
         # Nothing to go on from: its start poses may have been taught anew since.
         _put_aside(station.directory)
-    run_job(single, station.directory.parent / JOB, station.directory, journal, stop)
+    run_scan(context, station.directory)
 
 
 def _put_aside(directory: Path) -> None:
@@ -256,7 +241,7 @@ def _put_aside(directory: Path) -> None:
 
 
 @contextmanager
-def _telling_what_to_do(directory: Path, name: str) -> Iterator[None]:
+def _saying_how_to_go_on(directory: Path, name: str) -> Iterator[None]:
     try:
         yield
     except TjscanError as error:

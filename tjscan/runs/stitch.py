@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -20,15 +20,14 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
-from tjscan.report.write import write_report
 from tjscan.result.directory import JOB, JOINT, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
 from tjscan.result.write import write_results
+from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.results import groove_points
-from tjscan.runs.scan import joint_of, reader_of
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import DEFAULT, StitchSettings
@@ -81,9 +80,12 @@ class StitchedRun:
 
 
 def stitch_runs(
-    runs: Sequence[Path], directory: Path, settings: StitchSettings = DEFAULT
+    runs: Sequence[Path],
+    directory: Path,
+    settings: StitchSettings = DEFAULT,
+    finished: Callable[[Path], object] = report_nothing,
 ) -> StitchedRun:
-    """Stitch run directories and write the result, with its report.
+    """Stitch run directories and write the result.
 
     Runs that lie elsewhere are copied beside it, so that it can be moved and looked into whole.
 
@@ -94,7 +96,9 @@ def stitch_runs(
     directory : Path
         Where to write; it may be the one that holds the stations' directories.
     settings : StitchSettings
-        What is taken for granted, and asked for.
+        What is assumed and what is required.
+    finished : callable
+        Is called with the directory once the results are written.
 
     Raises
     ------
@@ -117,7 +121,7 @@ def stitch_runs(
         raise
     _gather(directory, read)
     done = _write(directory, read, stitched)
-    write_report(directory)
+    finished(directory)
     return done
 
 
@@ -155,7 +159,7 @@ def read_station(directory: Path) -> StationRun:
         name = _name(job, job_file)
         read = reader_of(job)
         done = read_progress(directory, read)
-        joint = joint_of(job, job_file)
+        joint = RunContext(job, job_file).joint
     if not (directory / SUMMARY).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
@@ -166,7 +170,7 @@ def read_station(directory: Path) -> StationRun:
         directory,
         station_of(name, job.T_w_b, done.sections, done.views, read),
         summary,
-        joint and joint[1],
+        joint,
     )
 
 

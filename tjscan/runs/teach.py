@@ -18,7 +18,7 @@ from tjscan.core.frames import Array, to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.robot.rest import await_rest, check_still
-from tjscan.runs.scan import cell_of, reader_of
+from tjscan.runs.context import RunContext, reader_of
 
 Which = Literal["first", "second"]
 
@@ -73,7 +73,7 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     RecordingError
         If the file can't be written; it then is what it was.
     """
-    with cell_of(job, job_file) as cell:
+    with RunContext(job, job_file).cell() as cell:
         state = await_rest(cell.arm)
         profile = cell.laser.capture()
         check_still(state, cell.arm.state())

@@ -17,8 +17,9 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
+from tjscan.runs.context import plan_of
 from tjscan.runs.results import summarise
-from tjscan.runs.scan import plan_of, scan_in
+from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.result import ScanResult

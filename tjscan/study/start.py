@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, inverse, to_euler_zyx
 from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan import plan_of
+from tjscan.runs.context import plan_of
 from tjscan.study.rules import RuleTable
 from tjscan.study.task import canonical
 from tjscan.study.teaching import TeachingError, carried, centred, random_of, taught_views

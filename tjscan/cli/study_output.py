@@ -1,4 +1,4 @@
-"""What ``tjscan study`` says."""
+"""What ``tjscan study`` prints."""
 
 from __future__ import annotations
 
@@ -8,30 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TimeRemainingColumn
 
-from tjscan.cli.console import say, stderr
+from tjscan.cli.console import progress_bars, say
 from tjscan.study.row import Row
 
 
 @contextmanager
-def watching(total: int) -> Iterator[Callable[[Row], None]]:
-    """Give what moves a progress bar on by a row while the block runs."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=stderr) as progress:
+def study_progress(total: int) -> Iterator[Callable[[Row], None]]:
+    """Show a progress bar while the block runs; gives what moves it on by a row."""
+    with progress_bars() as progress:
+        progress.columns += (TimeRemainingColumn(),)
         bar = progress.add_task("scans", total=total)
 
         def watch(row: Row) -> None:
@@ -44,8 +31,8 @@ def watching(total: int) -> Iterator[Callable[[Row], None]]:
         yield watch
 
 
-def report(rows: Sequence[Row], directory: Path, *, json: bool) -> None:
-    """Print how the scans of a study ended: words for people, or JSON on stdout."""
+def print_study(rows: Sequence[Row], directory: Path, *, json: bool) -> None:
+    """Print how the scans of a study ended, on stderr, or as JSON on stdout."""
     ended = Counter(row.measured.reason for row in rows)
     complete = sum(row.measured.complete for row in rows)
     if json:
@@ -54,4 +41,4 @@ def report(rows: Sequence[Row], directory: Path, *, json: bool) -> None:
     say(f"{complete} of {len(rows)} scans complete")
     for reason, count in ended.most_common():
         say(f"  {count:6d}  {reason}")
-    say(f"written to {directory}: report.md tells it, study.csv and study.parquet hold it")
+    say(f"written to {directory}: see report.md, and study.csv or study.parquet for the rows")

@@ -1,4 +1,4 @@
-"""A stitching in words."""
+"""What ``tjscan stitch`` prints."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tjscan.runs.stitch import StitchedRun
 from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 
 NOTED_MM = 0.05
-"""Tubes less out of round are not worth a word."""
+"""Tubes less out of round than this are not reported."""
 
 
-def report_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
-    """Print a stitched groove: each station, each overlap, all in all; or JSON on stdout."""
+def print_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
+    """Print a stitched groove on stderr: stations, overlaps, totals; or JSON on stdout."""
     if json:
         print(dumps({"summary": asdict(done.summary), "stitching": asdict(done.told)}, indent=2))
         return
@@ -27,7 +27,7 @@ def report_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
     for name, value in _lines(done.summary, done.told):
         table.add_row(name, value)
     stderr.print(table)
-    say(f"written to {directory}: report.html tells all of it, stations.json how it was stitched")
+    say(f"written to {directory}; see report.html, and stations.json for how it was stitched")
 
 
 def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:

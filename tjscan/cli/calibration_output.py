@@ -1,4 +1,4 @@
-"""What the commands say of a calibration."""
+"""What ``tjscan calibrate`` prints."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from tjscan.calibration.file import Calibrated, ResidualTable
 from tjscan.cli.console import say, stderr
 
 
-def report_calibration(done: Calibrated, *, json: bool) -> None:
-    """Print a calibration for people, and as JSON on stdout where that is asked."""
+def print_calibration(done: Calibrated, *, json: bool) -> None:
+    """Print a calibration on stderr, and as JSON on stdout if asked."""
     found = done.calibration
     table = Table(box=None, pad_edge=False)
-    for name in ("", "used", "offset mm", "tilt °", "misfit σ", "moves it by mm"):
+    for name in ("", "used", "offset mm", "tilt °", "residual σ", "shifts the sensor by mm"):
         table.add_column(name, justify="right" if name else "left")
     for residual in found.residuals:
         table.add_row(*_row(residual))
@@ -21,11 +21,12 @@ def report_calibration(done: Calibrated, *, json: bool) -> None:
     for row in found.T_f_s_mm:
         say("  ".join(f"{value:10.4f}" for value in row))
     say(
-        f"sure to {found.sigma_position_mm:.3f} mm and {found.sigma_rotation_deg:.4f}° (RMS), "
-        f"from {found.lines} lines, {found.method}, condition number {found.condition:.1f}"
+        f"standard uncertainty {found.sigma_position_mm:.3f} mm and "
+        f"{found.sigma_rotation_deg:.4f}° (RMS), from {found.lines} lines, "
+        f"{found.method}, condition number {found.condition:.1f}"
     )
     for caveat in done.caveats:
-        say(f"beware: {caveat}")
+        say(f"warning: {caveat}")
     say(f"written to {done.file}")
     if json:
         print(found.model_dump_json(indent=2))

@@ -1,19 +1,24 @@
-"""What ``tjscan compare`` says."""
+"""What ``tjscan compare`` prints."""
 
 from __future__ import annotations
+
+from json import dumps
 
 import numpy as np
 
 from tjscan.cli.console import say
-from tjscan.comparison.compare import Comparison
+from tjscan.comparison.compare import Comparison, to_dict
 
 
-def show_comparison(comparison: Comparison) -> None:
-    """Print what was compared and a table of distances on stdout; warnings go to stderr."""
+def print_comparison(comparison: Comparison, *, json: bool) -> None:
+    """Print what was compared and its distances on stdout, or JSON; warnings go to stderr."""
+    if json:
+        print(dumps(to_dict(comparison), indent=2))
+        return
     c, a = comparison, comparison.alignment
     for shape in (c.measured, c.reference):
         print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_by} says")
-    print(f"told in frame {c.reference.stated.frame}")
+    print(f"given in frame {c.reference.stated.frame}")
     if a.method != "none":
         rounds = f", {a.rounds} rounds" if a.rounds else ""
         print(
@@ -30,7 +35,7 @@ def show_comparison(comparison: Comparison) -> None:
             f"max {s.max:.4f} mm{within}"
         )
     for warning in c.warnings:
-        say(f"beware: {warning}")
+        say(f"warning: {warning}")
     if c.tolerance is not None:
         verdict = "within" if c.passed else "OUTSIDE"
         print(f"p95 {verdict} the tolerance of {1e3 * c.tolerance:g} mm")

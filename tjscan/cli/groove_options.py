@@ -1,0 +1,99 @@
+"""The options of ``tjscan groove``: how a file is read, and how a groove is found in it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from cyclopts import Parameter
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.groove.settings import GrooveSettings
+from tjscan.laser.files import ProfileFormat, ProfileTable
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOptions:
+    """How the numbers of a file are to be understood.
+
+    Parameters
+    ----------
+    units
+        Unit of length, where the names of the columns do not state it.
+    pitch
+        Distance of the columns of a matrix, in that unit.
+    invalid
+        A value that stands for no point, beside NaN and an empty cell.
+    """
+
+    units: Literal["mm", "um", "m"] | None = None
+    pitch: float | None = None
+    invalid: list[float] | None = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingOptions:
+    """Keys of a job's [groove] table.
+
+    Parameters
+    ----------
+    model
+        Shape of the groove; tee. The others give corners and no measures.
+    noise_mm
+        Largest standard deviation of the range that is expected; 0.05.
+    minimum_points
+        Fewest points of a profile that are worth a search; 80.
+    largest_sigma_mm
+        Largest standard deviation of a corner that is still accepted; 0.4.
+    largest_rms_mm
+        Largest deviation of the points from the fitted sides; 0.15.
+    inlier_share
+        Least share of a side's points that must lie on it; 0.1.
+    """
+
+    model: Literal["tee", "butt-v", "butt-v-sharp"] | None = None
+    noise_mm: float | None = None
+    minimum_points: int | None = None
+    largest_sigma_mm: float | None = None
+    largest_rms_mm: float | None = None
+    inlier_share: float | None = None
+
+
+def settings_of(file: Path, options: ReadingOptions | None) -> GrooveSettings:
+    """The settings for a file: options before the job of a run directory before the defaults."""
+    from tjscan.core.config import validate
+    from tjscan.job import ReadingTable, read_job
+    from tjscan.result.directory import JOB
+
+    job = file / JOB
+    own = read_job(job).groove.model_dump() if job.is_file() else {}
+    stated = {} if options is None else asdict(options)
+    return validate(
+        ReadingTable, own | {key: value for key, value in stated.items() if value is not None}
+    ).settings
+
+
+def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:
+    """The profiles of a file or a run directory; prints which of its rows can't be read.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are none.
+    """
+    from tjscan.cli.groove_output import print_bad_rows
+    from tjscan.laser.files import read_profiles
+    from tjscan.recording.reader import read_run
+
+    o = options or FileOptions()
+    if file.is_dir():
+        table = ProfileTable(read_run(file))
+    else:
+        table = read_profiles(file, ProfileFormat(o.units, o.pitch, tuple(o.invalid or ())))
+    print_bad_rows(file, table.bad)
+    if not table.profiles:
+        raise ConfigurationError("holds no profile that can be read", file=file)
+    return table

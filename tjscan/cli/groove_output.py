@@ -1,0 +1,54 @@
+"""What ``tjscan groove`` prints and draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from json import dumps
+from pathlib import Path
+from typing import Final
+
+from tjscan.cli.console import say
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import atomic_directory
+from tjscan.result.readings import Reading, measures, to_dict
+
+LISTED_BAD_ROWS: Final = 5
+"""Unreadable rows that are listed one by one."""
+
+
+def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
+    """Print on stderr which rows of a file could not be read."""
+    for row in bad[:LISTED_BAD_ROWS]:
+        say(f"{file}: {row}; left out")
+    if len(bad) > LISTED_BAD_ROWS:
+        say(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
+
+
+def print_readings(readings: Sequence[Reading], bad: Sequence[str], *, json: bool) -> None:
+    """Print a line per profile on stdout: measures with standard deviations, then the corners."""
+    if json:
+        print(dumps({"readings": [to_dict(r) for r in readings], "bad": list(bad)}, indent=2))
+        return
+    for reading in readings:
+        if reading.refusal is not None:
+            print(f"{reading.name}: {reading.refusal}")
+            continue
+        found = [] if reading.section is None else measures(reading.section)
+        values = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in found]
+        corners = "  ".join(f"({x:.3f}, {z:.3f})" for x, _, z in 1e3 * reading.points_s)
+        print(f"{reading.name}: {', '.join([*values, f'x, z in mm {corners}'])}")
+
+
+def check_plot(plot: Path | None) -> None:
+    """Check that a picture can be written there; raises ConfigurationError if not."""
+    if plot is not None and (plot.suffix.lower() != ".png" or not plot.parent.is_dir()):
+        raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")
+
+
+def draw(plot: Path, readings: Sequence[Reading]) -> None:
+    """Draw the profiles with their fitted grooves into a PNG."""
+    from tjscan.result.picture import draw_readings, write_picture
+
+    with atomic_directory(plot.parent) as draft:
+        write_picture(draft / plot.name, draw_readings(readings))
+    say(f"drawn in {plot}")

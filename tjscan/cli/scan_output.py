@@ -1,0 +1,79 @@
+"""What ``tjscan scan`` and ``tjscan reprocess`` print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.progress import Progress, TaskID
+from rich.table import Table
+
+from tjscan.cli.console import progress_bars, say, stderr
+from tjscan.result.summary import Summary, to_json
+from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.section import ScannedSection, View
+
+
+class ProgressJournal:
+    """Shows a scan as it goes.
+
+    Parameters
+    ----------
+    progress : Progress
+        The progress bars.
+    task : TaskID
+        The bar of this scan.
+    """
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+
+    def view(self, view: View) -> None:
+        """Show nothing: a profile is not yet a section."""
+
+    def section(self, scan: ScannedSection) -> None:
+        """Move the bar on by one section."""
+        self._progress.advance(self._task)
+
+    def event(self, name: str, detail: str) -> None:
+        """Print what happened above the bar; the reason for the end follows with the summary."""
+        if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
+            self._progress.console.print(f"{name}: {detail}", markup=False)
+
+
+@contextmanager
+def scan_progress(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJournal]:
+    """Show a progress bar while the block runs; gives the journal that moves it on."""
+    total = plan.sections
+    if total is None and plan.length is not None:
+        total = 2 + round(plan.length / plan.step)
+    with progress_bars() as progress:
+        yield ProgressJournal(progress, progress.add_task(title, total=total))
+
+
+def print_scan(summary: Summary, directory: Path, *, json: bool) -> None:
+    """Print a finished scan: a table on stderr, or JSON on stdout."""
+    if json:
+        print(to_json(summary))
+        return
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in _lines(summary):
+        table.add_row(name, value)
+    stderr.print(table)
+    say(f"written to {directory}; see report.html, and sections.csv for the numbers")
+
+
+def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
+    step, error = summary.step_mm, summary.corner_error_mm
+    yield "stopped because", summary.detail
+    yield "sections", f"{summary.sections} from {summary.scans} profiles"
+    yield "groove length", f"{summary.groove_length_mm:.1f} mm"
+    if step.mean is not None:
+        spread = "" if step.std is None else f" ± {step.std:.2f}"
+        yield "step", f"{step.mean:.2f}{spread} mm, {step.nominal:g} mm asked"
+    yield "flange", f"{summary.flange_travel_mm:.0f} mm, {summary.flange_rotation_deg:.0f}°"
+    yield "motion time", f"{summary.motion_time_s:.1f} s"
+    if error is not None:
+        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
