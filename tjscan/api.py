@@ -1,0 +1,369 @@
+"""The functions of ``import tjscan``: metres and radians, poses as 4 x 4 arrays, read-only results.
+
+What they need is imported when they are called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tjscan.core.frames import Array, readonly
+
+if TYPE_CHECKING:
+    from tjscan.calibration.hand_eye import HandEye
+    from tjscan.comparison.compare import Comparison
+    from tjscan.groove.measured import MeasuredSection
+    from tjscan.groove.section import GrooveSection
+    from tjscan.laser.profile import Profile
+    from tjscan.result.summary import Summary
+
+File = str | PathLike[str]
+LengthUnit = Literal["mm", "um", "m"]
+
+OFF_PLANE: Final = 1e-6
+"""Metres that a point of a profile may lie off the laser plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """A scanned groove, as a run directory holds it; all arrays are in one frame.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    frame : str
+        Letter of the frame: j, the joint's, or b, the robot's base.
+    points : ndarray, shape (n, 5, 3)
+        p1 to p5 of every section, metres.
+    T_r_g : ndarray, shape (n, 4, 4)
+        Pose of the frame g of every section.
+    measures : ndarray, shape (n, 4)
+        Groove angle (radians), root opening, depth (metres) and area (m²).
+    sigmas : ndarray, shape (n, 4)
+        Their standard deviations.
+    cloud : ndarray, shape (m, 3)
+        All points of the sections' profiles, metres.
+    sections : tuple of MeasuredSection
+        The sections one by one, with their covariances.
+    summary : Summary
+        The scan in a few numbers, in the units that their names state.
+    """
+
+    directory: Path
+    frame: str
+    points: Array
+    T_r_g: Array
+    measures: Array
+    sigmas: Array
+    cloud: Array
+    sections: tuple[MeasuredSection, ...]
+    summary: Summary
+
+    @classmethod
+    def read(cls, directory: File) -> Scan:
+        """Read a finished run directory, of one scan or stitched.
+
+        Raises
+        ------
+        ConfigurationError
+            If it holds no finished run, or its files are damaged.
+        """
+        from tjscan.result.directory import SECTIONS
+        from tjscan.result.shapes import finished_summary, read_run_shape
+        from tjscan.result.table import read_sections
+
+        folder = Path(directory)
+        summary, shape = finished_summary(folder), read_run_shape(folder)
+        sections = read_sections(folder / SECTIONS)
+        return cls(
+            folder,
+            summary.frame,
+            readonly([section.points for section in sections]),
+            readonly([section.T_r_g for section in sections]),
+            readonly([section.measures for section in sections]),
+            readonly([section.sigmas for section in sections]),
+            readonly(np.empty((0, 3)) if shape.points is None else shape.points),
+            sections,
+            summary,
+        )
+
+
+def scan(
+    job: File,
+    directory: File | None = None,
+    *,
+    station: str | None = None,
+    keys: Mapping[str, Any] | None = None,
+) -> Scan:
+    """Scan a groove as a job file says, from one station.
+
+    Parameters
+    ----------
+    job : path
+        The job file (TOML).
+    directory : path, optional
+        The run directory to make; ``runs/JOB-DATE`` where left out.
+    station : str, optional
+        The station to scan from, of a job with several.
+    keys : mapping, optional
+        Dotted keys of the job file and values to replace theirs: ``{"scan.sections": 4}``.
+
+    Raises
+    ------
+    TjscanError
+        If the job is wrong or a device fails; the recording in the run directory holds what was
+        measured until then.
+    """
+    from tjscan.core.config import naming
+    from tjscan.job import read_job
+    from tjscan.runs.context import RunContext
+    from tjscan.runs.directory import default_directory
+    from tjscan.runs.scan import run_scan
+
+    file = Path(job)
+    with naming(file):
+        parsed = read_job(file, dict(keys or {})).at(station)
+    folder = default_directory(file, station) if directory is None else Path(directory)
+    run_scan(RunContext(parsed, file), folder)
+    return Scan.read(folder)
+
+
+def read_groove(
+    points: ArrayLike,
+    *,
+    model: str = "tee",
+    noise: float = 0.05e-3,
+    minimum_points: int = 80,
+    largest_sigma: float = 0.4e-3,
+    largest_rms: float = 0.15e-3,
+    inlier_share: float = 0.1,
+) -> GrooveSection:
+    """Read the groove's section in one profile.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2) or (n, 3)
+        x and z, or x, y and z with y = 0, in the sensor's frame s, metres, in the order of the
+        sensor's columns; NaN where it has no point.
+    model : str
+        Shape of the groove, of four sides: ``tee`` or ``butt-v-sharp``.
+    noise : float
+        Largest standard deviation of the range that is expected, metres.
+    minimum_points : int
+        Fewest points that are worth a search.
+    largest_sigma : float
+        Largest standard deviation of a corner that is accepted, metres.
+    largest_rms : float
+        Largest deviation of the points from the fitted sides, metres.
+    inlier_share : float
+        Least share of a side's points that must lie on it.
+
+    Raises
+    ------
+    GrooveNotFound
+        If there is no groove, or more than one reading, or one that is too uncertain.
+    ValueError
+        If the points are not of that shape or off the laser plane, or a setting can't be.
+    """
+    from tjscan.groove.find import GrooveSettings, find_groove
+    from tjscan.groove.models import MODELS
+
+    if model not in MODELS:
+        raise ValueError(f"unknown model {model!r}; one of {', '.join(MODELS)}")
+    settings = GrooveSettings(
+        MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
+    )
+    return find_groove(_profile(points), settings)
+
+
+def calibrate(
+    profiles: Sequence[ArrayLike],
+    T_b_f: ArrayLike,
+    *,
+    touched: ArrayLike | None = None,
+    radius: float | None = None,
+    target: Literal["plane", "sphere"] = "plane",
+    noise: Mapping[str, float] | None = None,
+) -> HandEye:
+    """Find the pose of the sensor on the flange from profiles of a plane board or of a sphere.
+
+    Parameters
+    ----------
+    profiles : sequence of array_like, shape (n, 2) or (n, 3)
+        One profile for each pose, as `read_groove` takes it.
+    T_b_f : array_like, shape (k, 4, 4)
+        Poses of the flange in the robot's base frame, metres.
+    touched : array_like, shape (m, 3), optional
+        Points of the board that were touched with a probe, in the base frame, metres; without
+        them the board's place is estimated with the sensor's.
+    radius : float, optional
+        Radius of the sphere, metres; estimated where left out.
+    target : str
+        What the profiles are of.
+    noise : mapping, optional
+        Standard deviations that differ from the defaults of
+        `tjscan.calibration.noise.NoiseModel`: ``{"range": 20e-6}``.
+
+    Returns
+    -------
+    HandEye
+        With ``T_f_s``, its covariance, and what speaks against each profile.
+
+    Raises
+    ------
+    CalibrationRefused
+        If the result could not be trusted.
+    ValueError
+        If the arguments do not fit together.
+    """
+    from tjscan.calibration.noise import NoiseModel
+    from tjscan.calibration.offline import calibrate_profiles
+    from tjscan.calibration.posed_profile import PosedProfile
+    from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+
+    poses = np.asarray(T_b_f, dtype=float)
+    if poses.shape != (len(profiles), 4, 4):
+        raise ValueError(f"{len(profiles)} profiles need poses (k, 4, 4), not {poses.shape}")
+    if (touched is not None and target != "plane") or (radius is not None and target != "sphere"):
+        raise ValueError("touched points are of a plane, a radius is of a sphere")
+    model = NoiseModel(**(noise or {}))
+    board: PlaneTarget | SphereTarget | None = None
+    if target == "sphere":
+        board = SphereTarget(radius)
+    elif touched is not None:
+        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(axis=0))
+    posed = [
+        PosedProfile(f"profile {k}", T, _profile(points))
+        for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
+    ]
+    return calibrate_profiles(posed, board, model, _warn)
+
+
+def compare(
+    measured: File | Scan,
+    reference: File | Scan,
+    *,
+    align: Literal["none", "joint", "icp"] = "none",
+    tolerance: float | None = None,
+    units: LengthUnit | None = None,
+    reference_units: LengthUnit | None = None,
+    frame: str | None = None,
+) -> Comparison:
+    """Compare a scan or a cloud with a joint, a mesh or a cloud.
+
+    Parameters
+    ----------
+    measured : Scan or path
+        A scan, a run directory, or a cloud: PLY, PCD, XYZ, CSV, E57.
+    reference : Scan or path
+        A joint's definition (TOML), a mesh (STL, PLY, OBJ, 3MF, STEP), a cloud or a scan.
+    align : str
+        ``none``: both are given in one frame. ``joint``: leg and brace are found in both and
+        aligned. ``icp``: both are nearly aligned already, iterative closest points does the rest.
+    tolerance : float, optional
+        Metres; `Comparison.passed` says whether the 95th percentile is within it.
+    units, reference_units : str, optional
+        Unit of files that state none.
+    frame : str, optional
+        Frame of files that state none.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file can't be read, or the two can't be compared.
+    ComparisonRefused
+        If the points do not determine an alignment.
+    """
+    from tjscan.comparison.compare import compare as compare_shapes
+    from tjscan.comparison.sidecar import Told
+    from tjscan.result.shapes import read_shape
+
+    first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
+    return compare_shapes(
+        read_shape(first, Told(units, frame)),
+        read_shape(second, Told(reference_units or units, frame)),
+        align,
+        tolerance,
+    )
+
+
+class Recording:
+    """What a scan recorded: every profile, and where the arm stood.
+
+    Parameters
+    ----------
+    path : path
+        A run directory, or one file of its recording.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none.
+    RecordingError
+        If it is of another program, or damaged.
+    """
+
+    def __init__(self, path: File) -> None:
+        from tjscan.recording.reader import read_recording
+
+        self._views = tuple(read_recording(Path(path)))
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    @property
+    def profiles(self) -> tuple[Profile, ...]:
+        """Every profile in the order taken, in frame s, metres."""
+        return tuple(view.profile for view in self._views)
+
+    @property
+    def sections(self) -> Array:
+        """Number of the section that each profile was taken for, shape (n,)."""
+        return readonly([view.index for view in self._views])
+
+    @property
+    def q(self) -> Array:
+        """Joint angles of the arm at each profile, shape (n, 6), radians."""
+        return readonly([view.q for view in self._views])
+
+    @property
+    def T_b_f(self) -> Array:
+        """Pose of the flange in the base frame at each profile, shape (n, 4, 4), metres."""
+        return readonly([view.T_b_f for view in self._views])
+
+    @property
+    def T_b_s(self) -> Array:
+        """Pose of the sensor in the base frame at each profile, shape (n, 4, 4), metres."""
+        return readonly([view.T_b_s for view in self._views])
+
+    @property
+    def times(self) -> Array:
+        """Time of each profile on the clock of the arm, shape (n,), seconds."""
+        return readonly([view.time for view in self._views])
+
+
+def _profile(points: ArrayLike) -> Profile:
+    """A profile of points (n, 2) or (n, 3) in the laser plane."""
+    from tjscan.laser.profile import Profile
+
+    array = np.asarray(points, dtype=float)
+    if array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise ValueError(f"a profile is of shape (n, 2) or (n, 3), not {array.shape}")
+    if array.shape[1] == 3 and np.nanmax(np.abs(array[:, 1]), initial=0.0) > OFF_PLANE:
+        raise ValueError("the points lie off the laser plane: y must be 0")
+    return Profile(array[:, 0], array[:, -1])
+
+
+def _warn(message: str) -> None:
+    """Log what was left out of a calibration."""
+    import logging
+
+    logging.getLogger("tjscan").warning(message)
