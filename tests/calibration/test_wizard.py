@@ -58,7 +58,7 @@ class Watcher:
         self.questions.append(question)
         return self._answer(question)
 
-    def tell(self, message: str) -> None:
+    def report(self, message: str) -> None:
         self.told.append(message)
 
     def show(self, progress: Progress) -> None:

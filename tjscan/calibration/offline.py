@@ -14,7 +14,7 @@ def calibrate_profiles(
     profiles: Sequence[PosedProfile],
     target: PlaneTarget | SphereTarget | None,
     noise: NoiseModel,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> HandEye:
     """Calibrate from recorded profiles of a board or a ball.
 
@@ -26,8 +26,8 @@ def calibrate_profiles(
         The board or the ball; none for a board whose place is unknown.
     noise : NoiseModel
         What they err by.
-    tell : callable
-        Is told of each profile that holds no line or arc, before anything is solved.
+    report : callable
+        Receives a message about each profile that holds no line or arc, before anything is solved.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def calibrate_profiles(
     else:
         lines, unread = line_samples(profiles, noise)
     for name, refusal in unread.items():
-        tell(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
+        report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
     if isinstance(target, SphereTarget):
         return calibrate_on_sphere(arcs, target, noise)
     return calibrate(lines, target, noise)

@@ -28,7 +28,7 @@ class Question:
 
 
 class Operator(Protocol):
-    """Answers questions and is told what happens."""
+    """Answers questions and receives messages."""
 
     @property
     def present(self) -> bool:
@@ -39,8 +39,8 @@ class Operator(Protocol):
         """Say yes or no."""
         ...
 
-    def tell(self, message: str) -> None:
-        """Hear what happened."""
+    def report(self, message: str) -> None:
+        """Receive a message about what happened."""
         ...
 
     def show(self, progress: Progress) -> None:
@@ -49,7 +49,7 @@ class Operator(Protocol):
 
 
 class Nobody:
-    """Takes every question's default and hears nothing."""
+    """Takes every question's default and receives no messages."""
 
     present = False
 
@@ -57,7 +57,7 @@ class Nobody:
         """Say what the question proposes."""
         return question.default
 
-    def tell(self, message: str) -> None:
+    def report(self, message: str) -> None:
         """Let it pass."""
 
     def show(self, progress: Progress) -> None:

@@ -117,7 +117,7 @@ class Wizard:
             except CalibrationRefused as refusal:
                 if refusal.reason != NOT_FLAT:
                     raise
-                self.operator.tell(str(refusal))
+                self.operator.report(str(refusal))
                 k = worst_touch(self.task, self.measured)
                 if not self.operator.confirm(Question(f"Touch place {k + 1} again?", True)):
                     raise
@@ -177,7 +177,7 @@ class Wizard:
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
         )
-        self.operator.tell(said)
+        self.operator.report(said)
         if not found.agrees and not self.operator.confirm(
             Question("It contradicts the calibration. Keep that all the same?", False)
         ):
@@ -190,7 +190,7 @@ class Wizard:
     def _board(self) -> tuple[PlaneTarget, Board]:
         target, board = touched_board(self.task, self.measured)
         off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
-        self.operator.tell(
+        self.operator.report(
             f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
         )
         return target, board
@@ -205,7 +205,7 @@ class Wizard:
             try:
                 T_b_f = self.probe.touch(place_b)
             except PoseUnreachable as error:
-                self.operator.tell(f"place {k + 1} is passed over: {error}")
+                self.operator.report(f"place {k + 1} is passed over: {error}")
         self.logbook.add(Touch(k, T_b_f))
 
     def _wants_more(self, progress: Progress) -> bool:
@@ -216,7 +216,7 @@ class Wizard:
             return self.operator.confirm(Question("Take one more line?", False))
         if count >= MOST_LINES * wanted or progress.refusal is None:
             return False
-        self.operator.tell(str(progress.refusal))
+        self.operator.report(str(progress.refusal))
         return self.operator.confirm(Question("Take one more line?", True))
 
     def _take(self, target: PlaneTarget, board: Board, progress: Progress, *, fresh: bool) -> None:
@@ -246,7 +246,7 @@ class Wizard:
             self.logbook.add(Line(shot, fresh))
         else:
             reason = refused[what].evidence
-            self.operator.tell(f"no line there: {reason}")
+            self.operator.report(f"no line there: {reason}")
             self.logbook.add(Passed(there.T_b_f, reason))
         self.arm.move_linear(ready)
 

@@ -28,13 +28,13 @@ app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job fi
 app.command(
     "tjscan.cli.calibrate:calibrate",
     name="calibrate",
-    help="Find where the laser sits on the hand.",
+    help="Find the pose of the sensor on the flange.",
 )
 app.command(
     "tjscan.cli.teach:teach", name="teach", help="Write where the arm stands as a start pose."
 )
 app.command(
-    "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and say what to do."
+    "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and report what is wrong."
 )
 app.command(
     "tjscan.cli.reprocess:reprocess",
@@ -53,19 +53,19 @@ app.command(
     help="Compare a run or a cloud with a mesh, a cloud or a joint.",
 )
 app.command(
-    "tjscan.cli.export:export", name="export", help="Hand a run's sections on to another tool."
+    "tjscan.cli.export:export", name="export", help="Write a run's sections for another tool."
 )
 app.command("tjscan.cli.report:report", name="report", help="Write a run's report again.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(
     "tjscan.cli.ur_loopback:ur_loopback",
     name="ur-loopback",
-    help="Stand in for a Universal Robots controller on this machine.",
+    help="Simulate a Universal Robots controller on this machine.",
 )
 app.command(
     "tjscan.cli.study:study",
     name="study",
-    help="Run many simulated scans and tell them in one table.",
+    help="Run many simulated scans and write their results into one table.",
 )
 app.register_install_completion_command()
 

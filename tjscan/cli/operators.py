@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError
 class Unattended(Nobody):
     """Nobody answers; what happens is printed."""
 
-    def tell(self, message: str) -> None:
+    def report(self, message: str) -> None:
         """Print what happened."""
         say(message)
 

@@ -32,7 +32,7 @@ class RecordedOptions:
     unknown_sphere
         The target is a ball; find its radius too.
     units
-        Unit of length of the profiles, where the names of the columns don't tell it.
+        Unit of length of the profiles, where the names of the columns do not state it.
     pitch
         Distance of the columns of a matrix, in that unit.
     invalid

@@ -1,4 +1,4 @@
-"""What is wrong with a job's cell, and what to do about it, without moving anything."""
+"""Check a job's cell and report what is wrong and what to do, without moving anything."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from tjscan.robot.cleared import ClearedArm
 from tjscan.runs.context import RunContext, frame_of, reader_of
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
-"""Whose versions are told."""
+"""Whose versions are reported."""
 
 SAME_ARM: Final = 0.02
-"""Metres between the flange as the arm and as its model has it: calibration explains less."""
+"""Metres between the flange as reported by the arm and as computed by its model; a larger
+difference is another arm, for a kinematic calibration corrects less."""
 
 FEWEST: Final = 100
-"""Points below which a profile says little."""
+"""Points of a profile below which nothing is in the sensor's range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Finding:
     Parameters
     ----------
     what : str
-        What was looked at.
+        What was checked.
     detail : str
         What was found; where something is wrong, with the remedy.
     error : TjscanError or None
@@ -120,8 +121,8 @@ def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
             yield _look("profile", partial(_profile, cell, reader_of(job)))
         if arm.sound:
             first, second = (start.T for start in job.starts)
-            yield _look("first pose", partial(_way, cell, first))
-            yield _look("second pose", partial(_way, cell, first, second))
+            yield _look("first pose", partial(_path, cell, first))
+            yield _look("second pose", partial(_path, cell, first, second))
 
 
 def _look(what: str, check: Callable[[], str]) -> Finding:
@@ -165,7 +166,7 @@ def _model(cell: Cell) -> str:
     """Whether the arm is the one that the job names."""
     state = cell.arm.state()
     identity = cell.arm.identity() if isinstance(cell.arm, ClearedArm) else None
-    told = "connected" if identity is None else identity_words(identity)
+    name = "connected" if identity is None else identity_words(identity)
     T_b_f = cell.clearance.kinematics.forward(state.q)
     apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
     if apart > SAME_ARM:
@@ -174,7 +175,7 @@ def _model(cell: Cell) -> str:
             "arm that stands there",
             key="arm.model",
         )
-    return f"{told}; its flange is {1e3 * apart:.1f} mm from where the model has it"
+    return f"{name}; its flange is {1e3 * apart:.1f} mm from where the model has it"
 
 
 def _stance(cell: Cell) -> str:
@@ -197,6 +198,6 @@ def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
     return f"{valid} of {len(profile)} points, and a groove where the arm stands"
 
 
-def _way(cell: Cell, *T_b_f: Any) -> str:
+def _path(cell: Cell, *T_b_f: Any) -> str:
     cell.arm.check(*T_b_f)
     return "the way there is clear"

@@ -35,12 +35,12 @@ FEWEST: Final = 2
 """Sections that make a result: fewer have no step between them."""
 
 STRAYED: Final = 0.3
-"""Steps from where a section lay; one that is found further away is another thing."""
+"""Steps between a section now and then; one that is found further away is not the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reprocessed:
-    """What came of reading a run again.
+    """A run whose profiles were read again.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Reprocessed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReprocessedRun:
-    """What came of it in all.
+    """All stations of a run, read again.
 
     Parameters
     ----------

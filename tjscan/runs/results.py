@@ -77,11 +77,11 @@ def summarise(
     Parameters
     ----------
     result, plan, frame
-        What was found, what was asked, and the frame it is told in.
+        What was found, what was asked, and the frame of the result.
     corner_error : ndarray, optional
         Raw distances of the corners from the joint's edges, metres, any shape.
     calibration : str
-        What the sensor's pose on the hand comes from.
+        Where the sensor's pose on the flange comes from.
     """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
@@ -118,7 +118,7 @@ def summarise(
 
 
 def _scans_per_section(result: ScanResult) -> float | None:
-    """Profiles for each section that no hand taught."""
+    """Profiles for each section that was not taught."""
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     taken = sum(view.substep is not Substep.TAUGHT for view in result.views)
     return taken / found if found else None
@@ -140,7 +140,7 @@ def write_scan(
     directory : Path
         The run directory.
     result, plan, frame
-        What was found, what was asked, and the frame to tell it in.
+        What was found, what was asked, and the frame of the result.
     joint : JointDefinition, optional
         What to compare the corners with.
     station : str

@@ -1,4 +1,4 @@
-"""Scan from all stations of a job, one after the other, and stitch what they saw."""
+"""Scan from all stations of a job, one after the other, and stitch their scans."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Attendant(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StationScan:
-    """What became of one station.
+    """The scan from one station.
 
     Parameters
     ----------
     name : str
-        Which.
+        The station's name.
     directory : Path
         Its own run directory.
     summary : Summary or None
@@ -151,7 +151,7 @@ def resume_stations(
 def stitch_stations(
     directory: Path, finished: Callable[[Path], object] = report_nothing
 ) -> StitchedRun:
-    """Make one groove of what all stations saw, and write it beside their directories.
+    """Stitch the scans of all stations, and write the result beside their directories.
 
     Parameters
     ----------

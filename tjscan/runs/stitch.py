@@ -62,7 +62,7 @@ class StationRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StitchedRun:
-    """What became of it.
+    """A stitched groove, as it was written.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class StitchedRun:
     told : ToldStitching
         How the stations were stitched.
     stitched : Stitched
-        All of it.
+        The stations and sections in frame j.
     """
 
     summary: Summary
@@ -87,7 +87,7 @@ def stitch_runs(
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 
-    Runs that lie elsewhere are copied beside it, so that it can be moved and looked into whole.
+    Runs that lie elsewhere are copied into the directory, so that it can be moved as a whole.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _check_names(read: Sequence[StationRun]) -> None:
         if one.station.name == other.station.name:
             raise ConfigurationError(
                 f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
-                f"where they are two, call one otherwise in its {JOB}",
+                f"where they are two, rename one in its {JOB}",
                 file=other.directory,
             )
 
@@ -186,7 +186,7 @@ def _name(job: JobFile, job_file: Path) -> str:
 
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
-    """Put copies beside the result of what it was made of, where that lies elsewhere."""
+    """Copy the runs that lie elsewhere, and the joint, into the directory of the result."""
     with atomic_directory(directory) as draft:
         for one in read:
             if not _lies_in(directory, one):
