@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from tjscan.core.version import VERSION
+
 if TYPE_CHECKING:
     from tjscan.api import Recording, calibrate, compare, read_groove, scan
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 __all__ = ["Recording", "__version__", "calibrate", "compare", "read_groove", "scan"]
 

@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from tjscan import __version__
 from tjscan.core.provenance import Length, Provenance
+from tjscan.core.version import VERSION
 
 
 @pytest.mark.parametrize("frame", ["j", "b", "w", "x"])
@@ -17,7 +17,7 @@ def test_lines_come_back(mark: str, length: Length, frame: str) -> None:
     lines = stated.lines(mark)
     assert all(line.startswith(f"{mark} ") for line in lines.splitlines())
     assert Provenance.read(f"{lines}the rest: of the file", mark) == stated
-    assert stated.program == f"tjscan {__version__}"
+    assert stated.program == f"tjscan {VERSION}"
     assert before <= stated.written <= datetime.now(UTC)
 
 

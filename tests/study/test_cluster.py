@@ -83,6 +83,6 @@ def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -
 def test_workers_with_another_version_are_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.study.cluster.__version__", "0.0.7")
+    monkeypatch.setattr("tjscan.study.cluster.VERSION", "0.0.7")
     with pytest.raises(ClusterFault, match=r"this machine 0\.0\.7"):
         list(ClusterScheduler(address)(once, (0,)))

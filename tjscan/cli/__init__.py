@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
-from tjscan import __version__
 from tjscan.core.errors import (
     ArmFault,
     ConfigurationError,
@@ -17,11 +16,12 @@ from tjscan.core.errors import (
     TjscanError,
     words_of,
 )
+from tjscan.core.version import VERSION
 
 app = App(
     name="tjscan",
     help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
-    version=__version__,
+    version=VERSION,
     suppress_keyboard_interrupt=False,
 )
 app.command("tjscan.cli.scan:scan", name="scan", help="Scan a groove as a job file says.")

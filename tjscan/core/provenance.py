@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal, Self
 
-from tjscan import __version__
+from tjscan.core.version import VERSION
 
 FRAME_MEANING: Final = {
     "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
@@ -49,7 +49,7 @@ class Provenance:
     def now(cls, job: str, frame: str, length: Length = "mm") -> Self:
         """The provenance of a file that is written now, by this program."""
         now = datetime.now(UTC).replace(microsecond=0)
-        return cls(f"tjscan {__version__}", now, job, frame, length)
+        return cls(f"tjscan {VERSION}", now, job, frame, length)
 
     @property
     def entries(self) -> dict[str, str]:

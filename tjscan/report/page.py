@@ -9,7 +9,7 @@ from typing import Final
 
 from jinja2 import Environment, StrictUndefined
 
-from tjscan import __version__
+from tjscan.core.version import VERSION
 from tjscan.report.charts import draw_corner_errors, draw_measures, draw_steps, draw_view
 from tjscan.report.deviation import deviation_rows, draw_deviation
 from tjscan.report.findings import coverage, findings
@@ -65,6 +65,6 @@ def render(material: Material) -> str:
         events=event_rows(material),
         stations=[] if told is None else station_rows(told),
         overlaps=[] if told is None else overlap_rows(told),
-        version=__version__,
+        version=VERSION,
         written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
     )

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version as installed
 from typing import Any, Final, TypeVar
 
-from tjscan import __version__
 from tjscan.core.errors import ClusterFault, ConfigurationError
+from tjscan.core.version import VERSION
 from tjscan.study.schedule import Done, Lost
 
 T = TypeVar("T")
@@ -93,9 +93,9 @@ def _check_workers(client: Any) -> None:
             "worker ADDRESS --nthreads 1`, and go on with --resume"
         ) from None
     for worker, found in client.run(installed, "tjscan", on_error="return").items():
-        if found != __version__:
+        if found != VERSION:
             other = found if isinstance(found, str) else "not at all"
             raise ClusterFault(
-                f"the worker {worker} has tjscan {other}, this machine {__version__}: the same "
+                f"the worker {worker} has tjscan {other}, this machine {VERSION}: the same "
                 "version everywhere makes the same rows; then go on with --resume"
             )

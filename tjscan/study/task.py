@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-from tjscan import __version__
 from tjscan.core.config import validate
+from tjscan.core.version import VERSION
 from tjscan.job import JobFile
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
@@ -51,7 +51,7 @@ class Task:
     @cached_property
     def key(self) -> str:
         """Tells this scan from every other: a hash of all that decides its result."""
-        text = canonical([__version__, dict(self.inputs), self.job, self.joint])
+        text = canonical([VERSION, dict(self.inputs), self.job, self.joint])
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     @property
