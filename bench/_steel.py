@@ -24,7 +24,7 @@ REACH: Final = 75 * MM
 CHORD: Final = 0.5 * MM
 
 TUBES: Final = (
-    Tubes(0.1625, 0.1365, 0.016, math.radians(90)),
+    Tubes(0.2032, 0.1619, 0.016, math.radians(90)),
     Tubes(0.305, 0.2285, 0.0254, math.radians(90)),
     Tubes(0.305, 0.219, 0.0222, math.radians(60)),
     Tubes(0.510, 0.355, 0.030, math.radians(75)),

@@ -179,11 +179,15 @@ def against_bound(k: int) -> tuple[Array, Array]:
     return errors, corner_bounds(g, seen.points, sigma)
 
 
+STRAIGHT: Final = 2e-6
+"""A side that a polynomial leaves by less needs no higher one, in metres."""
+
+
 def corner_bounds(g: Groove, points: Array, sigma: float) -> Array:
     """Cramér-Rao bounds of each corner's squared error in metres squared, shape (3,).
 
-    Points are known to belong to their true sides; bevel and root are straight, wall and leg
-    parabolas where they bend by more than 2 µm. Noise along a ray displaces a side by the part
+    Points are known to belong to their true sides, which are polynomials of the lowest degree
+    that leaves no more than `STRAIGHT`. Noise along a ray displaces a side by the part
     square to it; its covariance is that of a first-order autoregression over the columns.
     """
     tangents = points[:, 0] / (points[:, 1] - EMITTER_Z)
@@ -199,8 +203,9 @@ def corner_bounds(g: Groove, points: Array, sigma: float) -> Array:
         ends = g.corners[[max(i - 1, 0), min(i, 2)]]
         middle = p.mean(axis=0)
         s, h = (p - middle) @ along, (p - middle) @ n
-        bends = np.ptp(h - np.polyval(np.polyfit(s, h, 1), s)) > 2e-6
-        powers = np.arange(3 if bends else 2)
+        powers = np.arange(2)
+        while np.ptp(h - np.polyval(np.polyfit(s, h, len(powers) - 1), s)) > STRAIGHT:
+            powers = np.arange(len(powers) + 1)
         square = n[0] * tangents[index] + n[1]
         lag = np.abs(index[:, None] - index)
         R = sigma**2 * RHO**lag * np.outer(square, square)

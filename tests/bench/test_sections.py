@@ -9,7 +9,7 @@ from _steel import GROOVES, TUBES, Fault, cuts, draw, shoot
 
 EXACT = 1e-12
 SAG = 1e-6
-"""Chords of half a millimetre leave a tube of 0.14 m by no more, in metres."""
+"""Chords of half a millimetre leave a tube of 0.16 m by no more, in metres."""
 
 
 @pytest.mark.parametrize("slope", [-0.6, 0.0, 0.3])

@@ -24,7 +24,7 @@ from tjscan.laser.optics import RayHits, fan
 N = 640
 EXACT = 1e-12
 RAYS = fan(LaserModel.ideal())
-ALL_ON = LaserModel(ghosts=0.1, missing=0.05, flyers=0.8)
+ALL_ON = LaserModel(ghosts=0.1, missing=0.05, flyers=0.8, strays=0.1)
 
 
 def hits(
@@ -282,3 +282,54 @@ def test_every_fault_has_its_own_stream() -> None:
     streams = Streams.spawn(np.random.default_rng(0))
     first = {getattr(streams, f.name).random() for f in fields(streams)}
     assert len(first) == len(fields(streams))
+
+
+def test_strays_lie_before_and_behind_the_surface_in_whole_runs() -> None:
+    model = LaserModel.ideal(strays=0.2)
+    offsets, lengths = [], []
+    for seed in range(40):
+        points = taken(hits(), model, seed)
+        off = along(points) - hits().distance
+        strays = points.kind == Kind.STRAY
+        assert np.count_nonzero(strays) == pytest.approx(0.2 * N, abs=1)
+        np.testing.assert_allclose(off[~strays], 0, atol=EXACT)
+        least, most = model.stray_offset
+        assert np.all((np.abs(off[strays]) > least - EXACT) & (np.abs(off[strays]) < most + EXACT))
+        offsets.append(off[strays])
+        lengths.append(runs_of(strays).mean())
+    before = np.concatenate(offsets) < 0
+    assert 0.3 < before.mean() < 0.7
+    assert np.mean(lengths) > model.stray_run[0]
+
+
+def valley(angle: float = np.radians(60)) -> RayHits:
+    """Two faces that meet in the middle at `angle`; turned inside out where it is above 180°."""
+    x = np.linspace(-0.04, 0.04, N)
+    rise = 1 / np.tan(angle / 2)
+    z = 0.26 - np.abs(x) * rise
+    apex = np.array((0.0, 0.0, LaserModel().emitter_z))
+    rays = np.column_stack((x, np.zeros(N), z)) - apex
+    distance = np.linalg.norm(rays, axis=1)
+    normals = np.column_stack((-np.sign(x) * rise, np.zeros(N), -np.ones(N)))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    seen = np.ones(N, bool)
+    return RayHits(rays / distance[:, None], distance, normals, seen, np.full(N, np.nan))
+
+
+def test_interreflection_pulls_a_notch_in_and_fades_out() -> None:
+    model = LaserModel.ideal(interreflection=1e-3, interreflection_reach=4e-3)
+    view = valley()
+    points = taken(view, model)
+    pulled = view.distance - along(points)
+    true = view.distance[:, None] * view.directions_s
+    away = np.linalg.norm(true - (0.0, 0.0, 0.26 - LaserModel().emitter_z), axis=1)
+    assert pulled.max() == pytest.approx(1e-3, rel=0.01)
+    np.testing.assert_allclose(pulled[away > 4.1e-3], 0, atol=EXACT)
+    expected = 0.5e-3 * (1 + np.cos(np.pi * np.clip(away / 4e-3, 0, 1)))
+    np.testing.assert_allclose(pulled, expected, atol=0.05e-3)
+
+
+def test_a_ridge_has_no_interreflection() -> None:
+    view = valley(np.radians(220))
+    points = taken(view, LaserModel.ideal(interreflection=1e-3))
+    np.testing.assert_allclose(along(points), view.distance, atol=EXACT)

@@ -33,6 +33,7 @@ from tjscan.job import (
 from tjscan.job.drivers import PROBE_STREAM, arm_of, laser_model, simulated_laser
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
+from tjscan.joint.relief import relief_of
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.optics import Surface
 from tjscan.laser.replay import ReplayedLaser
@@ -174,7 +175,7 @@ def _replaying(job: CellFile, T_f_s: Array) -> Cell:
 def _surface(joint: JointDefinition) -> Surface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_mesh(joint)
-    return Surface(mesh.vertices, mesh.triangles)
+    return Surface(mesh.vertices, mesh.triangles, relief_of(joint))
 
 
 def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:

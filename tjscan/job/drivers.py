@@ -131,6 +131,8 @@ def laser_model(laser: LaserTable, faults: SimulatedLaserTable) -> LaserModel:
         missing=faults.missing,
         ghosts=faults.ghosts,
         flyers=faults.flyers,
+        strays=faults.strays,
+        interreflection=1e-3 * faults.interreflection_mm,
         step=1e-3 * faults.resolution_mm,
     )
     if faults.occlusion:

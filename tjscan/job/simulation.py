@@ -34,6 +34,8 @@ class SimulatedLaserTable(FileModel):
     missing: Fraction = 0.02
     ghosts: Fraction = 0.065
     flyers: Fraction = 0.3
+    strays: Fraction = 0.0
+    interreflection_mm: float = Field(default=0.0, ge=0, le=5)
     occlusion: bool = True
     resolution_mm: float = Field(default=0.005, ge=0, le=1)
 

@@ -21,6 +21,7 @@ class Kind(IntEnum):
     TRUE = 1
     GHOST = 2
     FLYER = 3
+    STRAY = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +58,12 @@ class Streams:
     missing: np.random.Generator
     ghosts: np.random.Generator
     flyers: np.random.Generator
+    strays: np.random.Generator
 
     @classmethod
     def spawn(cls, rng: np.random.Generator) -> Self:
         """Fresh streams; `rng` itself draws nothing, it only counts its children."""
-        return cls(*rng.spawn(5))
+        return cls(*rng.spawn(6))
 
 
 def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoints:
@@ -78,12 +80,18 @@ def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoin
     flying = _flyers(hits, model, streams.flyers)
     flies = np.isfinite(flying)
     distance += _bias(cosine, model)
+    distance -= _interreflection(hits, model)
     distance[flies], kind[flies] = flying[flies], Kind.FLYER
     kind[_dropped(cosine, model, streams.dropout)] = Kind.MISSING
 
     ghosts = _ghosts(hits, model, streams.ghosts)
     distance[ghosts], kind[ghosts] = hits.ghost[ghosts], Kind.GHOST
     intensity[ghosts] *= model.ghost_intensity
+
+    strays, offsets = _strays(hits, model, streams.strays)
+    strays, offsets = strays[kind[strays] == Kind.TRUE], offsets[kind[strays] == Kind.TRUE]
+    distance[strays] += offsets
+    kind[strays] = Kind.STRAY
 
     count = _whole(model.missing * model.columns, streams.missing)
     everywhere = np.arange(model.columns)
@@ -193,6 +201,40 @@ def _flyers(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> Array
     span = hits.distance[other] - hits.distance[index]
     flying[index] = hits.distance[index] + share[index] * span + overshoot[index]
     return flying
+
+
+def _strays(
+    hits: RayHits, model: LaserModel, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], Array]:
+    """Columns that stray, rising, and how far along their rays; one distance for each run."""
+    possible = np.flatnonzero(hits.seen)
+    count = _whole(model.strays * len(possible), rng)
+    strays = scatter_runs(rng, possible, count, model.stray_run)
+    run = np.cumsum(np.diff(strays, prepend=-2) > 1) - 1
+    runs = int(run[-1]) + 1 if len(run) else 0
+    offsets = rng.choice((-1.0, 1.0), runs) * rng.uniform(*model.stray_offset, runs)
+    return strays, np.asarray(offsets[run])
+
+
+def _interreflection(hits: RayHits, model: LaserModel) -> Array:
+    """How far each point is pulled towards the sensor, shape (n,).
+
+    Light that one face throws onto the other fills a notch. The pull is largest at the notch
+    and falls as a raised cosine of the distance from it. (Assumption: what real profiles show.)
+    """
+    pull = np.zeros_like(hits.distance)
+    if model.interreflection == 0:
+        return pull
+    hit = np.isfinite(hits.distance)
+    points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s
+    turn = np.einsum("ij,ij->i", hits.normals_s[:-1], hits.normals_s[1:])
+    towards = np.einsum("ij,ij->i", np.diff(points, axis=0), np.diff(hits.normals_s, axis=0)) < 0
+    notches = (turn < np.cos(model.notch)) & towards & hit[:-1] & hit[1:]
+    for i in np.flatnonzero(notches):
+        away = np.linalg.norm(points - (points[i] + points[i + 1]) / 2, axis=1)
+        share = np.clip(away / model.interreflection_reach, 0.0, 1.0)
+        np.maximum(pull, model.interreflection * 0.5 * (1 + np.cos(np.pi * share)), out=pull)
+    return np.where(hit, pull, 0.0)
 
 
 def _edges(hits: RayHits, model: LaserModel) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""What the simulated laser is like: its optics and its faults, one number each."""
+"""Optics and faults of the simulated laser, one number each."""
 
 from __future__ import annotations
 
@@ -18,8 +18,16 @@ EXTENDED_RANGE: Final = (0.125, 0.390)
 _SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
 _APEX_Z: Final = 0.190 - 0.5 * 0.083 / _SLOPE
 
-_PROBABILITIES: Final = ("dropout", "missing", "ghosts", "flyers")
-_AMPLITUDES: Final = ("noise", "noise_correlation", "bias", "bias_limit", "flyer_overshoot", "step")
+_PROBABILITIES: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
+_AMPLITUDES: Final = (
+    "noise",
+    "noise_correlation",
+    "bias",
+    "bias_limit",
+    "flyer_overshoot",
+    "interreflection",
+    "step",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +88,21 @@ class LaserModel:
     flyer_jump : float
         Two neighbouring columns farther than this from each other's tangent plane have a jump
         between them.
+    strays : float
+        Fraction of the points that stray: runs before or behind the surface, as multiple
+        reflections between shiny faces make them. Up to 0.3 on a shiny groove.
+    stray_run : tuple of int
+        Shortest and longest run of them.
+    stray_offset : tuple of float
+        Least and largest distance from the surface along the ray.
+    interreflection : float
+        How far light from one face onto the other pulls a notch in, towards the sensor: up to
+        1.5 mm on shiny steel.
+    interreflection_reach : float
+        Distance from the notch within which it fades out, smoothly.
+    notch : float
+        Two neighbouring columns whose normals turn towards each other by more have a notch
+        between them.
     step : float
         Raw coordinates are whole multiples of this; zero for no quantisation.
 
@@ -113,6 +136,12 @@ class LaserModel:
     flyer_overshoot: float = 0.5e-3
     flyer_crease: float = math.radians(20)
     flyer_jump: float = 0.5e-3
+    strays: float = 0.0
+    stray_run: tuple[int, int] = (8, 40)
+    stray_offset: tuple[float, float] = (0.8e-3, 8e-3)
+    interreflection: float = 0.0
+    interreflection_reach: float = 4e-3
+    notch: float = math.radians(20)
     step: float = 5e-6
 
     def __post_init__(self) -> None:
@@ -129,7 +158,14 @@ class LaserModel:
         )
         _require(0 < self.flyer_crease < math.pi, "flyer_crease", "lies between 0 and 180°")
         _require(self.flyer_jump > 0, "flyer_jump", "must be positive")
-        for name in ("missing_run", "ghost_run"):
+        _require(
+            0 <= self.stray_offset[0] <= self.stray_offset[1],
+            "stray_offset",
+            "is the least and the largest distance",
+        )
+        _require(self.interreflection_reach > 0, "interreflection_reach", "must be positive")
+        _require(0 < self.notch < math.pi, "notch", "lies between 0 and 180°")
+        for name in ("missing_run", "ghost_run", "stray_run"):
             shortest, longest = getattr(self, name)
             _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
 
@@ -153,7 +189,7 @@ class LaserModel:
     @classmethod
     def ideal(cls, **changes: Any) -> Self:
         """Return a model without faults: all effects off except those given in `changes`."""
-        zeros = dict.fromkeys(("noise", "bias", *_PROBABILITIES, "step"), 0.0)
+        zeros = dict.fromkeys(("noise", "bias", "interreflection", *_PROBABILITIES, "step"), 0.0)
         return cls(**{**zeros, **changes})
 
 

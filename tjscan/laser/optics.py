@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +18,9 @@ LIFT: Final = 10e-6
 
 GRAZING: Final = 1e-3
 """Cosine of incidence below which a plane is too nearly parallel to be met again in float64."""
+
+LEAST_COSINE: Final = 0.2
+"""Rays that graze more than this shift over a relief as if they did not."""
 
 MELT: Final = 0.5e-3
 """A mirror image nearer to the direct point than this melts into it, in metres (assumption)."""
@@ -47,6 +51,9 @@ class Surface:
         In frame j, in metres.
     triangles : array_like of int, shape (m, 3)
         Indices of their corners, in either sense of rotation.
+    relief : callable, optional
+        Gives the height of the true surface over the triangles at points on them, shape (n, 3),
+        in frame j: shape (n,), in metres. It is small, and hides nothing.
 
     Raises
     ------
@@ -54,7 +61,12 @@ class Surface:
         If the arrays don't describe at least one triangle.
     """
 
-    def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        triangles: ArrayLike,
+        relief: Callable[[Array], Array] | None = None,
+    ) -> None:
         v = np.asarray(vertices, dtype=np.float64)
         t = np.asarray(triangles)
         if v.ndim != 2 or v.shape[1] != 3 or not np.isfinite(v).all():
@@ -63,6 +75,7 @@ class Surface:
             raise ValueError(f"triangles {t.shape} {t.dtype} are not indices, shape (m, 3)")
         if t.min() < 0 or t.max() >= len(v):
             raise ValueError(f"triangles point outside the {len(v)} vertices")
+        self.relief = relief
         # Embree computes in float32: keep its numbers small.
         self._centre = 0.5 * (v.min(axis=0) + v.max(axis=0))
         v = v - self._centre
@@ -184,13 +197,18 @@ def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Arr
 
     index = np.flatnonzero(seen)
     points = emitter + hits.distance[index, None] * rays[index]
+    distance = hits.distance
+    if surface.relief is not None and index.size:
+        square = -np.einsum("ij,ij->i", rays[index], hits.normals[index])
+        distance = distance.copy()
+        distance[index] -= surface.relief(points) / np.maximum(square, LEAST_COSINE)
     if (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
         detector = transform(T_j_s, (0.0, model.detector_y, model.detector_z))
         seen[index] = ~surface.blocks(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:
         ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
         ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
-    return RayHits(directions_s, hits.distance, hits.normals @ R, seen, ghost)
+    return RayHits(directions_s, distance, hits.normals @ R, seen, ghost)
 
 
 def _mirror_images(
