@@ -63,7 +63,9 @@ class Streams:
     @classmethod
     def spawn(cls, rng: np.random.Generator) -> Self:
         """Fresh streams; `rng` itself draws nothing, it only counts its children."""
-        return cls(*rng.spawn(6))
+        streams = rng.spawn(5)
+        # A child's child: the k-th profile's streams stay what they were without it.
+        return cls(*streams, *streams[-1].spawn(1))
 
 
 def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoints:
