@@ -16,11 +16,11 @@ from _fuzz import Reader
 
 from tjscan.calibration.file import (
     CalibrationFile,
-    NoiseTable,
     read_calibration,
     write_calibration,
 )
 from tjscan.calibration.logbook import Line, Logbook, Passed, Touch
+from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
 from tjscan.cli.overrides import parse_overrides
@@ -252,7 +252,7 @@ def _calibration(folder: Path) -> bytes:
         "sigma_rotation_deg": float(np.sqrt(3 * variance)),
         "condition": 1.0,
         "excess": 1.0,
-        "noise": NoiseTable(),
+        "noise": NoiseModel(),
         "residuals": [],
     }
     file = folder / "calibration.toml"

@@ -17,7 +17,7 @@ from tjscan.job import read_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
-from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.progress import complete
@@ -98,5 +98,5 @@ def faulty_scan(seed: int) -> FaultyScan:
     T = ResultFrame(job.joint.T_w_j).T_r_b
     points = np.array([transform(T, section.points_b) for section in result.sections])
     worst = 1e3 * float(corner_errors(points, feature_edges(joint)).max())
-    done = complete(result.stop, plan_of(job))
+    done = complete(result.stop, job.scan)
     return FaultyScan(kind, done, True, worst, result.detail)

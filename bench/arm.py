@@ -16,7 +16,7 @@ from _table import Row, main
 
 from tjscan.core.frames import Array
 from tjscan.job import read_job
-from tjscan.robot.cleared import ClearedArm
+from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
@@ -31,16 +31,15 @@ def milliseconds(work: Callable[[], Any]) -> float:
     return 1e3 * (perf_counter() - start)
 
 
-def scanned() -> tuple[ClearedArm, tuple[View, ...]]:
+def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_job(PAPER)
     cell = RunContext(job, PAPER).cell()
-    if not isinstance(cell.arm, ClearedArm):
-        raise SystemExit("the cell's arm does not look before it moves")
-    return cell.arm, scan_in(cell, job, Journals()).views
+    views = scan_in(cell, job, Journals()).views
+    return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 
 
-def inverse_ms(arm: ClearedArm, views: tuple[View, ...]) -> float:
+def inverse_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
     """Median time of an inverse solution 5 mm and 1 degree from where the arm stands."""
     kinematics, random, times = arm.clearance.kinematics, np.random.default_rng(1), []
     for view in views * 20:
@@ -49,7 +48,7 @@ def inverse_ms(arm: ClearedArm, views: tuple[View, ...]) -> float:
     return median(times)
 
 
-def path_ms(arm: ClearedArm, views: tuple[View, ...]) -> list[float]:
+def path_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> list[float]:
     """Times of checking the lines of a scan, collisions with everything included."""
     return [
         milliseconds(partial(arm.way, before.q, after.T_b_f, straight=True))
@@ -57,7 +56,7 @@ def path_ms(arm: ClearedArm, views: tuple[View, ...]) -> list[float]:
     ]
 
 
-def first_ms(arm: ClearedArm, views: tuple[View, ...]) -> float:
+def first_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
     """Time of checking the first move, across the cell."""
     q = np.radians((-110, -95, 160, 105, -110, 0))
     return milliseconds(lambda: arm.way(q, views[0].T_b_f, straight=False))

@@ -21,7 +21,7 @@ from tjscan.job import read_job
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
-from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.context import RunContext
 from tjscan.runs.results import summarise
 from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
@@ -57,7 +57,7 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Su
     frame = ResultFrame(job.joint.T_w_j)
     corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
     errors = corner_errors(corners, feature_edges(joint))
-    return summarise(result, plan_of(job), frame, errors), seconds
+    return summarise(result, job.scan, frame, errors), seconds
 
 
 def step_error(summary: Summary) -> float:

@@ -21,7 +21,7 @@ from _table import Row, main
 
 from tjscan.job import read_job
 from tjscan.result.frame import ResultFrame
-from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.context import RunContext
 from tjscan.runs.results import summarise
 from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
@@ -80,7 +80,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
     )
     cell = RunContext(job, file).cell()
     result = scan_in(cell, job, Journals())
-    summary = summarise(result, plan_of(job), ResultFrame(), None)
+    summary = summarise(result, job.scan, ResultFrame(), None)
     metres = max(groove_length(result.sections[1:]), 1e-9)
     return Scanned(
         complete=summary.complete,
@@ -99,7 +99,7 @@ def predictor_ms() -> float:
     job = read_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
     cell = RunContext(job, JOBS["ccw"]).cell()
     sections = scan_in(cell, job, Journals()).sections
-    predictor, times = predictor_of(plan_of(job)), []
+    predictor, times = predictor_of(job.scan), []
     for _ in range(50):
         start = process_time()
         predictor(sections, 0.015)

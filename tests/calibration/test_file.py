@@ -39,7 +39,7 @@ def test_what_is_written_is_what_is_read(kept: Path, result: HandEye) -> None:
     assert found.method == "plane touched"
     assert [r.name for r in found.residuals if not r.used] == ["line 5"]
     assert found.residuals[4].offset_mm == pytest.approx(1e3 * result.residuals[4].offset)
-    assert found.noise.range_mm == pytest.approx(0.03)
+    assert found.noise.range == pytest.approx(0.03e-3)
     assert found.sigma_position_mm == pytest.approx(1e3 * result.uncertainty.position)
 
 

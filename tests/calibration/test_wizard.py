@@ -21,7 +21,7 @@ from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.file import pose_to_rows, read_calibration, rows_to_pose
+from tjscan.calibration.file import read_calibration
 from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
 from tjscan.calibration.operator import Question
 from tjscan.calibration.posed_profile import PosedProfile
@@ -32,10 +32,17 @@ from tjscan.calibration.wizard import MOST_BLIND, MOST_RETOUCHES, Outcome, Wizar
 from tjscan.cli.operators import AtTerminal
 from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse, pose
+from tjscan.core.units import pose_to_rows, rows_to_pose
 from tjscan.job import read_calibration_job
-from tjscan.job.cell import Cell, mount_of, open_board_cell, task_of
+from tjscan.job.cell import Cell, mount_of
 from tjscan.laser.profile import Profile
-from tjscan.runs.calibrate import MEASURED, resume_calibration, start_calibration
+from tjscan.runs.calibrate import (
+    MEASURED,
+    open_board_cell,
+    resume_calibration,
+    start_calibration,
+    task_of,
+)
 
 JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}

@@ -14,7 +14,6 @@ from tjscan.result.summary import (
     summarise_stations,
     write_summary,
 )
-from tjscan.runs.context import plan_of
 from tjscan.runs.results import measure_all, summarise
 from tjscan.scanning.result import ScanResult
 
@@ -26,7 +25,7 @@ def result() -> ScanResult:
 
 @pytest.fixture(scope="module")
 def summary(result: ScanResult) -> Summary:
-    plan = plan_of(read_job(PAPER, {"scan.sections": 4}))
+    plan = read_job(PAPER, {"scan.sections": 4}).scan
     return summarise(result, plan, ResultFrame(), None, "a board of steel")
 
 

@@ -11,15 +11,18 @@ from cells import CLOCKWISE, EXAMPLES, PAPER, Notes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tjscan.core.config import written
+from tjscan.core.devices import Device
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform
 from tjscan.job import read_job
 from tjscan.job.cell import clearance_of
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import RESOLUTION, Clearance, Margins
-from tjscan.robot.cleared import SWEEP, ClearedArm
+from tjscan.robot.clearance import RESOLUTION, Clearance
 from tjscan.robot.collision import SEEN, CollisionModel, check_links
+from tjscan.robot.collision_checked import SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.margins import Margins
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
@@ -65,7 +68,7 @@ def clearance(*solids: Solid, tool: tuple[Solid, ...] = (TIP,), margin: float = 
     )
 
 
-class Spy:
+class Spy(Device):
     """Notes what an arm is told."""
 
     def __init__(self, arm: SimulatedArm) -> None:
@@ -103,10 +106,10 @@ class Spy:
 
 def spied(
     keeps: Clearance, *, lifts: tuple[float, ...] = (0.05, 0.1, 0.2)
-) -> tuple[ClearedArm, Spy]:
+) -> tuple[CollisionCheckedArm, Spy]:
     spy = Spy(SimulatedArm(kinematics(), HOME))
     arm: Arm = spy
-    return ClearedArm(arm, keeps, np.eye(4), lifts=lifts), spy
+    return CollisionCheckedArm(arm, keeps, np.eye(4), lifts=lifts), spy
 
 
 def test_a_sphere_like_body_is_as_far_away_as_it_is() -> None:
@@ -263,7 +266,7 @@ def test_a_post_in_the_way_is_passed_round_at_the_least_lift_that_clears_it(stra
 def test_a_detour_is_told_of_before_it_begins() -> None:
     told: list[str] = []
     arm, spy = spied(clearance(post(-0.06)))
-    arm.on_detour = lambda words: told.append(f"{words} ({len(spy.told)} moves made)")
+    arm.listen(lambda name, words: told.append(f"{words} ({len(spy.told)} moves made)"))
     with arm:
         arm.move_linear(aside(0.1))
         arm.check(aside(0.5))
@@ -282,7 +285,7 @@ def test_no_leg_of_a_detour_begins_after_a_stop() -> None:
             return reached
 
     spy = StoppedOnTheWay(SimulatedArm(kinematics(), HOME))
-    arm = ClearedArm(spy, clearance(post(-0.06)), np.eye(4), lifts=(0.1,))
+    arm = CollisionCheckedArm(spy, clearance(post(-0.06)), np.eye(4), lifts=(0.1,))
     with arm:
         with pytest.raises(ArmFault, match="taken back"):
             arm.move_linear(aside(0.5))
@@ -328,7 +331,7 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     q[5] = kinematics().upper[5] - 0.01
     goal = kinematics().forward(q) @ pose(rot_z(0.05))
     spy = Spy(SimulatedArm(kinematics(), q))
-    with ClearedArm(spy, clearance(), np.eye(4)) as arm:
+    with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
         assert np.abs(arm.way(q, goal, straight=False).legs[-1].q - q).max() > SWEEP
         with pytest.raises(PoseUnreachable, match="would turn by"):
             arm.move_joint(goal, near=q)
@@ -361,7 +364,7 @@ def test_an_arm_that_took_another_configuration_is_not_moved_on() -> None:
                 reached.q + np.array((0, 0, 0, 0, 0, 2 * np.pi)), reached.T_b_f, reached.time
             )
 
-    arm = ClearedArm(Elsewhere(SimulatedArm(kinematics(), HOME)), clearance(), np.eye(4))
+    arm = CollisionCheckedArm(Elsewhere(SimulatedArm(kinematics(), HOME)), clearance(), np.eye(4))
     with arm, pytest.raises(ArmFault, match="joint 6 is 360 deg off"):
         arm.move_joint(aside(0.1))
 
@@ -409,7 +412,7 @@ CLAMP = {
 
 def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() -> None:
     job = read_job(PAPER)
-    solids = [*job.model_dump()["clearance"]["solid"], CLAMP]
+    solids = [*written(job)["clearance"]["solid"], CLAMP]
     job = read_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     notes = Notes()
     cell = RunContext(job, PAPER).cell()
@@ -422,8 +425,9 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
 def test_a_detour_of_a_scan_is_an_event() -> None:
     job = read_job(PAPER)
     assert job.simulation is not None
+    assert job.simulation.arm is not None
     assert job.scan.first is not None
-    start, first = np.radians(job.simulation.arm.home_deg), job.scan.first.T
+    start, first = np.array(job.simulation.arm.home), job.scan.first.T
     arm = Kinematics.load(job.arm.model)
     halfway = arm.forward((start + arm.inverse(first, near=start)) / 2)
     crate = {
@@ -432,7 +436,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
         "size_mm": [30.0, 30.0, 30.0],
         "position_mm": (1e3 * (halfway[:3, 3] + 0.05 * halfway[:3, 2])).tolist(),
     }
-    solids = [*job.model_dump()["clearance"]["solid"], crate]
+    solids = [*written(job)["clearance"]["solid"], crate]
     job = read_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
     notes = Notes()
     scan_in(RunContext(job, PAPER).cell(), job, notes)

@@ -85,7 +85,7 @@ def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None
 
 
 def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProcess) -> None:
-    settings = UrSettings(loopback.host, payload=1.25, centre_of_gravity=(0.0, 0.01, 0.08))
+    settings = UrSettings(loopback.host, payload=1.25, payload_centre=(0.0, 0.01, 0.08))
     with UrArm(KINEMATICS, settings) as arm:
         assert arm.identity.model == "UR10"
         assert arm.identity.serial

@@ -11,6 +11,7 @@ from command import tjscan
 
 from tjscan.core.errors import LaserFault, ViewNotRecorded
 from tjscan.core.frames import Array, from_euler_zyx
+from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import ArmState
 from tjscan.robot.replay import ReplayedArm
 
@@ -27,7 +28,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def replay(run: Path, out: Path, *options: object, job: Path | None = None) -> int:
-    replaying = ("--laser.driver", "replay", "--laser.recording", run, "--out", out)
+    drivers = ("--arm.driver", "replay", "--laser.driver", "replay", "--laser.recording", run)
+    replaying = (*drivers, "--out", out)
     return tjscan("scan", job or run / "job.toml", *replaying, *options)
 
 
@@ -117,10 +119,11 @@ def test_a_replay_without_a_recording_is_refused(
     assert not (tmp_path / "run").exists()
 
 
-def stood(*x: float) -> ReplayedArm:
+def stood(*x: float) -> tuple[RecordedPoses, ReplayedArm]:
     """An arm that stood at places along x, in metres."""
     states = [ArmState(np.zeros(6), at(place), float(i)) for i, place in enumerate(x)]
-    return ReplayedArm(states, distance=5e-3, angle=0.03)
+    poses = RecordedPoses([state.T_b_f for state in states], x, distance=5e-3, angle=0.03)
+    return poses, ReplayedArm(poses, states)
 
 
 def at(x: float) -> Array:
@@ -128,7 +131,8 @@ def at(x: float) -> Array:
 
 
 def test_a_recording_is_gone_through_forwards_and_exact_poses_come_first() -> None:
-    with stood(0.0, 0.1, 0.102, 0.1, 0.2) as arm:
+    _, arm = stood(0.0, 0.1, 0.102, 0.1, 0.2)
+    with arm:
         assert arm.move_joint(at(0.0)).time == 0
         assert arm.move_linear(at(0.102)).time == 2  # not the nearly equal one before it
         assert arm.move_linear(at(0.101)).time == 3  # the first ahead within the tolerance
@@ -138,8 +142,9 @@ def test_a_recording_is_gone_through_forwards_and_exact_poses_come_first() -> No
 
 
 def test_a_view_is_taken_once_and_taken_again_where_it_was() -> None:
-    with stood(0.0, 0.1, 0.1, 0.2) as arm:
-        arm.move_joint(at(0.1))
-        assert [arm.take(), arm.take()] == [1, 2]
+    poses, arm = stood(0.0, 0.1, 0.1, 0.2)
+    with arm:
+        T_b_f = arm.move_joint(at(0.1)).T_b_f
+        assert [poses.take(T_b_f), poses.take(T_b_f)] == [1, 2]
         with pytest.raises(LaserFault, match="no further profile"):
-            arm.take()
+            poses.take(T_b_f)

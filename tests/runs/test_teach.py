@@ -16,6 +16,7 @@ from taught import HALF_DIGIT, example, standing
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import from_euler_zyx, pose, rot_y, rotation_angle
+from tjscan.core.units import MM
 from tjscan.job import read_job
 from tjscan.runs.teach import write_pose, written
 
@@ -34,7 +35,7 @@ def test_the_pose_written_is_the_pose_read_and_all_else_stays(
     found = new.starts[which == "second"]
     assert np.abs(found.T[:3, 3] - stands[:3, 3]).max() < HALF_DIGIT[0]
     assert rotation_angle(found.T, stands) < 2 * HALF_DIGIT[1]
-    assert tuple(told["position_mm"]) == found.position_mm
+    assert tuple(told["position_mm"]) == MM.to_file(found.position)
     assert new.model_copy(update={"scan": old.scan}) == old
     changed = [
         (a, b)
@@ -75,8 +76,8 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
     assert text.endswith(rest)
     assert link.is_symlink()
     assert stat.S_IMODE(job.stat().st_mode) == 0o640
-    assert read_job(link).starts[0].position_mm == (7.5, 8.0, 9.0)
-    assert read_job(link).starts[1].position_mm == (1.0, 2.0, 3.0)
+    assert read_job(link).starts[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
+    assert read_job(link).starts[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
 
 
 @settings(max_examples=50)

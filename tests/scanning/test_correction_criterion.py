@@ -18,7 +18,6 @@ from tjscan.groove.find import find_groove
 from tjscan.job import read_job
 from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
-from tjscan.runs.context import plan_of
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
 from tjscan.scanning.progress import StopReason
@@ -55,7 +54,7 @@ def test_a_raised_sensor_and_a_smaller_work_angle_are_the_same_deviation() -> No
 def test_what_is_nearer_and_surer_is_allowed_where_the_further_is(
     off: Array, sigma: Array, share: float
 ) -> None:
-    skip = CorrectionCriterion(0.2, 0.2, 0.2)
+    skip = CorrectionCriterion(True, 0.2, 0.2, 0.2)
     if skip.allows(off, sigma):
         assert skip.allows(share * off, sigma)
         assert skip.allows(off, share * sigma)
@@ -82,8 +81,8 @@ def test_a_shorter_step_tells_the_direction_of_motion_less_well() -> None:
 
 
 def test_the_papers_cases_always_correct_unless_the_job_says_otherwise() -> None:
-    assert plan_of(read_job(PAPER)).skip is None
-    skip = plan_of(read_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0})).skip
+    assert read_job(PAPER).scan.skip is None
+    skip = read_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0}).scan.skip
     assert skip is not None
     assert skip.position == pytest.approx(3e-3)
 
@@ -99,7 +98,7 @@ def test_a_scan_that_skips_is_as_good_with_fewer_views(file: Path, step_mm: int)
     assert (
         example_corner_errors(quick, file).mean() < example_corner_errors(full, file).mean() + 2e-5
     )
-    plan = plan_of(read_job(file, keys | SKIPPING))
+    plan = read_job(file, keys | SKIPPING).scan
     assert plan.skip is not None
     for before, scan in zip(quick.sections[1:], quick.sections[2:], strict=False):
         if scan.view.substep is Substep.PREDICTION:

@@ -9,10 +9,8 @@ from tjscan.core.frames import inverse, pose, rot_z
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES
 from tjscan.scanning.progress import StopReason, complete, finished, groove_length
 from tjscan.scanning.section import ScannedSection, Substep, View
-from tjscan.scanning.target import Direction
 
 RADIUS = 0.2286
 GROOVE = section_from_points(
@@ -21,9 +19,7 @@ GROOVE = section_from_points(
 
 
 def plan(step: float, length: float | None = None, sections: int | None = None) -> ScanPlan:
-    return ScanPlan(
-        step, CASES[3], Direction.COUNTERCLOCKWISE, 0.0, 0.23, length=length, sections=sections
-    )
+    return ScanPlan(step=step, pull_angle=0.0, offset=0.0, length=length, sections=sections)
 
 
 def section(turned: float, index: int) -> ScannedSection:

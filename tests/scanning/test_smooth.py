@@ -29,7 +29,7 @@ JOINTS = pytest.mark.parametrize(
 WAYS = pytest.mark.parametrize("direction", Direction, ids=["ccw", "cw"])
 EXACT = 1e-6
 """Metres and radians: what the searches for the tubes and the section leave."""
-SKIP = CorrectionCriterion()
+SKIP = CorrectionCriterion(enabled=True)
 
 
 def walk_of(seam: Seam, step: float, sections: int, azimuth: float = 0.4) -> list[ScannedSection]:
@@ -90,7 +90,7 @@ def test_prediction_does_not_depend_on_where_the_base_stands(
     world = seam(noise=Noise())
     scans = walk_of(world, 0.04, 4)
     moved = [moved_by(T_a_b, scan) for scan in scans]
-    predictor = smooth_predictor(replace(world.plan, skip=SKIP))
+    predictor = smooth_predictor(replace(world.plan, criterion=SKIP))
     in_b, in_a = predictor(scans, 0.04), predictor(moved, 0.04)
     np.testing.assert_allclose(in_a.T_b_t, T_a_b @ in_b.T_b_t, atol=EXACT)
     np.testing.assert_allclose(in_a.T_s_t, in_b.T_s_t, atol=EXACT)
@@ -173,7 +173,7 @@ def test_the_hand_lags_within_the_tolerances_and_turns_less(direction: Direction
     scans = walk_of(world, 0.04, 6)
     last = scans[-1]
     eager = smooth_predictor(world.plan)(scans, 0.04)
-    lazy = smooth_predictor(replace(world.plan, skip=SKIP))(scans, 0.04)
+    lazy = smooth_predictor(replace(world.plan, criterion=SKIP))(scans, 0.04)
     seen = world.look(lazy)
     ideal = SetPoint(correct(last.T_b_g, seen.T_b_g), world.plan.target(seen.groove.work_angle))
     off = deviation(seen, ideal)
@@ -252,7 +252,7 @@ def test_two_sections_of_which_one_was_misread_lead_nowhere_wild() -> None:
 def test_whatever_the_sections_say_there_is_a_set_point_the_guard_lets_pass_or_case_3() -> None:
     rng, world = np.random.default_rng(5), seam(noise=Noise())
     scans = walk_of(world, 0.03, 5)
-    predictor = smooth_predictor(replace(world.plan, skip=SKIP))
+    predictor = smooth_predictor(replace(world.plan, criterion=SKIP))
     for _ in range(40):
         size = 10 ** rng.uniform(-3, -0.7)
         seen = [

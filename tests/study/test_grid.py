@@ -11,7 +11,7 @@ from cells import CLOCKWISE, PAPER
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import rotation_angle
-from tjscan.runs.context import plan_of
+from tjscan.core.units import DEG, MM
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
 from tjscan.study.task import Task
@@ -46,8 +46,8 @@ def test_the_grid_is_the_product_and_the_last_key_runs_fastest(expand: Expand) -
     assert [task.inputs["job"] for task in tasks] == ["paper"] * 24 + ["paper-clockwise"] * 24
     for task in tasks:
         scan = task.job_file.scan
-        assert scan.step_mm == task.inputs["scan.step_mm"]
-        assert scan.pull_angle_deg == task.inputs["scan.pull_angle_deg"]
+        assert MM.to_file(scan.step) == task.inputs["scan.step_mm"]
+        assert DEG.to_file(scan.pull_angle) == task.inputs["scan.pull_angle_deg"]
         assert (scan.direction == "clockwise") == (task.inputs["job"] == "paper-clockwise")
 
 
@@ -74,7 +74,7 @@ def test_a_joint_can_be_varied_and_ruled(expand: Expand) -> None:
         ratio = task.inputs["rule.leg_to_brace"]
         assert joint.leg_radius / joint.brace_radius == pytest.approx(ratio, rel=1e-12)
         assert task.inputs["scan.step_mm"] == pytest.approx(200 * joint.brace_radius, abs=0.05)
-        assert task.job_file.scan.step_mm == task.inputs["scan.step_mm"]
+        assert MM.to_file(task.job_file.scan.step) == task.inputs["scan.step_mm"]
 
 
 @pytest.mark.parametrize("direction", ["counterclockwise", "clockwise"])
@@ -92,7 +92,7 @@ def test_a_hand_teaches_two_views_a_step_apart(expand: Expand, direction: str) -
         },
     )
     job, joint = task.job_file, task.joint_definition
-    plan, first, second = plan_of(job), *(start.T for start in job.starts)
+    plan, first, second = job.scan, *(start.T for start in job.starts)
     assert job.joint is not None
     assert job.calibration.T_f_s is not None
     T_j_b = np.linalg.inv(job.joint.T_w_j)

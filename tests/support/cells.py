@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tjscan.calibration.file import CalibrationFile, NoiseTable, write_calibration
+from tjscan.calibration.file import CalibrationFile, write_calibration
+from tjscan.calibration.noise import NoiseModel
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.config import validate
 from tjscan.core.errors import GrooveNotFound
@@ -21,7 +22,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.frame import ResultFrame
-from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.context import RunContext
 from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
@@ -87,7 +88,7 @@ def scan_example(
     with RunContext(job, file).cell() as cell:
         scanner = Scanner(
             Setup(cell.arm, through(cell.laser), cell.T_f_s, read),
-            plan_of(job),
+            job.scan,
             notes or Notes(),
             predictor,
             stop=stop,
@@ -124,7 +125,7 @@ def calibration_file(file: Path) -> Path:
             "sigma_rotation_deg": float(np.sqrt(3 * variance)),
             "condition": 1.0,
             "excess": 1.0,
-            "noise": NoiseTable(),
+            "noise": NoiseModel(),
             "residuals": [],
         },
     )

@@ -16,6 +16,7 @@ import numpy as np
 from cells import Notes
 from scipy.spatial.transform import Rotation
 
+from tjscan.core.devices import Device
 from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, unit
 from tjscan.groove.find import find_groove
 from tjscan.joint.bevel import bevel_sections
@@ -27,7 +28,6 @@ from tjscan.laser.optics import Surface
 from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES
 from tjscan.scanning.profile_taker import Setup
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.target import Direction
@@ -48,7 +48,7 @@ def surface_of(name: str) -> Surface:
     return Surface(mesh.vertices, mesh.triangles)
 
 
-class FreeArm:
+class FreeArm(Device):
     """An `Arm` without joints."""
 
     def __init__(self, rng: np.random.Generator, repeatability: float, angle: float) -> None:
@@ -136,12 +136,8 @@ def true_station(
     length = abs(joint.leg.arc_length(joint.brace_radius, start, start + np.radians(arc_deg)))
     taught = int(np.sign(arc_deg)) * cast.step / joint.brace_radius
     plan = ScanPlan(
-        cast.step,
-        CASES[3],
-        direction,
-        np.radians(10.0),
-        0.230,
-        -0.015,
+        step=cast.step,
+        direction=direction,
         length=max(length - cast.step, cast.step),
     )
     arm = FreeArm(rng, cast.repeatability, cast.angle)

@@ -10,7 +10,6 @@ from tjscan.core.frames import Array, inverse, pose, rot_z
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.target import R_REVERSED, Direction
 
@@ -19,7 +18,7 @@ GROOVE = section_from_points(
     1e-3 * np.array(((50, 0, 230), (20, 0, 230), (5, 0, 255), (0, 0, 255), (-40, 0, 190))),
     covariance=np.diag([(0.03e-3) ** 2] * 6 + [1e-6] * 2),
 )
-PLAN = ScanPlan(0.04, CASES[3], Direction.COUNTERCLOCKWISE, np.radians(10), 0.23, -0.015)
+PLAN = ScanPlan()
 
 
 def ring_pose(turned: float) -> Array:

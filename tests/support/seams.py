@@ -17,7 +17,6 @@ from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.scanning.correction import correct
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.target import Direction
@@ -54,7 +53,7 @@ class Seam:
 
     @property
     def plan(self) -> ScanPlan:
-        return ScanPlan(0.04, CASES[3], self.direction, np.radians(10), 0.23, -0.015)
+        return ScanPlan(direction=self.direction)
 
     def look(self, to: SetPoint, index: int = 2) -> ScannedSection:
         """Lay frame t on its set-point and read the section."""

@@ -5,54 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Self
+from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
 import tomli_w
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from tjscan.calibration.noise import CORRELATION, POSITION, RANGE, ROTATION, TOUCH, NoiseModel
+from tjscan.calibration.noise import NoiseModel
 from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
-from tjscan.core.frames import Array, from_rounded
+from tjscan.core.frames import Array
+from tjscan.core.units import PoseRows, pose_to_rows, rows_to_pose
 
 if TYPE_CHECKING:
     from tjscan.calibration.hand_eye import HandEye, Residual
     from tjscan.calibration.verify import Verification
 
-Row4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
-Rows = tuple[Row4, Row4, Row4, Row4]
-
-
-def rows_to_pose(rows: Rows) -> Array:
-    """Pose, shape (4, 4), metres, from the rows of a file, millimetres.
-
-    Raises
-    ------
-    ValueError
-        If they are no pose; see `from_rounded`.
-    """
-    T = np.array(rows)
-    T[:3, 3] *= 1e-3
-    return from_rounded(T)
-
-
-def pose_to_rows(T: Array) -> Rows:
-    """A file's rows, millimetres, from a pose, shape (4, 4), metres."""
-    in_mm = T.copy()
-    in_mm[:3, 3] *= 1e3
-    a, b, c, d = (tuple(row) for row in in_mm.tolist())
-    return a, b, c, d
-
-
-def _is_a_pose(rows: Rows) -> Rows:
-    rows_to_pose(rows)
-    return rows
-
-
-PoseRows = Annotated[Rows, Field(strict=False), AfterValidator(_is_a_pose)]
-"""A pose as a file holds it: four rows, millimetres."""
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
 _HALVES: Final = (slice(0, 3), slice(3, 6))
@@ -63,38 +32,6 @@ LEAST_REACH_MM: Final = 5.0
 
 IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 """From metres and radians to the file's millimetres and degrees."""
-
-
-class NoiseTable(FileModel):
-    """The noise that lines and poses are weighed by; see `NoiseModel`."""
-
-    range_mm: float = Field(default=1e3 * RANGE, gt=0)
-    correlation_columns: float = Field(default=CORRELATION, ge=0)
-    position_mm: float = Field(default=1e3 * POSITION, gt=0)
-    rotation_deg: float = Field(default=float(np.degrees(ROTATION)), gt=0)
-    touch_mm: float = Field(default=1e3 * TOUCH, gt=0)
-
-    @property
-    def model(self) -> NoiseModel:
-        """In metres and radians."""
-        return NoiseModel(
-            range=1e-3 * self.range_mm,
-            correlation=self.correlation_columns,
-            position=1e-3 * self.position_mm,
-            rotation=float(np.radians(self.rotation_deg)),
-            touch=1e-3 * self.touch_mm,
-        )
-
-    @classmethod
-    def of(cls, noise: NoiseModel) -> Self:
-        """In millimetres and degrees."""
-        return cls(
-            range_mm=1e3 * noise.range,
-            correlation_columns=noise.correlation,
-            position_mm=1e3 * noise.position,
-            rotation_deg=float(np.degrees(noise.rotation)),
-            touch_mm=1e3 * noise.touch,
-        )
 
 
 class ResidualTable(FileModel):
@@ -137,7 +74,7 @@ class CalibrationFile(FileModel):
     sigma_rotation_deg: float = Field(ge=0)
     condition: float = Field(gt=0)
     excess: float = Field(ge=1)
-    noise: NoiseTable
+    noise: NoiseModel
     verification: VerificationTable | None = None
     residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
 
@@ -221,7 +158,7 @@ def to_file(
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
         "excess": result.sigma_scale,
-        "noise": NoiseTable.of(noise),
+        "noise": noise,
         "verification": verification and _verification(verification),
         "residuals": [_residual(residual) for residual in result.residuals],
     }

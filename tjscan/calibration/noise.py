@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from math import radians
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt
 
-RANGE: Final = 30e-6
-CORRELATION: Final = 4.0
-POSITION: Final = 50e-6
-ROTATION: Final = float(np.radians(0.01))
-TOUCH: Final = 50e-6
+from tjscan.core.units import COLUMNS, DEG, MM, Settings
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseModel:
+class NoiseModel(Settings):
     """Standard deviations of independent, normally distributed errors.
 
     **The defaults are assumptions**: a line laser of the 100 mm class on a calibrated arm.
@@ -41,11 +39,11 @@ class NoiseModel:
     was touched.
     """
 
-    range: float = RANGE
-    correlation: float = CORRELATION
-    position: float = POSITION
-    rotation: float = ROTATION
-    touch: float = TOUCH
+    range: Annotated[float, Gt(0), MM] = 30e-6
+    correlation: Annotated[float, Ge(0), COLUMNS] = 4.0
+    position: Annotated[float, Gt(0), MM] = 50e-6
+    rotation: Annotated[float, Gt(0), DEG] = radians(0.01)
+    touch: Annotated[float, Gt(0), MM] = 50e-6
 
     def __post_init__(self) -> None:
         numbers = (self.range, self.position, self.rotation, self.touch)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.file import Calibrated, NoiseTable, to_file, write_calibration
+from tjscan.calibration.file import Calibrated, to_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import calibrate_profiles
 from tjscan.calibration.plucker import Plane
@@ -71,7 +71,7 @@ def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProf
 
 def _noise(options: RecordedOptions) -> NoiseModel:
     stated = {name: getattr(options, name) for name in NOISE}
-    return validate(NoiseTable, {k: v for k, v in stated.items() if v is not None}).model
+    return validate(NoiseModel, {k: v for k, v in stated.items() if v is not None})
 
 
 def _target(

@@ -64,16 +64,16 @@ class ReadingOptions:
 
 def settings_of(file: Path, options: ReadingOptions | None) -> GrooveSettings:
     """The settings for a file: options before the job of a run directory before the defaults."""
-    from tjscan.core.config import validate
-    from tjscan.job import ReadingTable, read_job
+    from tjscan.core.config import validate, written
+    from tjscan.groove.settings import GrooveSettings
+    from tjscan.job import read_job
     from tjscan.result.directory import JOB
 
     job = file / JOB
-    own = read_job(job).groove.model_dump() if job.is_file() else {}
+    own = written(read_job(job).groove) if job.is_file() else {}
     stated = {} if options is None else asdict(options)
-    return validate(
-        ReadingTable, own | {key: value for key, value in stated.items() if value is not None}
-    ).settings
+    stated = {key: value for key, value in stated.items() if value is not None}
+    return validate(GrooveSettings, own | stated)
 
 
 def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:

@@ -20,7 +20,7 @@ from tjscan.job import JobFile
 from tjscan.report.write import write_report
 from tjscan.result.summary import Summary
 from tjscan.runs import scan, stations
-from tjscan.runs.context import RunContext, plan_of
+from tjscan.runs.context import RunContext
 from tjscan.runs.directory import default_directory
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
@@ -77,7 +77,7 @@ def _at(job: JobFile, file: Path, station: str | None) -> JobFile:
 @contextmanager
 def _watched(job: JobFile, file: Path) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
-    with scan_progress(plan_of(job)) as journal, stopped_by_ctrl_c() as stop:
+    with scan_progress(job.scan) as journal, stopped_by_ctrl_c() as stop:
         yield RunContext(job, file, journal, stop, write_report)
 
 

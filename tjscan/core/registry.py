@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -27,11 +28,14 @@ class Registry(Generic[T]):
         Name of each entry of this package, and where it is: ``module:attribute``.
     extras : mapping of str to str
         For an entry that needs more than a plain install: the extra to install.
+    key : str, optional
+        Where a job file names an entry, for messages, for instance ``arm.driver``.
     """
 
     kind: str
     own: Mapping[str, str]
     extras: Mapping[str, str] = field(default_factory=dict)
+    key: str | None = None
 
     @cached_property
     def _places(self) -> dict[str, str]:
@@ -56,19 +60,47 @@ class Registry(Generic[T]):
         if name not in self._places:
             raise ConfigurationError(
                 f"there is no {self.kind} {name!r}; did you mean: {nearest(name, self.names)}? "
-                f"Known: {', '.join(self.names)}"
+                f"Known: {', '.join(self.names)}",
+                key=self.key,
             )
-        try:
+        with self.installed(name):
             loaded: T = EntryPoint(name, self._places[name], f"tjscan.{self.kind}").load()
-        except ModuleNotFoundError as error:
-            extra = self.extras.get(name)
-            if extra is None or (error.name or "").startswith("tjscan"):
-                raise
-            raise ConfigurationError(
-                f"the {self.kind} {name!r} needs the package {error.name}, which is not "
-                f"installed: pip install 'tjscan[{extra}]'"
-            ) from error
         return loaded
+
+    @contextmanager
+    def installed(self, name: str) -> Iterator[None]:
+        """Say which extra to install where a block does not find a package that an entry needs.
+
+        Raises
+        ------
+        ConfigurationError
+            If a package is missing that is not this program's own.
+        """
+        try:
+            yield
+        except ModuleNotFoundError as error:
+            package = error.name or ""
+            if package.startswith("tjscan"):
+                raise
+            raise self.not_installed(name, package) from error
+
+    def not_installed(self, name: str, package: str) -> ConfigurationError:
+        """The error that says what to install for an entry.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry.
+        package : str
+            Top-level module that is missing.
+        """
+        extra = self.extras.get(name)
+        what = package if extra is None else f"'tjscan[{extra}]'"
+        return ConfigurationError(
+            f"the {self.kind} {name!r} needs the package {package}, which is not installed: "
+            f"pip install {what}",
+            key=self.key,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ is the key ``step_mm``, between 5 and 300: bounds stand before the unit and coun
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from math import radians
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, get_args, get_type_hints
 
@@ -39,25 +40,30 @@ class Unit:
         What the key in the file ends in.
     factor : float
         What one of it is in SI units.
+    key : str, optional
+        The whole key in the file, where it is not the field's name and the suffix.
     """
 
     suffix: str
     factor: float = 1.0
+    key: str | None = None
+
+    def keyed(self, key: str) -> Unit:
+        """Return the same unit for a field that stands in the file under another key."""
+        return replace(self, key=key)
 
     def to_si(self, value: Any) -> Any:
         """Convert what a file holds; numbers in tuples too, and nothing to nothing."""
-        if value is None:
-            return None
         if isinstance(value, tuple):
             return tuple(map(self.to_si, value))
-        return value * self.factor
+        return value if value is None or self.factor == 1.0 else value * self.factor
 
     def to_file(self, value: Any) -> Any:
         """Convert back: the number of fewest digits that is read as the same."""
-        if value is None:
-            return None
         if isinstance(value, tuple):
             return tuple(map(self.to_file, value))
+        if value is None or self.factor == 1.0:
+            return value
         for digits in _DIGITS:
             shortest = float(f"{value / self.factor:.{digits}g}")
             if self.to_si(shortest) == value:
@@ -72,14 +78,57 @@ class Unit:
 
         return core_schema.no_info_after_validator_function(
             self.to_si,
-            _with_lists(handler(source)),
+            _as_written(handler(source)),
             serialization=core_schema.plain_serializer_function_ser_schema(self.to_file),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """The key of a field without a unit, where it is not the field's name."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """Marks a field whose value a file gives by its name.
+
+    Parameters
+    ----------
+    values : mapping
+        What can be named; each value has its name as its attribute ``name``.
+    """
+
+    values: Mapping[str, Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        """One of the names becomes its value, and a value is written as its name."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(
+            self.values.__getitem__,
+            core_schema.literal_schema(list(self.values)),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda v: v.name),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Internal:
     """Marks a field that no file holds: the program sets it, or its default counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class AsWritten:
+    """Marks a tuple that a file holds as a list, or an enumeration that it holds as a word."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Make an exception from being strict about types."""
+        schema: Any = dict(handler.resolve_ref_schema(handler(source)))
+        schema.pop("ref", None)  # a schema of its own: elsewhere the type stays strict
+        return _as_written(schema)  # type: ignore[no-any-return]
 
 
 MM: Final = Unit("mm", 1e-3)
@@ -92,6 +141,7 @@ SECONDS: Final = Unit("s")
 COLUMNS: Final = Unit("columns")
 POINTS: Final = Unit("points")
 INTERNAL: Final = Internal()
+AS_WRITTEN: Final = AsWritten()
 
 
 class Settings:
@@ -140,42 +190,32 @@ class Settings:
 
 def _key(name: str, hint: Any) -> str:
     """A field's key in a file."""
-    unit = _unit(hint)
-    return name if unit is None else f"{name}_{unit.suffix}"
+    mark = _mark(hint)
+    if isinstance(mark, Unit):
+        return mark.key or f"{name}_{mark.suffix}"
+    return name if mark is None else mark.name
 
 
-def _unit(hint: Any) -> Unit | None:
-    """The unit that stands in a type, however deep."""
+def _mark(hint: Any) -> Unit | Key | None:
+    """The unit or key that stands in a type, however deep."""
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        found = part if isinstance(part, Unit) else _unit(part)
+        found = part if isinstance(part, Unit | Key) else _mark(part)
         if found is not None:
             return found
     return None
 
 
-def _with_lists(schema: Any) -> Any:
-    """A schema whose tuples a file may hold as lists."""
+def _as_written(schema: Any) -> Any:
+    """A schema whose tuples a file may hold as lists, and whose enumerations as words."""
     inner = schema
-    while inner["type"] != "tuple" and "schema" in inner:
+    while inner["type"] not in ("tuple", "enum") and "schema" in inner:
         inner = inner["schema"]
-    if inner["type"] == "tuple":
+    if inner["type"] in ("tuple", "enum"):
         inner["strict"] = False
-        for item in inner["items_schema"]:
-            _with_lists(item)
+    for item in inner.get("items_schema", ()):
+        _as_written(item)
     return schema
 
-
-class _Lists:
-    """Lets a file hold a tuple as a list."""
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return _with_lists(handler(source))  # type: ignore[no-any-return]
-
-
-LISTS: Final = _Lists()
-"""For tuples without a unit: a file holds them as lists."""
 
 FARTHEST_MM: Final = 1e5
 """A hundred metres: nothing in a cell is further."""
@@ -247,7 +287,7 @@ class _IsPose:
             rows_to_pose(rows)
             return rows
 
-        return core_schema.no_info_after_validator_function(check, _with_lists(handler(source)))
+        return core_schema.no_info_after_validator_function(check, _as_written(handler(source)))
 
 
 PoseRows = Annotated[tuple[Row, Row, Row, Row], _IsPose()]

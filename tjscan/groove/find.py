@@ -35,7 +35,7 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     ValueError
         If the model has no such section.
     """
-    if len(settings.model.sides) != 4:
+    if not settings.model.has_section:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row, fitted = locate(profile, settings)
     covariance = corner_covariance(row, fitted, settings.model)

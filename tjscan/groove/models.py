@@ -12,6 +12,9 @@ from typing import Final
 
 LEAST_SIDES: Final = 3
 
+SECTION_SIDES: Final = 4
+"""Sides of a groove with the five points of a section."""
+
 
 @dataclass(frozen=True, slots=True)
 class Side:
@@ -66,6 +69,11 @@ class GrooveModel:
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
             raise ValueError("a groove has three sides or more, and a turn between each two")
+
+    @property
+    def has_section(self) -> bool:
+        """Whether its corners are the five points of a section, which a scan needs."""
+        return len(self.sides) == SECTION_SIDES
 
 
 OPENING_LEAST: Final = radians(20)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
-from tjscan.groove.models import TEE, GrooveModel
+from annotated_types import Ge, Gt, Le
+
+from tjscan.core.units import MM, Named, Settings
+from tjscan.groove.models import MODELS, TEE, GrooveModel
 
 
 @dataclass(frozen=True, slots=True)
-class GrooveSettings:
-    """How a groove is looked for.
+class GrooveSettings(Settings):
+    """How a groove is looked for: the table [groove].
 
     Parameters
     ----------
@@ -28,12 +31,12 @@ class GrooveSettings:
         Least share of a side's points that must lie on it.
     """
 
-    model: GrooveModel = TEE
-    noise: float = 0.05e-3
-    minimum_points: int = 80
-    largest_sigma: float = 0.4e-3
-    largest_rms: float = 0.15e-3
-    inlier_share: float = 0.1
+    model: Annotated[GrooveModel, Named(MODELS)] = TEE
+    noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
+    minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
+    largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.4e-3
+    largest_rms: Annotated[float, Gt(0), Le(10), MM] = 0.15e-3
+    inlier_share: Annotated[float, Gt(0), Le(1)] = 0.1
 
     def __post_init__(self) -> None:
         if not (self.noise > 0 and self.largest_sigma > 0 and self.largest_rms > 0):

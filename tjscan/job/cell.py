@@ -1,54 +1,40 @@
-"""From a job to the arm, the laser and the calibration: the one place that knows the drivers."""
+"""From a job to the arm, the laser and where the one sits on the other."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from math import radians
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
-
-import numpy as np
-import trimesh
+from typing import Self
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.plucker import plane_through
-from tjscan.calibration.probe import Probe
-from tjscan.calibration.session import Task
-from tjscan.calibration.simulated import SimulatedProbe
-from tjscan.calibration.window import Window
 from tjscan.core.config import naming
+from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse
-from tjscan.job import (
-    CalibrationJob,
-    CellFile,
-    JobFile,
-    SimulatedBoardTable,
-    SimulatedLaserTable,
-    StandingTable,
-)
-from tjscan.job.drivers import PROBE_STREAM, arm_of, laser_model, simulated_laser
+from tjscan.core.units import rows_to_pose
+from tjscan.job import CellFile, JobFile, LaserTable, StandingTable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
 from tjscan.joint.relief import relief_of
+from tjscan.laser.drivers import LASERS, Carrier, LaserContext, Scene
 from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface
-from tjscan.laser.replay import ReplayedLaser
+from tjscan.laser.profile import Profile
+from tjscan.laser.replay import RecordedPoses
 from tjscan.recording.reader import read_recording
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import Clearance, Margins
-from tjscan.robot.cleared import ClearedArm
+from tjscan.robot.clearance import Clearance
 from tjscan.robot.collision import CollisionModel, check_links
+from tjscan.robot.collision_checked import CollisionCheckedArm
+from tjscan.robot.drivers import ARMS, ArmContext
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.replay import ReplayedArm
+from tjscan.robot.motion import MotionLimits
 from tjscan.robot.solids import Solid
-from tjscan.scanning.section import View
-
-BOARD_THICKNESS: Final = 5e-3
-"""Metres, of the simulated board."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +50,7 @@ class Cell:
     T_f_s : ndarray, shape (4, 4)
         Pose of the laser in the flange frame.
     clearance : Clearance
-        What the arm's paths keep; it wants to be told what is seen.
+        What the arm's paths keep; scanned surfaces are added to it.
     """
 
     arm: Arm
@@ -110,6 +96,13 @@ class Mount:
 def mount_of(job: CellFile, job_file: Path) -> Mount:
     """Where the laser sits, as a job says, or a calibration that is sought from the job's folder.
 
+    Parameters
+    ----------
+    job : CellFile
+        The job.
+    job_file : Path
+        Where it was read from.
+
     Raises
     ------
     ConfigurationError
@@ -120,15 +113,15 @@ def mount_of(job: CellFile, job_file: Path) -> Mount:
         return Mount(T_f_s)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not say which laser made it, unless the job does.
-    laser = job.laser.id if job.laser.is_replay else job.laser.device
+    laser = job.laser.id if job.laser.kind is Kind.REPLAYED else job.laser.device
     found = read_calibration(file, arm=job.arm.device, laser=laser)
     return Mount(found.T_f_s, file)
 
 
 def open_cell(
-    job: JobFile, T_f_s: Array, joint: JointDefinition | None, left: View | None = None
+    job: JobFile, T_f_s: Array, joint: JointDefinition | None, left: ArmState | None = None
 ) -> Cell:
-    """Make the cell that a job describes; entering it connects the devices.
+    """Make the cell of a scan; see `make_cell`.
 
     Parameters
     ----------
@@ -138,37 +131,96 @@ def open_cell(
         Where the laser sits, see `mount_of`.
     joint : JointDefinition, optional
         What a simulated laser looks at.
-    left : View, optional
+    left : ArmState, optional
+        Where an interrupted scan left the arm.
+    """
+    return make_cell(job, T_f_s, partial(_joint_scene, job, joint), left)
+
+
+def make_cell(
+    job: CellFile,
+    T_f_s: Array,
+    scene: Callable[[], Scene],
+    left: ArmState | None = None,
+) -> Cell:
+    """Make the cell that a job describes, by its drivers; entering it connects the devices.
+
+    Parameters
+    ----------
+    job : CellFile
+        The job, of one station if it has any.
+    T_f_s : ndarray, shape (4, 4)
+        Where the laser is believed to sit on the flange.
+    scene : callable
+        Gives what a simulated laser looks at; called for such a laser alone.
+    left : ArmState, optional
         Where an interrupted scan left the arm: a simulated one stands there again.
 
     Raises
     ------
     ConfigurationError
-        If the arm's model is unknown, or a simulated device lacks what it needs.
+        If a driver or the arm's model is unknown, a package is missing that a driver needs, or
+        the job lacks what it needs.
     """
-    if job.laser.is_replay:
-        return _replaying(job, T_f_s)
-    if job.simulation is None or job.joint is None or joint is None:
-        raise ConfigurationError("a simulated cell needs the tables [simulation] and [joint]")
-    arm, flange = arm_of(job.arm, job.simulation, left)
-    surface = _surface(joint)
-    T_b_j = inverse(job.T_w_b_true) @ job.joint.T_w_j
-    laser = simulated_laser(job.laser, job.simulation, flange, T_f_s, surface, T_b_j)
-    return _cleared(job, arm, laser, T_f_s)
+    clearance, simulation = clearance_of(job), job.simulation
+    recording = cache(partial(_recording, job.laser))
+    arm_driver, laser_driver = ARMS.load(job.arm.driver), LASERS.load(job.laser.driver)
+    with ARMS.installed(job.arm.driver):
+        device = arm_driver.make(
+            ArmContext(
+                clearance.kinematics,
+                MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
+                seed=0 if simulation is None else simulation.seed,
+                simulation=None if simulation is None else simulation.arm,
+                left=left,
+                recording=lambda: (recording()[0], recording()[1]),
+            ),
+            job.arm.settings,
+        )
+    arm: Arm = device
+    if arm_driver.kind is not Kind.REPLAYED:
+        arm = CollisionCheckedArm(device, clearance, T_f_s, lifts=job.clearance.lifts)
+    rows = None if simulation is None else simulation.T_f_s_mm
+    with LASERS.installed(job.laser.driver):
+        laser = laser_driver.make(
+            LaserContext(
+                laser_model(job),
+                Carrier(
+                    partial(arm_driver.truth, device),
+                    lambda: device.state().T_b_f,
+                    lambda: device.state().time,
+                ),
+                T_f_s if rows is None else rows_to_pose(rows),
+                scene,
+                seed=None if simulation is None else simulation.seed,
+                recording=lambda: (recording()[0], recording()[2]),
+            ),
+            job.laser.settings,
+        )
+    return Cell(arm, laser, T_f_s, clearance)
 
 
-def _replaying(job: CellFile, T_f_s: Array) -> Cell:
-    """A cell of which nothing is there but its recording."""
-    table = job.laser
+def _recording(
+    table: LaserTable,
+) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
+    """What replayed devices share: where the flange stood, the arm's states, the profiles."""
     with naming(key="laser.recording"):
         views = list(read_recording(Path(table.recording or "")))
-    arm = ReplayedArm(
-        [ArmState(view.q, view.T_b_f, view.time) for view in views],
-        distance=1e-3 * table.replay_tolerance_mm,
-        angle=radians(table.replay_tolerance_deg),
+    poses = RecordedPoses(
+        [view.T_b_f for view in views],
+        [view.time for view in views],
+        distance=table.replay_tolerance,
+        angle=table.replay_angle,
     )
-    laser = ReplayedLaser([view.profile for view in views], arm.take)
-    return Cell(arm, laser, T_f_s, clearance_of(job))
+    states = tuple(ArmState(view.q, view.T_b_f, view.time) for view in views)
+    return poses, states, tuple(view.profile for view in views)
+
+
+def _joint_scene(job: JobFile, joint: JointDefinition | None) -> Scene:
+    """The joint of a job, where it truly stands."""
+    if job.joint is None or joint is None:
+        raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
+    return Scene(_surface(joint), inverse(job.T_w_b_true) @ job.joint.T_w_j)
 
 
 @lru_cache(maxsize=2)
@@ -176,65 +228,6 @@ def _surface(joint: JointDefinition) -> Surface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_mesh(joint)
     return Surface(mesh.vertices, mesh.triangles, relief_of(joint))
-
-
-def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
-    """Make the cell of a calibration, and the probe that touches its board.
-
-    Parameters
-    ----------
-    job : CalibrationJob
-        The job.
-    T_f_s : ndarray, shape (4, 4)
-        About where the laser sits.
-
-    Raises
-    ------
-    ConfigurationError
-        As `open_cell` does.
-    """
-    simulation, board = job.simulation, job.board
-    if job.laser.is_replay:
-        raise ConfigurationError(
-            "a calibration touches its board: recorded profiles go in with --lines and --poses",
-            key="laser.driver",
-        )
-    if simulation is None:
-        raise ConfigurationError("a simulated cell needs the table [simulation]")
-    arm, flange = arm_of(job.arm, simulation)
-    truth = simulation.board or SimulatedBoardTable(
-        position_mm=board.position_mm, euler_zyx_deg=board.euler_zyx_deg
-    )
-    thick = trimesh.creation.box((*1e-3 * np.array(board.size_mm), BOARD_THICKNESS))
-    surface = Surface(thick.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), thick.faces)
-    laser = simulated_laser(job.laser, simulation, flange, T_f_s, surface, truth.T)
-    cell = _cleared(job, arm, laser, T_f_s)
-    probe = SimulatedProbe(
-        cell.arm,
-        1e-3 * np.array(board.probe_tip_mm),
-        board.T,
-        plane_through(truth.T[:3, 3], truth.T[:3, 2]),
-        sigma=1e-3 * truth.touch_mm,
-        approach=1e-3 * board.approach_mm,
-        rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
-    )
-    return cell, probe
-
-
-def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
-    """What a calibration is to do, in metres and radians; T_f_s is where it begins from."""
-    model, board = laser_model(job.laser, SimulatedLaserTable()), job.board
-    return Task(
-        board.T,
-        0.5e-3 * np.array(board.size_mm),
-        1e-3 * np.array(board.probe_tip_mm),
-        T_f_s,
-        # That other lasers of this class open their fan as the simulated one is an assumption.
-        Window(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
-        board.noise.model,
-        board.touches,
-        board.lines,
-    )
 
 
 def clearance_of(job: CellFile) -> Clearance:
@@ -258,12 +251,7 @@ def clearance_of(job: CellFile) -> Clearance:
             self_collision=table.self_collision,
             ignored=table.ignore,
         )
-    margins = Margins(
-        solids=1e-3 * table.margin_mm,
-        own=1e-3 * table.self_margin_mm,
-        singular=table.smallest_singular_value,
-    )
-    return Clearance(kinematics, model, margins)
+    return Clearance(kinematics, model, table)
 
 
 def _in_b(table: StandingTable, job: CellFile) -> Solid:
@@ -272,8 +260,8 @@ def _in_b(table: StandingTable, job: CellFile) -> Solid:
     return solid if table.frame == "b" else replace(solid, T=inverse(job.T_w_b) @ solid.T)
 
 
-def _cleared(job: CellFile, arm: Arm, laser: LineLaser, T_f_s: Array) -> Cell:
-    """A cell whose arm, whatever it is, looks before it moves."""
-    clearance = clearance_of(job)
-    lifts = 1e-3 * np.array(job.clearance.lifts_mm)
-    return Cell(ClearedArm(arm, clearance, T_f_s, lifts=lifts), laser, T_f_s, clearance)
+def laser_model(job: CellFile) -> LaserModel:
+    """The laser that a job describes: the window of [laser], the faults of [simulation.laser]."""
+    faults = LaserModel() if job.simulation is None else job.simulation.laser
+    table = job.laser
+    return replace(faults, columns=table.points, near=table.near, far=table.far)

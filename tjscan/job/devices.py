@@ -2,52 +2,145 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from math import radians
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-from pydantic import Field, model_validator
+from annotated_types import Ge, Le, MinLen, MultipleOf
+from pydantic_core import core_schema
 
-from tjscan.calibration.file import PoseRows, rows_to_pose
-from tjscan.core.config import FileModel
+from tjscan.core.config import validate, written
+from tjscan.core.devices import Driver, Kind
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.fields import Vector3
+from tjscan.core.registry import Registry
+from tjscan.core.units import (
+    DEG,
+    INTERNAL,
+    MM,
+    MM_S,
+    MM_S2,
+    PoseRows,
+    Settings,
+    rows_to_pose,
+)
+from tjscan.laser.drivers import LASERS
+from tjscan.robot.drivers import ARMS
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
 
 
-class UrTable(FileModel):
-    """A Universal Robots arm: where its controller is, what it carries, what it is held to.
+@dataclass(frozen=True, kw_only=True)
+class DeviceTable(Settings):
+    """What the tables [arm] and [laser] have in common.
 
-    Without `payload_kg` the payload of its pendant holds.
+    Each driver has a table of its own below, such as [arm.ur]. It is checked against what the
+    driver registers, whether the job uses that driver or not.
+
+    Parameters
+    ----------
+    driver : str
+        Name of the driver.
+    id : str, optional
+        What calibrations and reports call the device.
+    drivers : mapping
+        The settings of each driver that has a table.
     """
 
-    host: str = Field(min_length=1)
-    payload_kg: float | None = Field(default=None, ge=0, le=50)
-    payload_centre_mm: Vector3 = (0.0, 0.0, 0.0)
-    position_tolerance_mm: float = Field(default=0.5, gt=0, le=10)
-    rotation_tolerance_deg: float = Field(default=0.1, gt=0, le=5)
-    connect_s: float = Field(default=15.0, ge=1, le=120)
-    silence_s: float = Field(default=1.0, ge=0.1, le=60)
+    registry: ClassVar[Registry[Any]]
 
-    @model_validator(mode="after")
-    def _payload_is_whole(self) -> UrTable:
-        if self.payload_kg is None and any(self.payload_centre_mm):
-            raise ValueError("payload_centre_mm needs payload_kg beside it")
-        return self
+    driver: str = "simulated"
+    id: Annotated[str | None, MinLen(1)] = None
+    drivers: Annotated[Mapping[str, Any], INTERNAL] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> Kind:
+        """Whether a device is there, a simulation or a recording."""
+        driver: Driver[Any, Any] = self.registry.load(self.driver)
+        return driver.kind
+
+    @property
+    def settings(self) -> Any:
+        """The settings of the driver that the job names.
+
+        Raises
+        ------
+        ConfigurationError
+            If they have no table, and need one.
+        """
+        if self.driver in self.drivers:
+            return self.drivers[self.driver]
+        table = self.registry.load(self.driver).table
+        try:
+            return validate(table, {})
+        except ConfigurationError as error:
+            name = f"{self.registry.kind}.{self.driver}"
+            raise ConfigurationError(
+                f"driver {self.driver!r} needs a table [{name}] with {error.key}",
+                key=self.registry.key,
+            ) from None
+
+    @classmethod
+    def file_fields(cls) -> dict[str, Any]:
+        """Type of each key, the tables of the drivers included."""
+        return super().file_fields() | dict.fromkeys(cls.registry.names)
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """The schema of a table with the drivers' tables in it."""
+        return core_schema.no_info_wrap_validator_function(
+            cls._read,
+            super().__get_pydantic_core_schema__(source, handler),
+            serialization=core_schema.wrap_serializer_function_ser_schema(_with_drivers),
+        )
+
+    @classmethod
+    def _read(cls, data: Any, read: Callable[[Any], Self]) -> Self:
+        if not isinstance(data, dict):
+            return read(data)
+        own = {name: cls._settings(name, data[name]) for name in cls.registry.names if name in data}
+        table = read({key: value for key, value in data.items() if key not in own})
+        table = replace(table, drivers=own)
+        table.settings  # noqa: B018 - refuses a driver that needs a table and has none
+        return table
+
+    @classmethod
+    def _settings(cls, name: str, data: Any) -> Any:
+        key = f"{cls.registry.kind}.{name}"
+        if not isinstance(data, dict):
+            raise ConfigurationError(f"must be a table (found {data!r})", key=key)
+        try:
+            return validate(cls.registry.load(name).table, data)
+        except ConfigurationError as error:
+            inner = key if error.key is None else f"{key}.{error.key}"
+            raise ConfigurationError(error.message, key=inner) from None
 
 
-class ArmTable(FileModel):
-    """The arm and the bounds it moves within."""
+def _with_drivers(table: DeviceTable, write: Callable[[DeviceTable], Any]) -> Any:
+    return write(table) | {name: written(own) for name, own in table.drivers.items()}
 
-    driver: Literal["simulated", "ur"] = "simulated"
+
+@dataclass(frozen=True, kw_only=True)
+class ArmTable(DeviceTable):
+    """The table [arm]: which arm, and the bounds it moves within.
+
+    Parameters
+    ----------
+    model : str
+        A model that is known by name, or the path of a URDF.
+    speed, acceleration : float
+        Of the flange, m/s and m/s².
+    """
+
+    registry: ClassVar[Registry[Any]] = ARMS
+
     model: str = "ur10e"
-    id: str | None = Field(default=None, min_length=1)
-    speed_mm_s: float = Field(default=250.0, ge=1, le=3000)
-    acceleration_mm_s2: float = Field(default=1200.0, ge=10, le=50_000)
-    ur: UrTable | None = None
-
-    @model_validator(mode="after")
-    def _has_its_table(self) -> ArmTable:
-        if self.driver == "ur" and self.ur is None:
-            raise ValueError('driver "ur" needs a table [arm.ur] with the host of the controller')
-        return self
+    speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25
+    acceleration: Annotated[float, Ge(10), Le(50_000), MM_S2] = 1.2
 
     @property
     def device(self) -> str:
@@ -55,38 +148,37 @@ class ArmTable(FileModel):
         return self.id or self.model
 
 
-class LaserTable(FileModel):
-    """The line laser and the window it measures in.
+@dataclass(frozen=True, kw_only=True)
+class LaserTable(DeviceTable):
+    """The table [laser]: which line laser, and the window it measures in.
 
-    The driver "replay" sees again what a recording holds, `recording` being a run directory or
-    a file of its; then the arm, whatever its driver, stands where it stood, and nothing moves.
+    Parameters
+    ----------
+    recording : str, optional
+        What the driver "replay" takes its profiles from: a run directory, or a file of one. The
+        arm's driver "replay" stands where this recording has it.
+    replay_tolerance, replay_angle : float
+        How far from a recorded pose the flange may be, metres and radians.
+    points : int
+        Points of a profile.
+    near, far : float
+        Limits of z in frame s, metres.
     """
 
-    driver: Literal["simulated", "replay"] = "simulated"
-    recording: str | None = Field(default=None, min_length=1)
-    replay_tolerance_mm: float = Field(default=5.0, ge=0, le=1000)
-    replay_tolerance_deg: float = Field(default=2.0, ge=0, le=180)
-    id: str | None = Field(default=None, min_length=1)
-    points: int = Field(default=640, ge=160, le=640, multiple_of=80)
-    near_mm: float = Field(default=190.0, ge=1, le=5000)
-    far_mm: float = Field(default=290.0, ge=1, le=5000)
+    registry: ClassVar[Registry[Any]] = LASERS
 
-    @model_validator(mode="after")
-    def _range_is_one(self) -> LaserTable:
-        if self.near_mm >= self.far_mm:
+    recording: Annotated[str | None, MinLen(1)] = None
+    replay_tolerance: Annotated[float, Ge(0), Le(1000), MM] = 5e-3
+    replay_angle: Annotated[float, Ge(0), Le(180), DEG.keyed("replay_tolerance_deg")] = radians(2)
+    points: Annotated[int, Ge(160), Le(640), MultipleOf(80)] = 640
+    near: Annotated[float, Ge(1), Le(5000), MM] = 0.190
+    far: Annotated[float, Ge(1), Le(5000), MM] = 0.290
+
+    def __post_init__(self) -> None:
+        if self.near >= self.far:
             raise ValueError("near_mm must be smaller than far_mm")
-        return self
-
-    @model_validator(mode="after")
-    def _replay_has_a_recording(self) -> LaserTable:
         if self.driver == "replay" and self.recording is None:
             raise ValueError('driver "replay" needs a recording: a run directory, or its scan.mcap')
-        return self
-
-    @property
-    def is_replay(self) -> bool:
-        """Whether no device is there, neither laser nor arm."""
-        return self.driver == "replay"
 
     @property
     def device(self) -> str:
@@ -94,17 +186,16 @@ class LaserTable(FileModel):
         return self.id or self.driver
 
 
-class CalibrationTable(FileModel):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationTable(Settings):
     """Where the laser sits on the hand: rows of T_f_s, or the file that a calibration left."""
 
     T_f_s_mm: PoseRows | None = None
     file: str | None = None
 
-    @model_validator(mode="after")
-    def _is_one_of_both(self) -> CalibrationTable:
+    def __post_init__(self) -> None:
         if (self.T_f_s_mm is None) == (self.file is None):
             raise ValueError("needs either T_f_s_mm or file, and not both")
-        return self
 
     @property
     def T_f_s(self) -> Array | None:

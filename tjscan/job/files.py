@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from annotated_types import MaxLen
+from pydantic import model_validator
 
 from tjscan.core.config import FileModel
+from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.frames import Array
+from tjscan.core.units import AS_WRITTEN, PoseTable
+from tjscan.groove.models import MODELS
+from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmTable, CalibrationTable, LaserTable
-from tjscan.job.fields import PoseTable
-from tjscan.job.scan import GrooveTable, ScanTable
 from tjscan.job.simulation import SimulationTable
 from tjscan.job.station import StationTable, folded
 from tjscan.job.surroundings import BoardTable, ClearanceTable, JointTable
+from tjscan.scanning.plan import ScanPlan
 
 
 class CellFile(FileModel):
@@ -26,19 +31,27 @@ class CellFile(FileModel):
     calibration: CalibrationTable
     board: BoardTable | None = None
     joint: JointTable | None = None
-    station: Annotated[tuple[StationTable, ...], Field(strict=False, max_length=50)] = ()
+    station: Annotated[tuple[StationTable, ...], MaxLen(50), AS_WRITTEN] = ()
     clearance: ClearanceTable = ClearanceTable()
     simulation: SimulationTable | None = None
 
     @model_validator(mode="after")
-    def _simulation_is_whole(self) -> CellFile:
-        drivers = () if self.laser.is_replay else (self.arm.driver, self.laser.driver)
-        if "simulated" in drivers and self.simulation is None:
-            raise ValueError("a simulated arm or laser needs a [simulation] table")
+    def _drivers_fit_together(self) -> CellFile:
+        arm, laser = self.arm.kind, self.laser.kind
+        if arm is Kind.REPLAYED and laser is not Kind.REPLAYED:
+            raise ConfigurationError(
+                'a replayed arm stands where a recording has it: laser.driver must be "replay"',
+                key="arm.driver",
+            )
+        if laser is Kind.REAL and arm is not Kind.REAL:
+            raise ConfigurationError(
+                f"a real laser can't sit on a {arm} arm: name the arm that carries it",
+                key="arm.driver",
+            )
         return self
 
     @model_validator(mode="after")
-    def _stations_are_told_apart(self) -> CellFile:
+    def _stations_have_names_of_their_own(self) -> CellFile:
         simulated = () if self.simulation is None else self.simulation.station
         for key, tables in (("station", self.station), ("simulation.station", simulated)):
             names = [folded(table.name) for table in tables]
@@ -125,7 +138,7 @@ class CellFile(FileModel):
         ConfigurationError
             If the arm is a real one, and the job has several stations.
         """
-        if self.station and self.arm.driver == "simulated":
+        if self.station and self.arm.kind is Kind.SIMULATED:
             return tuple(self.at(name) for name in self.stations)
         return (self.at(),)
 
@@ -133,9 +146,10 @@ class CellFile(FileModel):
         station, simulation = self.station[i], self.simulation
         if simulation is not None:
             truly = tuple(table for table in simulation.station if table.name == station.name)
-            home = truly[0].home_deg if truly else None
+            home = truly[0].home if truly else None
             arm = simulation.arm
-            arm = arm if home is None else arm.model_copy(update={"home_deg": home})
+            if arm is not None and home is not None:
+                arm = replace(arm, home=home)
             simulation = simulation.model_copy(
                 update={"seed": simulation.seed + i, "station": truly, "arm": arm}
             )
@@ -145,13 +159,18 @@ class CellFile(FileModel):
 class JobFile(CellFile):
     """One scan."""
 
-    scan: ScanTable
-    groove: GrooveTable = GrooveTable()
+    scan: ScanPlan
+    groove: GrooveSettings = GrooveSettings()
 
     @model_validator(mode="after")
-    def _laser_has_a_joint(self) -> JobFile:
-        if self.laser.driver == "simulated" and self.joint is None:
-            raise ValueError("a simulated laser needs a [joint] table to look at")
+    def _groove_has_a_section(self) -> JobFile:
+        if not self.groove.model.has_section:
+            able = ", ".join(repr(name) for name, model in MODELS.items() if model.has_section)
+            raise ConfigurationError(
+                f"{self.groove.model.name!r} has no section of five points, which a scan needs; "
+                f"choose one of {able}",
+                key="groove.model",
+            )
         return self
 
     @model_validator(mode="after")
@@ -183,10 +202,10 @@ class JobFile(CellFile):
 
     def _at(self, i: int) -> Self:
         job, station = super()._at(i), self.station[i]
-        own = {key: getattr(station, key) for key in ("direction", "length_mm", "sections")}
-        said = {key: value for key, value in own.items() if value is not None}
-        bare = station.model_copy(update=dict.fromkeys(own))
-        scan = self.scan.model_copy(update=said)
+        own = {key: getattr(station, key) for key in ("direction", "length", "sections")}
+        stated = {key: value for key, value in own.items() if value is not None}
+        bare = replace(station, direction=None, length=None, sections=None)
+        scan = replace(self.scan, **stated)
         return job.model_copy(update={"scan": scan, "station": (bare,)})
 
 
@@ -194,5 +213,5 @@ class CalibrationJob(CellFile):
     """One calibration. A [scan] table may stand beside it, so that one file serves both."""
 
     board: BoardTable
-    scan: ScanTable | None = None
-    groove: GrooveTable | None = None
+    scan: ScanPlan | None = None
+    groove: GrooveSettings | None = None

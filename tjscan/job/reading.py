@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -80,12 +81,10 @@ def _table(found: Any, name: str, key: str) -> Any:
 def _located(job: J, folder: Path) -> J:
     """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
     if Path(job.arm.model).suffix == ".urdf":
-        arm = job.arm.model_copy(update={"model": str(folder / job.arm.model)})
+        arm = replace(job.arm, model=str(folder / job.arm.model))
         job = job.model_copy(update={"arm": arm})
     if job.laser.recording is not None:
         # Absolute: the job is copied into its run directory, a recording is not.
         recording = str((folder / job.laser.recording).absolute())
-        job = job.model_copy(
-            update={"laser": job.laser.model_copy(update={"recording": recording})}
-        )
+        job = job.model_copy(update={"laser": replace(job.laser, recording=recording)})
     return job

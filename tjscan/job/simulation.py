@@ -2,58 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
+from annotated_types import Ge, Le
 from pydantic import Field
 
-from tjscan.calibration.file import PoseRows
 from tjscan.core.config import FileModel
-from tjscan.job.fields import Fraction, JointAngle, PoseTable
+from tjscan.core.units import AS_WRITTEN, MM, PoseRows, PoseTable
 from tjscan.job.station import NamedPoseTable
+from tjscan.laser.model import LaserModel
+from tjscan.robot.simulation import ArmSimulation, JointAngles
 
 
-class SimulatedArmTable(FileModel):
-    """What only a simulated arm needs to be told."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedBoardTable(PoseTable):
+    """The table [simulation.board]: where the board truly is, and how well it is touched.
 
-    home_deg: Annotated[tuple[JointAngle, ...], Field(strict=False)]
-    repeatability_mm: float = Field(default=0.05, ge=0, le=5)
-    repeatability_deg: float = Field(default=0.006, ge=0, le=5)
-    realtime: bool = False
-
-
-class SimulatedLaserTable(FileModel):
-    """The faults of the simulated laser; zero switches one off.
-
-    What each means, and which are assumptions, stands at `tjscan.laser.model.LaserModel`.
+    Parameters
+    ----------
+    touch : float
+        Standard deviation of a touched point in each axis, metres.
     """
 
-    noise_mm: float = Field(default=0.03, ge=0, le=5)
-    noise_correlation_points: float = Field(default=4.0, ge=0, le=100)
-    bias_mm: float = Field(default=0.02, ge=0, le=5)
-    dropout: Fraction = 1.0
-    missing: Fraction = 0.02
-    ghosts: Fraction = 0.065
-    flyers: Fraction = 0.3
-    strays: Fraction = 0.0
-    interreflection_mm: float = Field(default=0.0, ge=0, le=5)
-    occlusion: bool = True
-    resolution_mm: float = Field(default=0.005, ge=0, le=1)
+    touch: Annotated[float, Ge(0), Le(5), MM] = 5e-5
 
 
-class SimulatedBoardTable(PoseTable):
-    """Where the board truly is, and how well it is touched."""
-
-    touch_mm: float = Field(default=0.05, ge=0, le=5)
-
-
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedStationTable(NamedPoseTable):
-    """Where a station's base truly stands in frame w, and how the arm stands on it before."""
+    """The table [[simulation.station]]: where a station's base truly stands in frame w.
 
-    home_deg: Annotated[tuple[JointAngle, ...], Field(strict=False)] | None = None
+    Parameters
+    ----------
+    home : tuple of float, optional
+        Joint angles the arm starts with there, radians; those of [simulation.arm] else.
+    """
+
+    home: JointAngles | None = None
 
 
 class SimulationTable(FileModel):
-    """The simulated world.
+    """The table [simulation]: the simulated world.
 
     `T_f_s_mm` is where the laser truly sits, `board` where the board truly is, `station` where
     stations truly are; where left out, they are where the job believes them to be.
@@ -62,6 +51,6 @@ class SimulationTable(FileModel):
     seed: int = Field(default=1, ge=0)
     T_f_s_mm: PoseRows | None = None
     board: SimulatedBoardTable | None = None
-    station: Annotated[tuple[SimulatedStationTable, ...], Field(strict=False)] = ()
-    arm: SimulatedArmTable
-    laser: SimulatedLaserTable = SimulatedLaserTable()
+    station: Annotated[tuple[SimulatedStationTable, ...], AS_WRITTEN] = ()
+    arm: ArmSimulation | None = None
+    laser: LaserModel = LaserModel()

@@ -2,28 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import Annotated
 
+from annotated_types import Ge, Gt
 from pydantic import Field
 
-from tjscan.job.fields import PoseTable
+from tjscan.core.units import AS_WRITTEN, MM, PoseTable
+from tjscan.scanning.target import Direction
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPoseTable(PoseTable):
-    """The pose of a station's base, in frame w. Its name is one of a folder, too."""
+    """The pose of a station's base in frame w, metres and radians.
+
+    Parameters
+    ----------
+    name : str
+        The station's name, and that of its folder.
+    """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StationTable(NamedPoseTable):
-    """A place that is scanned from: where the arm's base stands in frame w, about, and its start.
+    """The table [[station]]: about where the arm's base stands in frame w, and its start poses.
 
-    What it leaves out holds as in [scan].
+    Parameters
+    ----------
+    direction : Direction, optional
+        As in [scan], which holds where this is left out.
+    length : float, optional
+        As in [scan], metres.
+    sections : int, optional
+        As in [scan].
+    first, second : PoseTable
+        The taught poses of the flange, in this station's frame b.
     """
 
-    direction: Literal["counterclockwise", "clockwise"] | None = None
-    length_mm: float | None = Field(default=None, gt=0)
-    sections: int | None = Field(default=None, ge=3)
+    direction: Annotated[Direction, AS_WRITTEN] | None = None
+    length: Annotated[float | None, Gt(0), MM] = None
+    sections: Annotated[int | None, Ge(3)] = None
     first: PoseTable
     second: PoseTable
 

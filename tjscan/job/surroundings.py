@@ -2,119 +2,149 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
-from pydantic import Field, model_validator
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from tjscan.calibration.file import NoiseTable
-from tjscan.core.config import FileModel
+from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
-from tjscan.job.fields import Length, Lengths, PoseTable, Vector3
+from tjscan.core.units import AS_WRITTEN, MM, Angles, PoseTable, Vector
+from tjscan.job.fields import LengthMm
+from tjscan.robot.margins import Margins
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
 
 MOST: Final = 300
 """Solids of a cell: each is held against every link of the arm, at every step of a path."""
 
-SMALLEST_BOARD_MM: Final = 100.0
+SMALLEST_BOARD: Final = 0.1
+"""Metres."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SolidTable(PoseTable):
-    """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis."""
+    """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis.
 
-    name: str = Field(min_length=1)
+    Parameters
+    ----------
+    name : str
+        What messages call it.
+    kind : str
+        Box, cylinder or capsule.
+    size : tuple of float, optional
+        Of a box along x, y and z, metres.
+    radius, length : float, optional
+        Of a cylinder or capsule, metres.
+    """
+
+    euler_zyx: Angles = (0.0, 0.0, 0.0)
+    name: Annotated[str, MinLen(1)]
     kind: Literal["box", "cylinder", "capsule"]
-    size_mm: Annotated[tuple[Length, Length, Length], Field(strict=False)] | None = None
-    radius_mm: Length | None = None
-    length_mm: Length | None = None
-    euler_zyx_deg: Vector3 = (0.0, 0.0, 0.0)
+    size: Annotated[tuple[LengthMm, LengthMm, LengthMm] | None, MM] = None
+    radius: Annotated[LengthMm | None, MM] = None
+    length: Annotated[LengthMm | None, MM] = None
 
-    @model_validator(mode="after")
-    def _has_its_sizes(self) -> SolidTable:
+    def __post_init__(self) -> None:
         is_box = self.kind == "box"
-        round_sizes = (self.radius_mm, self.length_mm)
-        if is_box != (self.size_mm is not None) or any(is_box != (s is None) for s in round_sizes):
+        round_sizes = (self.radius, self.length)
+        if is_box != (self.size is not None) or any(is_box != (s is None) for s in round_sizes):
             raise ValueError(
                 f"a {self.kind} takes {'size_mm' if is_box else 'radius_mm and length_mm'} alone"
             )
-        return self
 
     @property
     def solid(self) -> Solid:
-        """In metres."""
+        """The solid where it stands in its frame."""
         return Solid(self.name, self._shape, self.T)
 
     @property
     def _shape(self) -> Shape:
-        if self.size_mm is not None:
-            x, y, z = self.size_mm
-            return Box((1e-3 * x, 1e-3 * y, 1e-3 * z))
+        if self.size is not None:
+            return Box(self.size)
         shape = Cylinder if self.kind == "cylinder" else Capsule
-        return shape(1e-3 * (self.radius_mm or 0.0), 1e-3 * (self.length_mm or 0.0))
+        return shape(self.radius or 0.0, self.length or 0.0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StandingTable(SolidTable):
     """A solid that stands in the base frame, b, or about the workpiece, w."""
 
     frame: Literal["b", "w"] = "b"
 
 
-class ClearanceTable(FileModel):
-    """What the arm keeps clear of: `solid` stands in b or w, `tool` sits on the flange, frame f.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClearanceTable(Margins):
+    """The table [clearance]: what the arm keeps clear of, and how far.
 
-    The defaults are assumptions about a cell that was measured with a tape.
+    Parameters
+    ----------
+    self_collision : bool
+        Whether the arm is kept clear of itself.
+    lifts : tuple of float
+        How far detours draw the sensor back, one after the other, metres.
+    ignore : tuple of (str, str)
+        Pairs of links that may come near each other.
+    solid : tuple of StandingTable
+        What stands in frame b or w.
+    tool : tuple of SolidTable
+        What sits on the flange, frame f.
     """
 
-    margin_mm: float = Field(default=10.0, ge=0, le=500)
-    self_margin_mm: float = Field(default=5.0, ge=0, le=500)
     self_collision: bool = True
-    smallest_singular_value: float = Field(default=0.02, ge=0, le=1)
-    lifts_mm: Lengths = (50.0, 100.0, 200.0, 300.0)
-    ignore: Annotated[
-        tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)
-    ] = ()
-    solid: Annotated[tuple[StandingTable, ...], Field(strict=False, max_length=MOST)] = ()
-    tool: Annotated[tuple[SolidTable, ...], Field(strict=False, max_length=MOST)] = ()
+    lifts: Annotated[tuple[LengthMm, ...], MaxLen(20), MM] = (0.05, 0.1, 0.2, 0.3)
+    ignore: Annotated[tuple[Annotated[tuple[str, str], AS_WRITTEN], ...], AS_WRITTEN] = ()
+    solid: Annotated[tuple[StandingTable, ...], MaxLen(MOST), AS_WRITTEN] = ()
+    tool: Annotated[tuple[SolidTable, ...], MaxLen(MOST), AS_WRITTEN] = ()
 
 
-class BoardTable(FileModel):
-    """The flat board to calibrate on: where it is about, and what to take of it.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardTable(PoseTable):
+    """The table [board]: the flat board to calibrate on, about where it is, and what to take.
 
     The frame's origin is the middle of the board's face, x along the first side, z away from it.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Of both sides, metres.
+    probe_tip : tuple of float
+        The tip that touches it, in frame f, metres.
+    approach : float
+        Height from which the tip comes down, metres.
+    touches, lines : int
+        How many points are touched, and how many profiles are taken.
+    noise : NoiseModel
+        What measurements are assumed to err by.
     """
 
-    position_mm: Vector3
-    euler_zyx_deg: Vector3
-    size_mm: Annotated[tuple[float, float], Field(strict=False)]
-    probe_tip_mm: Vector3
-    approach_mm: float = Field(default=30.0, gt=0, le=500)
-    touches: int = Field(default=9, ge=3, le=100)
-    lines: int = Field(default=12, ge=5, le=100)
-    noise: NoiseTable = NoiseTable()
+    size: Annotated[tuple[float, float], MM]
+    probe_tip: Vector
+    approach: Annotated[float, Gt(0), Le(500), MM] = 0.03
+    touches: Annotated[int, Ge(3), Le(100)] = 9
+    lines: Annotated[int, Ge(5), Le(100)] = 12
+    noise: NoiseModel = field(default_factory=NoiseModel)
 
-    @model_validator(mode="after")
-    def _has_a_size(self) -> BoardTable:
-        if min(self.size_mm) < SMALLEST_BOARD_MM:
-            raise ValueError(f"size_mm: a board is {SMALLEST_BOARD_MM:g} mm wide or wider")
-        return self
-
-    @property
-    def T(self) -> Array:
-        """Nominal pose of the board in the base frame, shape (4, 4), metres."""
-        return PoseTable(position_mm=self.position_mm, euler_zyx_deg=self.euler_zyx_deg).T
+    def __post_init__(self) -> None:
+        if min(self.size) < SMALLEST_BOARD:
+            raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD:g} mm wide or wider")
 
 
-class JointTable(FileModel):
-    """The joint as designed: what the comparison measures against, and the simulated world.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointTable(PoseTable):
+    """The table [joint]: the joint as designed, for comparisons and for the simulated world.
 
-    Its place is told in frame w, which is b for a job without stations. The scanner itself never
+    Its pose is in frame w, which is b for a job without stations. The scanner itself never
     looks at it.
+
+    Parameters
+    ----------
+    file : str
+        The file that describes it, sought from the job's folder.
     """
 
     file: str
-    position_mm: Vector3
-    euler_zyx_deg: Vector3
 
     @property
     def T_w_j(self) -> Array:
         """Pose of the joint in frame w, shape (4, 4), metres."""
-        return PoseTable(position_mm=self.position_mm, euler_zyx_deg=self.euler_zyx_deg).T
+        return self.T

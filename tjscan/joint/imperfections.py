@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt, Le, Len
 from scipy.interpolate import CubicSpline
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LISTS, MM, Settings, Unit
+from tjscan.core.units import AS_WRITTEN, DEG, MM, Settings, Unit
 
 PERCENT: Final = Unit("percent", 0.01)
 PER_METRE: Final = Unit("per_m")
@@ -210,8 +210,8 @@ class Imperfections(Settings):
     misfit: Misfit = Misfit()
     root: Root = Root()
     bevel: Bevel = Bevel()
-    tacks: Annotated[tuple[Tack, ...], Len(0, 200), LISTS] = ()
-    seams: Annotated[tuple[Seam, ...], Len(0, 8), LISTS] = ()
+    tacks: Annotated[tuple[Tack, ...], Len(0, 200), AS_WRITTEN] = ()
+    seams: Annotated[tuple[Seam, ...], Len(0, 8), AS_WRITTEN] = ()
     scale: Scale = Scale()
     spatter: Spatter = Spatter()
 

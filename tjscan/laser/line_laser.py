@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Protocol, Self
 
+from tjscan.core.devices import Identity, Listener
 from tjscan.laser.profile import Profile
 
 
@@ -22,6 +23,15 @@ class LineLaser(Protocol):
         trace: TracebackType | None,
     ) -> None:
         """Disconnect."""
+        ...
+
+    @property
+    def identity(self) -> Identity:
+        """Which laser it is; known while connected."""
+        ...
+
+    def listen(self, listener: Listener) -> None:
+        """Report events to a listener from now on."""
         ...
 
     def capture(self) -> Profile:

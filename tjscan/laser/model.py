@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Final, Self
+from typing import Annotated, Any, Final, Self
+
+from annotated_types import Ge, Le
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.units import INTERNAL, MM, POINTS, Settings
 
 STANDARD_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
@@ -30,9 +33,12 @@ _AMPLITUDES: Final = (
 )
 
 
+Fraction = Annotated[float, Ge(0), Le(1)]
+
+
 @dataclass(frozen=True, slots=True)
-class LaserModel:
-    """A line laser in numbers. Lengths in metres, angles in radians.
+class LaserModel(Settings):
+    """A line laser in numbers, the table [simulation.laser]. Metres, radians.
 
     The defaults of `columns`, `near`, `far`, `emitter_z`, `half_angle` and `step` are data of
     the scanCONTROL 26xx-100. **Every other default is an assumption**, chosen inside the span
@@ -52,8 +58,7 @@ class LaserModel:
         Between the central ray and the outermost ones.
     detector_y, detector_z : float
         The detector looks from (0, detector_y, detector_z) in frame s. Assumption: what fits
-        the sensor's housing, a triangulation angle of 17° in mid range. Put it on the emitter
-        and nothing is occluded.
+        the sensor's housing, a triangulation angle of 17° in mid range.
     noise : float
         Standard deviation of the range. Such sensors show 0.02 to 0.05 mm.
     noise_correlation : float
@@ -105,6 +110,8 @@ class LaserModel:
         between them.
     step : float
         Raw coordinates are whole multiples of this; zero for no quantisation.
+    occlusion : bool
+        Whether what the detector does not see is lost; without, it sits on the emitter.
 
     Raises
     ------
@@ -112,37 +119,38 @@ class LaserModel:
         If a value can't be; its `key` names the field.
     """
 
-    columns: int = 640
-    near: float = STANDARD_RANGE[0]
-    far: float = STANDARD_RANGE[1]
-    emitter_z: float = _APEX_Z
-    half_angle: float = math.atan(_SLOPE)
-    detector_y: float = 0.080
-    detector_z: float = _APEX_Z
-    noise: float = 30e-6
-    noise_correlation: float = 4.0
-    bias: float = 20e-6
-    bias_limit: float = 100e-6
-    dropout: float = 1.0
-    dropout_start: float = math.radians(60)
-    dropout_end: float = math.radians(80)
-    missing: float = 0.02
-    missing_run: tuple[int, int] = (1, 4)
-    ghosts: float = 0.065
-    ghost_share: float = 0.6
-    ghost_run: tuple[int, int] = (4, 30)
-    ghost_intensity: float = 0.3
-    flyers: float = 0.3
-    flyer_overshoot: float = 0.5e-3
-    flyer_crease: float = math.radians(20)
-    flyer_jump: float = 0.5e-3
-    strays: float = 0.0
-    stray_run: tuple[int, int] = (8, 40)
-    stray_offset: tuple[float, float] = (0.8e-3, 8e-3)
-    interreflection: float = 0.0
-    interreflection_reach: float = 4e-3
-    notch: float = math.radians(20)
-    step: float = 5e-6
+    columns: Annotated[int, INTERNAL] = 640
+    near: Annotated[float, INTERNAL] = STANDARD_RANGE[0]
+    far: Annotated[float, INTERNAL] = STANDARD_RANGE[1]
+    emitter_z: Annotated[float, INTERNAL] = _APEX_Z
+    half_angle: Annotated[float, INTERNAL] = math.atan(_SLOPE)
+    detector_y: Annotated[float, INTERNAL] = 0.080
+    detector_z: Annotated[float, INTERNAL] = _APEX_Z
+    noise: Annotated[float, Ge(0), Le(5), MM] = 30e-6
+    noise_correlation: Annotated[float, Ge(0), Le(100), POINTS] = 4.0
+    bias: Annotated[float, Ge(0), Le(5), MM] = 20e-6
+    bias_limit: Annotated[float, INTERNAL] = 100e-6
+    dropout: Fraction = 1.0
+    dropout_start: Annotated[float, INTERNAL] = math.radians(60)
+    dropout_end: Annotated[float, INTERNAL] = math.radians(80)
+    missing: Fraction = 0.02
+    missing_run: Annotated[tuple[int, int], INTERNAL] = (1, 4)
+    ghosts: Fraction = 0.065
+    ghost_share: Annotated[float, INTERNAL] = 0.6
+    ghost_run: Annotated[tuple[int, int], INTERNAL] = (4, 30)
+    ghost_intensity: Annotated[float, INTERNAL] = 0.3
+    flyers: Fraction = 0.3
+    flyer_overshoot: Annotated[float, INTERNAL] = 0.5e-3
+    flyer_crease: Annotated[float, INTERNAL] = math.radians(20)
+    flyer_jump: Annotated[float, INTERNAL] = 0.5e-3
+    strays: Fraction = 0.0
+    stray_run: Annotated[tuple[int, int], INTERNAL] = (8, 40)
+    stray_offset: Annotated[tuple[float, float], INTERNAL] = (0.8e-3, 8e-3)
+    interreflection: Annotated[float, Ge(0), Le(5), MM] = 0.0
+    interreflection_reach: Annotated[float, INTERNAL] = 4e-3
+    notch: Annotated[float, INTERNAL] = math.radians(20)
+    step: Annotated[float, Ge(0), Le(1), MM.keyed("resolution_mm")] = 5e-6
+    occlusion: bool = True
 
     def __post_init__(self) -> None:
         self._check_numbers()

@@ -202,7 +202,7 @@ def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Arr
         square = -np.einsum("ij,ij->i", rays[index], hits.normals[index])
         distance = distance.copy()
         distance[index] -= surface.relief(points) / np.maximum(square, LEAST_COSINE)
-    if (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
+    if model.occlusion and (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
         detector = transform(T_j_s, (0.0, model.detector_y, model.detector_z))
         seen[index] = ~surface.blocks(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:

@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from tjscan.core.devices import Device
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.laser.faults import SimulatedPoints, Streams, disturb
@@ -16,7 +17,7 @@ from tjscan.laser.optics import Surface, fan, raycast
 from tjscan.laser.profile import Profile
 
 
-class SimulatedLaser:
+class SimulatedLaser(Device):
     """A `LineLaser` on a simulated arm.
 
     Parameters

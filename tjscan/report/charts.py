@@ -102,7 +102,7 @@ def draw_steps(material: Material) -> Picture | None:
         length = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
         clock = np.array([section.view.time for section in found])
         steps.plot(index[1:], length, marker="o", markersize=3, color=colour, label=place.name)
-        steps.axhline(place.job.scan.step_mm, color=DESIGN, linestyle="--", linewidth=1)
+        steps.axhline(1e3 * place.job.scan.step, color=DESIGN, linestyle="--", linewidth=1)
         times.plot(index, clock - clock[0], marker="o", markersize=3, color=colour)
     steps.set_ylabel("step / mm")
     steps.set_ylim(0, 1.1 * steps.get_ylim()[1])

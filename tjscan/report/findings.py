@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.devices import Kind
 from tjscan.report.material import Material, Place
 from tjscan.report.stations import stitching_findings
 
@@ -66,10 +67,12 @@ def _place(place: Place) -> Iterator[str]:
             "Where the sensor sits on the hand is stated in the job and was not calibrated with "
             "this program: its error is in every point, and unknown."
         )
-    drivers = {place.job.arm.driver, place.job.laser.driver}
-    if place.job.laser.is_replay:
+    kinds = {place.job.arm.kind, place.job.laser.kind}
+    if kinds == {Kind.REPLAYED}:
         yield "Replayed from a recording: nothing moved."
-    elif "simulated" in drivers:
+    elif Kind.REPLAYED in kinds:
+        yield "The profiles were replayed from a recording while the arm moved."
+    elif Kind.SIMULATED in kinds:
         yield "Simulated: no real arm and laser saw this groove."
 
 

@@ -71,7 +71,7 @@ def _draw(axes: Any, profile: Profile, place: Place) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        row, fitted = fit_profile(profile, place.job.groove.settings)
+        row, fitted = fit_profile(profile, place.job.groove)
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")

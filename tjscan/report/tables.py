@@ -105,13 +105,13 @@ def _calibration(place: Place) -> str:
 def _job(place: Place) -> str:
     scan = place.job.scan
     until = "to the end of its reach"
-    if scan.length_mm is not None:
-        until = f"over {scan.length_mm:g} mm"
+    if scan.length is not None:
+        until = f"over {1e3 * scan.length:g} mm"
     if scan.sections is not None:
         until = f"{scan.sections} sections"
     return (
-        f"{scan.direction}, {until}, steps of {scan.step_mm:g} mm, pull angle "
-        f"{scan.pull_angle_deg:g}°, stand-off {scan.standoff_mm:g} mm"
+        f"{scan.direction}, {until}, steps of {1e3 * scan.step:g} mm, pull angle "
+        f"{np.degrees(scan.pull_angle):g}°, stand-off {1e3 * scan.standoff:g} mm"
     )
 
 

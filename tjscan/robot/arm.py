@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, Self
 
+from tjscan.core.devices import Identity, Listener
 from tjscan.core.frames import Array, readonly
 
 
@@ -47,6 +48,15 @@ class Arm(Protocol):
         trace: TracebackType | None,
     ) -> None:
         """Stop and disconnect."""
+        ...
+
+    @property
+    def identity(self) -> Identity:
+        """Which arm it is; known while connected."""
+        ...
+
+    def listen(self, listener: Listener) -> None:
+        """Report events, such as a detour, to a listener from now on, each before it begins."""
         ...
 
     def state(self) -> ArmState:
@@ -105,43 +115,4 @@ class Arm(Protocol):
 
         Not from within a move's own thread while it moves: this waits for it.
         """
-        ...
-
-
-class Identity(Protocol):
-    """Which arm it is, as far as its controller tells; empty where not."""
-
-    @property
-    def model(self) -> str:
-        """Name of its model."""
-        ...
-
-    @property
-    def serial(self) -> str:
-        """Serial number."""
-        ...
-
-    @property
-    def software(self) -> str:
-        """Version of its controller's software."""
-        ...
-
-
-def identity_words(identity: Identity) -> str:
-    """Which arm it is, in words, as far as its controller tells."""
-    told = {"serial number": identity.serial, "software": identity.software}
-    words = [
-        identity.model or "unnamed",
-        *(f"{name} {word}" for name, word in told.items() if word),
-    ]
-    return ", ".join(words)
-
-
-@runtime_checkable
-class Identified(Protocol):
-    """An arm whose controller says which one it is."""
-
-    @property
-    def identity(self) -> Identity:
-        """Which arm it is; known while connected."""
         ...

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from math import isfinite
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.errors import ConfigurationError, PathBlocked, PoseUnreachable
+from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.collision import CollisionModel, Pair
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.margins import Margins
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 
 RESOLUTION: Final = 1e-3
@@ -21,36 +20,6 @@ come nearer than their margin unseen."""
 
 ROUNDING: Final = 1e-4
 """Metres by which a path that begins within a margin may come nearer still."""
-
-
-@dataclass(frozen=True, slots=True)
-class Margins:
-    """What a path keeps.
-
-    Parameters
-    ----------
-    solids : float
-        Distance in metres of the arm and what it carries from everything around.
-    own : float
-        Distance in metres of the arm from itself and from what it carries.
-    singular : float
-        Smallest singular value, see `Kinematics.smallest_singular_value`.
-
-    Raises
-    ------
-    ConfigurationError
-        If one is negative or no number.
-    """
-
-    solids: float = 0.01
-    own: float = 0.005
-    singular: float = 0.02
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (isfinite(value) and value >= 0):
-                raise ConfigurationError(f"it must be 0 or more (found {value})", key=field.name)
 
 
 class Clearance:

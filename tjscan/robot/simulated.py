@@ -11,6 +11,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tjscan.core.devices import Device
 from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, pose, readonly
 from tjscan.robot.arm import ArmState
@@ -29,7 +30,7 @@ TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
-class SimulatedArm:
+class SimulatedArm(Device):
     """An arm without hardware, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly what it was told. Where the flange truly

@@ -5,18 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tjscan.calibration.file import Calibrated, pose_to_rows, to_file, write_calibration
+import numpy as np
+import trimesh
+
+from tjscan.calibration.file import Calibrated, to_file, write_calibration
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.operator import Operator, Question
+from tjscan.calibration.plucker import plane_through
+from tjscan.calibration.probe import Probe
+from tjscan.calibration.session import Task
+from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.window import Window
 from tjscan.calibration.wizard import Wizard
+from tjscan.core.devices import Kind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import sole_writer
-from tjscan.job import CalibrationJob, CalibrationTable, read_calibration_job
-from tjscan.job.cell import mount_of, open_board_cell, task_of
+from tjscan.core.frames import Array
+from tjscan.core.units import pose_to_rows
+from tjscan.job import CalibrationJob, CalibrationTable, SimulatedBoardTable, read_calibration_job
+from tjscan.job.cell import Cell, laser_model, make_cell, mount_of
+from tjscan.laser.drivers import Scene
+from tjscan.laser.optics import Surface
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.directory import make_directory
 
 MEASURED: Final = "measured.jsonl"
+
+BOARD_THICKNESS: Final = 5e-3
+"""Metres, of the simulated board."""
+
+PROBE_STREAM: Final = 2
+"""Keeps the random numbers of the probe apart from the arm's and the laser's."""
 
 
 def start_calibration(
@@ -47,7 +66,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
     file = directory / CALIBRATION
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if not operator.present and {job.arm.driver, job.laser.driver} != {"simulated"}:
+    if not operator.present and {job.arm.kind, job.laser.kind} != {Kind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = mount_of(job, directory / JOB).T_f_s
     cell, probe = open_board_cell(job, T_f_s)
@@ -59,7 +78,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     found = to_file(
         outcome.result,
-        job.board.noise.model,
+        job.board.noise,
         arm=job.arm.device,
         laser=job.laser.device,
         date=begun,
@@ -67,3 +86,72 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
     )
     write_calibration(file, found)
     return Calibrated(file, found, outcome.result.caveats)
+
+
+def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
+    """Make the cell of a calibration, and the probe that touches its board.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job.
+    T_f_s : ndarray, shape (4, 4)
+        About where the laser sits.
+
+    Raises
+    ------
+    ConfigurationError
+        As `make_cell` does.
+    """
+    simulation, board = job.simulation, job.board
+    if job.laser.kind is Kind.REPLAYED:
+        raise ConfigurationError(
+            "a calibration touches its board: recorded profiles go in with --lines and --poses",
+            key="laser.driver",
+        )
+    if simulation is None:
+        raise ConfigurationError("a simulated board needs the table [simulation]")
+    truth = simulation.board or SimulatedBoardTable(
+        position=board.position, euler_zyx=board.euler_zyx
+    )
+    cell = make_cell(job, T_f_s, lambda: Scene(_board_surface(board.size), truth.T))
+    probe = SimulatedProbe(
+        cell.arm,
+        np.array(board.probe_tip),
+        board.T,
+        plane_through(truth.T[:3, 3], truth.T[:3, 2]),
+        sigma=truth.touch,
+        approach=board.approach,
+        rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
+    )
+    return cell, probe
+
+
+def _board_surface(size: tuple[float, float]) -> Surface:
+    """A plate whose upper face is the plane z = 0 of its frame."""
+    plate = trimesh.creation.box((*size, BOARD_THICKNESS))
+    return Surface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
+
+
+def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
+    """What a calibration is to do.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job.
+    T_f_s : ndarray, shape (4, 4)
+        About where the laser sits.
+    """
+    model, board = laser_model(job), job.board
+    return Task(
+        board.T,
+        0.5 * np.array(board.size),
+        np.array(board.probe_tip),
+        T_f_s,
+        # That other lasers of this class open their fan as the simulated one is an assumption.
+        Window(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
+        board.noise,
+        board.touches,
+        board.lines,
+    )

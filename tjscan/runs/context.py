@@ -7,15 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
 
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import AdaptiveTable, JobFile, ScanTable
+from tjscan.job import JobFile
 from tjscan.job.cell import Cell, Mount, mount_of, open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
@@ -23,15 +20,11 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.origin import Origin
 from tjscan.recording.writer import Recording, next_part
 from tjscan.result.frame import ResultFrame
+from tjscan.robot.arm import ArmState
 from tjscan.runs.directory import make_directory, origin_of
-from tjscan.scanning.adaptive import Adaptive
-from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.journal import Journal, Journals
-from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES, SMOOTH, Prediction
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import Direction
 
 
 def report_nothing(directory: Path) -> None:
@@ -105,7 +98,8 @@ class RunContext:
         """
         with naming(self.job_file):
             joint = self.joint
-            return open_cell(self.job, self.mount.T_f_s, joint, left)
+            state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
+            return open_cell(self.job, self.mount.T_f_s, joint, state)
 
     def make_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
@@ -129,55 +123,9 @@ class RunContext:
             yield Journals(recording, self.journal)
 
 
-def plan_of(job: JobFile) -> ScanPlan:
-    """The scan that a job asks for, in metres and radians."""
-    table = job.scan
-    return ScanPlan(
-        step=1e-3 * table.step_mm,
-        prediction=_prediction_of(table),
-        direction=Direction(table.direction),
-        pull_angle=float(np.radians(table.pull_angle_deg)),
-        standoff=1e-3 * table.standoff_mm,
-        offset=1e-3 * table.view_offset_mm,
-        length=None if table.length_mm is None else 1e-3 * table.length_mm,
-        sections=table.sections,
-        skip=_skip_of(table),
-        adaptive=_adaptive_of(table.adaptive),
-        return_tolerance=1e-3 * table.resume_tolerance_mm,
-    )
-
-
-def _prediction_of(scan: ScanTable) -> Prediction | Literal["smooth"]:
-    return "smooth" if scan.prediction_case == SMOOTH else CASES[scan.prediction_case]
-
-
-def _adaptive_of(table: AdaptiveTable | None) -> Adaptive | None:
-    if table is None:
-        return None
-    return Adaptive(
-        1e-3 * table.least_mm,
-        1e-3 * table.most_mm,
-        float(np.radians(table.angle_change_deg)),
-        1e-6 * table.area_change_mm2,
-        float(np.radians(table.turn_deg)),
-    )
-
-
-def _skip_of(scan: ScanTable) -> CorrectionCriterion | None:
-    table = scan.skip
-    enabled = scan.prediction_case not in CASES if table.enabled is None else table.enabled
-    if not enabled:
-        return None
-    return CorrectionCriterion(
-        1e-3 * table.position_mm,
-        float(np.radians(table.work_angle_deg)),
-        float(np.radians(table.rotation_deg)),
-    )
-
-
 def reader_of(job: JobFile) -> Callable[[Profile], GrooveSection]:
     """What reads the grooves of a job's profiles."""
-    return partial(find_groove, settings=job.groove.settings)
+    return partial(find_groove, settings=job.groove)
 
 
 def frame_of(job: JobFile) -> ResultFrame:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 import tomli_w
 
+from tjscan.core.config import written
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT, atomic_directory, locked
 from tjscan.core.provenance import Provenance
@@ -122,9 +124,9 @@ def origin_of(directory: Path, job: CellFile) -> Origin:
 def _text(job: CellFile, directory: Path) -> str:
     """A job as TOML that names the copies which stand in a directory."""
     if job.joint is not None and (directory / JOINT).is_file():
-        job = job.model_copy(update={"joint": job.joint.model_copy(update={"file": JOINT})})
+        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT)})
     if (directory / CALIBRATION).is_file():
         job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
     if (directory / URDF).is_file():
-        job = job.model_copy(update={"arm": job.arm.model_copy(update={"model": URDF})})
-    return tomli_w.dumps(job.model_dump(mode="json", exclude_none=True))
+        job = job.model_copy(update={"arm": replace(job.arm, model=URDF)})
+    return tomli_w.dumps(written(job))

@@ -18,8 +18,6 @@ from tjscan.groove.section import GrooveSection
 from tjscan.job import JobFile, read_job
 from tjscan.job.cell import Cell, clearance_of
 from tjscan.laser.profile import Profile
-from tjscan.robot.arm import identity_words
-from tjscan.robot.cleared import ClearedArm
 from tjscan.runs.context import RunContext, frame_of, reader_of
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
@@ -159,14 +157,13 @@ def _clearance(job: JobFile) -> str:
     around, carried = (
         ", ".join(one.name for one in solids) or "nothing" for solids in (table.solid, table.tool)
     )
-    return f"keeps {table.margin_mm:g} mm from {around}; carries {carried}"
+    return f"keeps {1e3 * table.solids:g} mm from {around}; carries {carried}"
 
 
 def _model(cell: Cell) -> str:
     """Whether the arm is the one that the job names."""
     state = cell.arm.state()
-    identity = cell.arm.identity() if isinstance(cell.arm, ClearedArm) else None
-    name = "connected" if identity is None else identity_words(identity)
+    who = cell.arm.identity or "connected"
     T_b_f = cell.clearance.kinematics.forward(state.q)
     apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
     if apart > SAME_ARM:
@@ -175,7 +172,7 @@ def _model(cell: Cell) -> str:
             "arm that stands there",
             key="arm.model",
         )
-    return f"{name}; its flange is {1e3 * apart:.1f} mm from where the model has it"
+    return f"{who}; its flange is {1e3 * apart:.1f} mm from where the model has it"
 
 
 def _stance(cell: Cell) -> str:

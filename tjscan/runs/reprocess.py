@@ -20,7 +20,7 @@ from tjscan.recording.reader import Finished, Recorded, read_recorded
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB
 from tjscan.result.summary import Summary
-from tjscan.runs.context import RunContext, plan_of, reader_of, report_nothing
+from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.directory import COPIES
 from tjscan.runs.scan import write_run
 from tjscan.runs.stitch import StitchedRun, stitch_runs
@@ -177,7 +177,7 @@ def _sections(
     job: JobFile, recorded: Recorded, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
-    read, far = reader_of(job), STRAYED * plan_of(job).step
+    read, far = reader_of(job), STRAYED * job.scan.step
     for one in recorded.finished:
         try:
             section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)

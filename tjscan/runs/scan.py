@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -23,9 +22,7 @@ from tjscan.recording.origin import Origin, changes
 from tjscan.recording.reader import read_messages, read_origin, read_progress
 from tjscan.recording.writer import parts
 from tjscan.result.summary import Summary
-from tjscan.robot.arm import Arm, identity_words
-from tjscan.robot.cleared import ClearedArm
-from tjscan.runs.context import RunContext, frame_of, plan_of, reader_of
+from tjscan.runs.context import RunContext, frame_of, reader_of
 from tjscan.runs.directory import COPIES, is_untouched
 from tjscan.runs.results import write_scan
 from tjscan.scanning.events import ScanEvent
@@ -82,9 +79,9 @@ def scan_in(
     seen = ScannedSurface(cell.clearance, () if done is None else done.sections)
     journal = Journals(journal, seen)
     with cell, stop.halting(cell.arm.stop):
-        _note_arm(cell.arm, journal)
+        _note_devices(cell, journal)
         setup = Setup(cell.arm, cell.laser, cell.T_f_s, reader_of(job))
-        scanner = Scanner(setup, plan_of(job), journal, stop=stop)
+        scanner = Scanner(setup, job.scan, journal, stop=stop)
         try:
             if done is not None and len(done.sections) >= 2:
                 return scanner.resume(done)
@@ -98,12 +95,12 @@ def scan_in(
             raise
 
 
-def _note_arm(arm: Arm, journal: Journal) -> None:
-    """Let a journal know which arm it is, and of every detour that it takes."""
-    if isinstance(arm, ClearedArm):
-        arm.on_detour = partial(journal.event, "detour")
-        if (identity := arm.identity()) is not None:
-            journal.event("arm", identity_words(identity))
+def _note_devices(cell: Cell, journal: Journal) -> None:
+    """Let a journal know which devices these are, and of everything that they report."""
+    for name, device in (("arm", cell.arm), ("laser", cell.laser)):
+        device.listen(journal.event)
+        if device.identity:
+            journal.event(name, str(device.identity))
 
 
 def run_scan(context: RunContext, directory: Path) -> Summary:
@@ -232,7 +229,7 @@ def write_run(context: RunContext, directory: Path, result: ScanResult) -> Summa
     summary = write_scan(
         directory,
         result,
-        plan_of(job),
+        job.scan,
         frame,
         None if frame.T_b_j is None else context.joint,
         station=job.station[0].name if job.station else "1",

@@ -11,13 +11,14 @@ from typing import Any, Protocol
 
 from tjscan.calibration.operator import Question
 from tjscan.core.config import naming
+from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
 from tjscan.recording.reader import read_progress
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import Summary, read_summary
-from tjscan.runs.context import RunContext, plan_of, reader_of, report_nothing
+from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.directory import COPIES, is_untouched
 from tjscan.runs.scan import check_resumable, resume_scan, run_scan
 from tjscan.runs.stitch import StitchedRun, stitch_runs
@@ -142,7 +143,7 @@ def resume_stations(
                 break
             with (
                 _saying_how_to_go_on(directory, name),
-                watch(name, plan_of(job.at(name))) as journal,
+                watch(name, job.at(name).scan) as journal,
             ):
                 _scan(replace(context, job=job.at(name), journal=journal), found, overrides)
     return tuple(_found(directory, name) for name in job.stations)
@@ -180,7 +181,7 @@ def stitch_stations(
 def _check(context: RunContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     job = context.job
-    if job.laser.is_replay:
+    if job.laser.kind is Kind.REPLAYED:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
             file=context.job_file,

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.gp import Matern52, OrdinaryKriging
+from tjscan.core.units import DEG, MM, MM2, Settings
 from tjscan.scanning.seam.ahead import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.fit import fit_seam
 from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
@@ -25,8 +27,10 @@ CHOICES: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Adaptive:
-    """What may change from section to section.
+class Adaptive(Settings):
+    """The table [scan.adaptive]: how much may change from section to section.
+
+    Steps are as long as that allows; the plan's step counts for the taught poses alone.
 
     Parameters
     ----------
@@ -40,11 +44,15 @@ class Adaptive:
         Of the groove's direction, as it bends at the last section, radians.
     """
 
-    least: float
-    most: float
-    angle_change: float = radians(3.0)
-    area_change: float = 50e-6
-    turn: float = radians(20.0)
+    least: Annotated[float, Ge(5), Le(300), MM] = 0.01
+    most: Annotated[float, Ge(5), Le(300), MM] = 0.08
+    angle_change: Annotated[float, Gt(0), Le(90), DEG] = radians(3.0)
+    area_change: Annotated[float, Gt(0), Le(1e5), MM2] = 50e-6
+    turn: Annotated[float, Gt(0), Le(90), DEG] = radians(20.0)
+
+    def __post_init__(self) -> None:
+        if self.least > self.most:
+            raise ValueError("least_mm must not be larger than most_mm")
 
 
 def adaptive_rule(adaptive: Adaptive) -> StepRule:

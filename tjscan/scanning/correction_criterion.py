@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import radians
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from annotated_types import Gt, Le
 
 from tjscan.core import lie
 from tjscan.core.frames import Array, inverse
+from tjscan.core.units import DEG, MM, Settings
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
@@ -20,14 +22,17 @@ SIGMAS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionCriterion:
-    """How far a view may be from the ideal one and still be the section's.
+class CorrectionCriterion(Settings):
+    """The table [scan.skip]: how far a view may be off the ideal one and still be the section's.
 
     A correction changes how the sensor looks at a section, not where the section lies: its points
     are points of the groove's edges from either view. What the tolerances keep is good sight.
 
     Parameters
     ----------
+    enabled : bool, optional
+        Whether a correction may be left out; where this is not said, the paper's cases always
+        make it.
     position : float
         Of the groove in the laser plane, metres. About a groove the sensor's range leaves some
         centimetres free; 8 mm are a part of them.
@@ -40,9 +45,10 @@ class CorrectionCriterion:
         the pull angle instead.
     """
 
-    position: float = 8e-3
-    work_angle: float = radians(5)
-    rotation: float = radians(8)
+    enabled: bool | None = None
+    position: Annotated[float, Gt(0), Le(50), MM] = 8e-3
+    work_angle: Annotated[float, Gt(0), Le(30), DEG] = radians(5)
+    rotation: Annotated[float, Gt(0), Le(30), DEG] = radians(8)
 
     def allows(self, off: Array, sigma: Array) -> bool:
         """Tell whether a view that is `off`, give or take `sigma`, may stand; both shape (6,)."""

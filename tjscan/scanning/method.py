@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tjscan.scanning.adaptive import adaptive_rule
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import SMOOTH, paper_predictor
+from tjscan.scanning.prediction import CASES, SMOOTH, paper_predictor
 from tjscan.scanning.set_point import Predictor, StepRule
 from tjscan.scanning.smooth import smooth_predictor
 
@@ -13,7 +13,7 @@ def predictor_of(plan: ScanPlan) -> Predictor:
     """The predictor that a plan names."""
     if plan.prediction == SMOOTH:
         return smooth_predictor(plan)
-    return paper_predictor(plan.prediction, plan.direction)
+    return paper_predictor(CASES[plan.prediction], plan.direction)
 
 
 def step_rule_of(plan: ScanPlan) -> StepRule:

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from math import radians
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
+from tjscan.core.units import AS_WRITTEN, DEG, MM, Key, PoseTable, Settings
 from tjscan.scanning.adaptive import Adaptive
 from tjscan.scanning.correction_criterion import CorrectionCriterion
-from tjscan.scanning.prediction import Prediction
+from tjscan.scanning.prediction import SMOOTH
 from tjscan.scanning.target import Direction, target_in_sensor
 
 
-@dataclass(frozen=True, slots=True)
-class ScanPlan:
-    """Step, direction, view and end of a scan.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanPlan(Settings):
+    """The table [scan]: step, direction, view and end of a scan.
 
     Parameters
     ----------
-    step : float
-        Distance from section to section, d_st, metres.
-    prediction : Prediction or "smooth"
-        How the motion is carried on: one of the paper's cases, or along the seam of two tubes.
     direction : Direction
         Which way round the brace.
+    step : float
+        Distance from section to section, d_st, metres.
+    prediction : int or "smooth"
+        How the motion is carried on: one of the paper's cases, or along the seam of two tubes.
     pull_angle : float
         α, radians.
     standoff : float
@@ -34,26 +38,39 @@ class ScanPlan:
         Stop after this much groove, counted from the second taught section, metres.
     sections : int, optional
         Stop after this many sections, the two taught ones included.
-    skip : CorrectionCriterion, optional
-        When a prediction view may be the section's, and no correction is made; never where left
-        out, as in the paper.
-    adaptive : Adaptive, optional
-        What may change from section to section: it says how long the steps are, not `step`.
     return_tolerance : float
         How far a section may seem to have moved when it is seen once more, metres.
+    criterion : CorrectionCriterion
+        When a prediction view may be the section's, and no correction is made; see `skip`.
+    adaptive : Adaptive, optional
+        What may change from section to section: it says how long the steps are, not `step`.
+    first, second : PoseTable, optional
+        The taught poses of the flange in frame b; each station has its own.
     """
 
-    step: float
-    prediction: Prediction | Literal["smooth"]
-    direction: Direction
-    pull_angle: float
-    standoff: float
-    offset: float = 0.0
-    length: float | None = None
-    sections: int | None = None
-    skip: CorrectionCriterion | None = None
+    direction: Annotated[Direction, AS_WRITTEN] = Direction.COUNTERCLOCKWISE
+    step: Annotated[float, Ge(5), Le(300), MM] = 0.04
+    prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], Key("prediction_case")] = 3
+    pull_angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
+    standoff: Annotated[float, Ge(10), Le(2000), MM] = 0.23
+    offset: Annotated[float, Ge(-500), Le(500), MM.keyed("view_offset_mm")] = -0.015
+    length: Annotated[float | None, Gt(0), MM] = None
+    sections: Annotated[int | None, Ge(3)] = None
+    return_tolerance: Annotated[float, Gt(0), Le(50), MM.keyed("resume_tolerance_mm")] = 0.5e-3
+    criterion: Annotated[CorrectionCriterion, Key("skip")] = field(
+        default_factory=CorrectionCriterion
+    )
     adaptive: Adaptive | None = None
-    return_tolerance: float = 0.5e-3
+    first: PoseTable | None = None
+    second: PoseTable | None = None
+
+    @property
+    def skip(self) -> CorrectionCriterion | None:
+        """When no correction is made; None where each is, as in the paper."""
+        enabled = self.criterion.enabled
+        if enabled is None:
+            enabled = self.prediction == SMOOTH
+        return self.criterion if enabled else None
 
     def target(self, work_angle: float) -> Array:
         """T_s_t for a groove with this work angle, shape (4, 4)."""

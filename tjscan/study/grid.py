@@ -9,10 +9,11 @@ from math import prod
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.calibration.file import pose_to_rows
-from tjscan.core.config import naming, read_toml, validate
+from tjscan.core.config import naming, read_toml, validate, written
+from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.frames import Array
+from tjscan.core.units import pose_to_rows
 from tjscan.job import JobFile, JointTable, read_job
 from tjscan.job.cell import mount_of
 from tjscan.joint.file import JointFile
@@ -66,7 +67,7 @@ def tasks_of(study: StudyFile, study_file: Path) -> tuple[Task, ...]:
 def _task(index: int, varied: dict[str, Any], file: Path, keys: dict[str, Any]) -> Task:
     job_keys, joint_keys, rules = _sorted_out(keys)
     job = _job(file, job_keys)
-    if job.joint is None or job.simulation is None or job.arm.driver != "simulated":
+    if job.joint is None or job.simulation is None or job.arm.kind is not Kind.SIMULATED:
         raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
     if job.station:
         raise ConfigurationError("a study's jobs scan from one place", key="station")
@@ -75,7 +76,7 @@ def _task(index: int, varied: dict[str, Any], file: Path, keys: dict[str, Any]) 
     changed, followed = _followed(job, joint, rules, T_f_s)
     if job.calibration.file is not None:
         changed["calibration"] = {"T_f_s_mm": pose_to_rows(T_f_s)}
-    data = job.model_dump(mode="json", exclude_none=True) | changed
+    data = written(job) | changed
     return Task.of(index, _cells(varied | followed), validate(JobFile, data), joint)
 
 
@@ -99,8 +100,8 @@ def _sorted_out(keys: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
             rule[key.removeprefix(RULE)] = value
         elif key.startswith(JOINT) and inner and table in JOINT_TABLES:
             joint[key.removeprefix(JOINT)] = value
-        elif key.startswith(JOINT) and table not in JointTable.model_fields:
-            known = (*JOINT_TABLES, *JointTable.model_fields)
+        elif key.startswith(JOINT) and table not in JointTable.file_fields():
+            known = (*JOINT_TABLES, *JointTable.file_fields())
             raise ConfigurationError(
                 f"unknown key; did you mean: {JOINT}{nearest(table, known)}?", key=key
             )
@@ -127,7 +128,7 @@ def _followed(
     job: JobFile, joint: JointFile, rules: RuleTable, T_f_s: Array
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What rules make of a job: whole tables that they change, and cells that tell it."""
-    tables: dict[str, Any] = {"scan": job.scan.model_dump(mode="json", exclude_none=True)}
+    tables: dict[str, Any] = {"scan": written(job.scan)}
     cells: dict[str, Any] = {}
     if rules.leg_to_brace is not None:
         cells["joint.leg.outer_diameter_mm"] = joint.leg.outer_diameter_mm
@@ -135,7 +136,7 @@ def _followed(
         step = round(rules.step_to_brace * joint.brace.outer_diameter_mm, 1)
         tables["scan"]["step_mm"] = cells[STEP] = step
     if rules.start_azimuth_deg is not None:
-        started = validate(JobFile, job.model_dump(mode="json", exclude_none=True) | tables)
+        started = validate(JobFile, written(job) | tables)
         azimuth, changed = taught_start(started, joint, rules, T_f_s)
         tables["scan"] |= changed.pop("scan")
         tables |= changed

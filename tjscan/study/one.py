@@ -8,16 +8,15 @@ from time import perf_counter
 
 import numpy as np
 
-from tjscan.calibration.file import rows_to_pose
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.core.frames import Array, rotation_angle, transform
+from tjscan.core.units import rows_to_pose
 from tjscan.job.cell import open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
-from tjscan.runs.context import plan_of
 from tjscan.runs.results import summarise
 from tjscan.runs.scan import scan_in
 from tjscan.scanning.journal import Journals
@@ -51,7 +50,7 @@ def _scan(task: Task) -> tuple[ScanResult, ScanPlan, ResultFrame, JointDefinitio
     if job.joint is None or job.calibration.T_f_s_mm is None:
         raise ConfigurationError("a task holds its joint and its calibration")
     cell = open_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
-    return scan_in(cell, job, Journals()), plan_of(job), ResultFrame(job.joint.T_w_j), joint
+    return scan_in(cell, job, Journals()), job.scan, ResultFrame(job.joint.T_w_j), joint
 
 
 def _measured(

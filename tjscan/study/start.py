@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from tjscan.calibration.file import rows_to_pose
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse, to_euler_zyx
+from tjscan.core.units import rows_to_pose
 from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import plan_of
 from tjscan.study.rules import RuleTable
 from tjscan.study.task import canonical
 from tjscan.study.teaching import TeachingError, carried, centred, random_of, taught_views
@@ -46,9 +45,9 @@ def taught_start(
     ConfigurationError
         If base or view depend on how far the scan goes, and nothing says so.
     """
-    if job.joint is None or job.simulation is None:
+    if job.joint is None or job.simulation is None or job.simulation.arm is None:
         raise ConfigurationError("a taught start needs [joint] and [simulation]")
-    definition, plan = joint.definition("joint"), plan_of(job)
+    definition, plan = joint.definition("joint"), job.scan
     which = canonical([joint.model_dump(mode="json"), plan.direction])
     random = random_of(job.simulation.seed, which)
     azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
@@ -59,7 +58,7 @@ def taught_start(
     if (rules.carry_base or rules.centre_view) and plan.sections is None:
         raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
     if rules.centre_view:
-        window = (1e-3 * job.laser.near_mm, 1e-3 * job.laser.far_mm)
+        window = (job.laser.near, job.laser.far)
         plan = centred(definition, azimuth, plan, window)
         scan = {
             "view_offset_mm": round(1e3 * plan.offset, 1),
@@ -72,7 +71,7 @@ def taught_start(
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}
     if rules.carry_base:
-        q_home = np.radians(job.simulation.arm.home_deg)
+        q_home = np.array(job.simulation.arm.home)
         T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
         T_b_j = carried(definition, azimuth, plan, T_b_s_home)
         changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)

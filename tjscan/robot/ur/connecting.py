@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from types import NoneType
 from typing import Final
 
@@ -52,13 +51,8 @@ def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Sessi
     ArmFault
         If the arm can't be reached or is not ready, each cause by its own error.
     ConfigurationError
-        If it is another model than it should be, or the client library is missing.
+        If it is another model than it should be.
     """
-    if find_spec("rtde_control") is None:
-        raise ConfigurationError(
-            "the client library of this driver is missing: pip install 'tjscan[ur]'",
-            key="arm.driver",
-        )
     dashboard = Dashboard(settings.host)
     try:
         if (fault := unready(dashboard)) is not None:
@@ -125,8 +119,8 @@ def _set_tcp(session: Session) -> None:
 def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:
     if settings.payload is None:
         return
-    session.ask(bool, "set_payload", settings.payload, settings.centre_of_gravity)
-    wanted = np.array([settings.payload, *settings.centre_of_gravity])
+    session.ask(bool, "set_payload", settings.payload, settings.payload_centre)
+    wanted = np.array([settings.payload, *settings.payload_centre])
     limit = time.monotonic() + STARTS
     while not _carries(now := session.look(), wanted):
         if time.monotonic() > limit:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tjscan.core.devices import Identity
 from tjscan.robot.ur.dashboard import Dashboard
 
 
 @dataclass(frozen=True, slots=True)
-class UrIdentity:
+class UrIdentity(Identity):
     """Which arm it is, as far as its controller tells.
 
     Parameters
@@ -19,10 +20,7 @@ class UrIdentity:
         The active payload in kilograms.
     """
 
-    model: str
-    serial: str
-    software: str
-    payload: float | None
+    payload: float | None = None
 
 
 def identify(dashboard: Dashboard, payload: float | None) -> UrIdentity:

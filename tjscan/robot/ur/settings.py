@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import radians
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le, MinLen
+
+from tjscan.core.units import DEG, KG, MM, SECONDS, Settings, Vector
 
 
 @dataclass(frozen=True, slots=True)
-class UrSettings:
-    """How to reach and to judge an arm.
+class UrSettings(Settings):
+    """The table [arm.ur]: where the controller is, what the arm carries, what it is held to.
 
     Parameters
     ----------
@@ -15,8 +21,8 @@ class UrSettings:
         The controller's address.
     payload : float, optional
         What the arm carries, in kilograms; what its pendant says where left out.
-    centre_of_gravity : tuple of float, optional
-        Of the payload, in frame f, metres.
+    payload_centre : tuple of float, optional
+        Centre of gravity of the payload, in frame f, metres.
     position_tolerance, rotation_tolerance : float, optional
         Metres and radians between the pose asked for and the one reached.
     connect_limit : float, optional
@@ -25,10 +31,14 @@ class UrSettings:
         Seconds for which the controller's clock may stand.
     """
 
-    host: str
-    payload: float | None = None
-    centre_of_gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    position_tolerance: float = 5e-4
-    rotation_tolerance: float = 2e-3
-    connect_limit: float = 15.0
-    silence_limit: float = 1.0
+    host: Annotated[str, MinLen(1)]
+    payload: Annotated[float | None, Ge(0), Le(50), KG] = None
+    payload_centre: Vector = (0.0, 0.0, 0.0)
+    position_tolerance: Annotated[float, Gt(0), Le(10), MM] = 5e-4
+    rotation_tolerance: Annotated[float, Gt(0), Le(5), DEG] = radians(0.1)
+    connect_limit: Annotated[float, Ge(1), Le(120), SECONDS.keyed("connect_s")] = 15.0
+    silence_limit: Annotated[float, Ge(0.1), Le(60), SECONDS.keyed("silence_s")] = 1.0
+
+    def __post_init__(self) -> None:
+        if self.payload is None and any(self.payload_centre):
+            raise ValueError("payload_centre_mm needs payload_kg beside it")

@@ -11,9 +11,10 @@ from typing import Final, Self
 
 import numpy as np
 
+from tjscan.core.devices import Identity, Listener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
-from tjscan.robot.arm import Arm, ArmState, Identified, Identity
+from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import Clearance
 from tjscan.robot.latch import StopLatch
 
@@ -83,7 +84,7 @@ class Way:
         return f"{1e3 * lift:.0f} mm back, across {how} and forward"
 
 
-class ClearedArm:
+class CollisionCheckedArm:
     """Any arm, its paths checked as a whole before anything moves.
 
     Where the direct path is blocked, the arm goes round: it draws the sensor back from where it
@@ -101,10 +102,9 @@ class ClearedArm:
     lifts : iterable of float, optional
         How far, in metres, one after the other; none where detours are not wanted.
 
-    Attributes
-    ----------
-    on_detour : callable
-        Is told of every way that is not the direct one, in words, before it begins.
+    Notes
+    -----
+    It reports an event, ``detour``, for every path that is not the direct one, before it begins.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class ClearedArm:
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
-        self.on_detour: Callable[[str], None] = _tell_nobody
+        self._report: Listener = _ignore
         self._latch = StopLatch()
 
     def __enter__(self) -> Self:
@@ -135,9 +135,15 @@ class ClearedArm:
         """State of the arm. See `Arm.state`."""
         return self._arm.state()
 
-    def identity(self) -> Identity | None:
-        """Which arm it is, where its controller tells; known while connected."""
-        return self._arm.identity if isinstance(self._arm, Identified) else None
+    @property
+    def identity(self) -> Identity:
+        """Which arm it is; known while connected."""
+        return self._arm.identity
+
+    def listen(self, listener: Listener) -> None:
+        """Report detours, and the arm's own events, to a listener from now on."""
+        self._report = listener
+        self._arm.listen(listener)
 
     def check(self, *T_b_f: Array) -> None:
         """Check a move in joint space and straight lines on, detours included; move nothing.
@@ -269,7 +275,7 @@ class ClearedArm:
             state = self._arm.state()
             way = self.way(state.q, T_b_f, straight=straight, near=near)
             if way.blocked is not None:
-                self.on_detour(str(way))
+                self._report("detour", str(way))
             for leg in way.legs:
                 self._latch.check()
                 if leg.straight:
@@ -280,8 +286,8 @@ class ClearedArm:
             return state
 
 
-def _tell_nobody(words: str) -> None:
-    """Tell nobody."""
+def _ignore(name: str, detail: str) -> None:
+    """Listen to nothing."""
 
 
 def _check_near(leg: Leg, near: Array) -> None:

@@ -1,0 +1,177 @@
+"""A job names its arm and its laser, each on its own."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from cells import PAPER
+from command import tjscan
+from ur_cell import address
+
+from tjscan.core.config import written
+from tjscan.core.errors import ConfigurationError
+from tjscan.job import read_job
+from tjscan.laser.drivers import LASERS
+from tjscan.robot.drivers import ARMS
+from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.runs.context import RunContext
+
+ACME = """
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Gt
+
+from tjscan.core.units import Settings, Unit
+from tjscan.laser.drivers import LaserDriver
+
+
+@dataclass(frozen=True)
+class Acme(Settings):
+    host: str
+    exposure: Annotated[float, Gt(0), Unit("us", 1e-6)] = 1e-4
+
+
+def make(context, settings):
+    import no_such_package
+
+
+DRIVER = LaserDriver(make, Acme)
+"""
+"""A driver of another package."""
+
+UR: dict[str, Any] = {"arm.driver": "ur", "arm.ur.host": "127.0.0.9"}
+REPLAY: dict[str, Any] = {"laser.driver": "replay", "laser.recording": "run"}
+
+
+@pytest.fixture
+def acme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    (tmp_path / "acme_laser.py").write_text(ACME)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(vars(LASERS), "_places", {**LASERS._places, "acme": "acme_laser:DRIVER"})
+    yield
+    sys.modules.pop("acme_laser", None)
+
+
+def bare(folder: Path, overrides: dict[str, Any]) -> Path:
+    """The example without a simulated world and without a joint."""
+    data = written(read_job(PAPER, overrides))
+    del data["simulation"], data["joint"]
+    file = folder / "bare.toml"
+    file.write_text(tomli_w.dumps(data), encoding="utf-8")
+    return file
+
+
+def test_a_real_arm_scans_with_a_replayed_laser_and_nothing_simulated(tmp_path: Path) -> None:
+    pytest.importorskip("rtde_control")
+    sections, run, again = ("--scan.sections", "4"), tmp_path / "run", tmp_path / "again"
+    assert tjscan("scan", PAPER, *sections, "--out", run) == 0
+    file = bare(tmp_path, UR | REPLAY)
+    with LoopbackProcess(address(), "--fast") as loopback:
+        options = ("--arm.ur.host", loopback.host, "--laser.recording", run, "--out", again)
+        assert tjscan("scan", file, *sections, *options) == 0
+        assert any(line.startswith("move") for line in loopback.heard())
+    first, second = (json.loads((d / "summary.json").read_text()) for d in (run, again))
+    assert (first["frame"], second["frame"]) == ("j", "b")
+    assert first["sections"] == second["sections"] == 4
+    # The arm stands within hundredths of a millimetre of where the profiles were taken.
+    assert second["groove_length_mm"] == pytest.approx(first["groove_length_mm"], abs=0.1)
+
+
+def test_a_simulated_arm_scans_with_a_replayed_laser(tmp_path: Path) -> None:
+    sections, run, again = ("--scan.sections", "4"), tmp_path / "run", tmp_path / "again"
+    assert tjscan("scan", PAPER, *sections, "--out", run) == 0
+    replay = ("--laser.driver", "replay", "--laser.recording", run, "--out", again)
+    assert tjscan("scan", PAPER, *sections, *replay) == 0
+    assert (run / "sections.csv").read_bytes() == (again / "sections.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "words"),
+    [
+        ({"arm.driver": "kuka"}, "arm.driver", "no arm 'kuka'.*Known: replay, simulated, ur"),
+        ({"laser.driver": "simulatde"}, "laser.driver", "did you mean: simulated"),
+        ({"arm.driver": "ur"}, "arm.driver", r"needs a table \[arm.ur\] with host"),
+        ({"arm.ur.hots": "10.0.0.1"}, "arm.ur.hots", "unknown key; did you mean: host"),
+        ({"arm.ur.host": "x", "arm.ur.payload_kg": -1}, "arm.ur.payload_kg", "greater than"),
+        ({"arm.urr.host": "10.0.0.1"}, "arm.urr", "unknown key; did you mean: ur"),
+        ({"arm.ur": 3}, "arm.ur", "must be a table"),
+        ({"arm.driver": "replay"}, "arm.driver", 'laser.driver must be "replay"'),
+    ],
+)
+def test_a_wrong_driver_or_table_is_named_with_what_would_be_right(
+    overrides: dict[str, Any], key: str, words: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=words) as caught:
+        read_job(PAPER, overrides)
+    assert caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({}, "a simulated arm needs"),
+        (UR, "a simulated laser needs"),
+    ],
+)
+def test_what_is_simulated_needs_its_world(
+    overrides: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    file = bare(tmp_path, {})
+    with pytest.raises(ConfigurationError, match=words):
+        RunContext(read_job(file, overrides), file).cell()
+
+
+@pytest.mark.usefixtures("acme")
+class TestDriverOfAnotherPackage:
+    """Its table is checked like our own."""
+
+    def test_its_settings_are_read_in_si_and_written_as_they_stood(self) -> None:
+        table = {"host": "10.0.0.2", "exposure_us": 80.0}
+        job = read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
+        assert job.laser.settings.exposure == pytest.approx(80e-6)
+        assert written(job)["laser"]["acme"] == table
+
+    @pytest.mark.parametrize(
+        ("table", "key", "words"),
+        [
+            ({"host": "x", "exposure_ms": 1}, "laser.acme.exposure_ms", "exposure_us"),
+            ({"host": "x", "exposure_us": 0}, "laser.acme.exposure_us", "greater than 0"),
+            ({}, "laser.acme.host", "required"),
+        ],
+    )
+    def test_what_is_wrong_in_its_table_is_named(
+        self, table: dict[str, Any], key: str, words: str
+    ) -> None:
+        with pytest.raises(ConfigurationError, match=words) as caught:
+            read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
+        assert caught.value.key == key
+
+    def test_a_real_laser_needs_the_real_arm_that_carries_it(self) -> None:
+        with pytest.raises(ConfigurationError, match="a real laser can't sit on a simulated arm"):
+            read_job(PAPER, {"laser.driver": "acme", "laser.acme.host": "x"})
+
+    def test_a_package_that_it_lacks_is_named(self) -> None:
+        job = read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme.host": "x"})
+        with pytest.raises(ConfigurationError, match="pip install no_such_package") as caught:
+            RunContext(job, PAPER).cell()
+        assert caught.value.key == "laser.driver"
+
+
+def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
+    with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
+        RunContext(read_job(PAPER, UR), PAPER).cell()
+    assert caught.value.key == "arm.driver"
+
+
+def test_every_registered_driver_loads() -> None:
+    for registry in (ARMS, LASERS):
+        for name in registry.names:
+            assert registry.load(name).kind

@@ -1,0 +1,128 @@
+"""The lasers that a job can name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from tjscan.core.devices import Driver, Kind, NoSettings
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.laser.line_laser import LineLaser
+
+if TYPE_CHECKING:
+    from tjscan.core.frames import Array
+    from tjscan.laser.model import LaserModel
+    from tjscan.laser.optics import Surface
+    from tjscan.laser.profile import Profile
+    from tjscan.laser.replay import RecordedPoses, ReplayedLaser
+    from tjscan.laser.simulated import SimulatedLaser
+
+STREAM: Final = 1
+"""Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carrier:
+    """The flange that a laser sits on.
+
+    Parameters
+    ----------
+    truth : callable
+        Gives where the flange truly is, shape (4, 4), in frame b; for simulations.
+    T_b_f : callable
+        Gives where the arm reports it to be, shape (4, 4).
+    time : callable
+        Gives the seconds on the arm's clock.
+    """
+
+    truth: Callable[[], Array]
+    T_b_f: Callable[[], Array]
+    time: Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What a simulated laser looks at.
+
+    Parameters
+    ----------
+    surface : Surface
+        Its triangles, in a frame of their own, j.
+    T_b_j : ndarray, shape (4, 4)
+        Where that frame truly stands in the base frame.
+    """
+
+    surface: Surface
+    T_b_j: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserContext:
+    """What a laser may be made from, besides its own settings.
+
+    Parameters
+    ----------
+    model : LaserModel
+        The window that the job states, and the faults of a simulation.
+    carrier : Carrier
+        The flange it sits on.
+    T_f_s : ndarray, shape (4, 4)
+        Where it truly sits on the flange.
+    scene : callable
+        Gives the `Scene`; raises ConfigurationError where the job describes none.
+    seed : int or None
+        Of a simulation's random numbers; None where the job has no [simulation].
+    recording : callable
+        Gives the poses and profiles of the recording that the job names; raises
+        ConfigurationError where it names none.
+    """
+
+    model: LaserModel
+    carrier: Carrier
+    T_f_s: Array
+    scene: Callable[[], Scene]
+    seed: int | None
+    recording: Callable[[], tuple[RecordedPoses, tuple[Profile, ...]]]
+
+
+LaserDriver = Driver[LaserContext, LineLaser]
+
+
+def _simulated(context: LaserContext, settings: NoSettings) -> SimulatedLaser:
+    import numpy as np
+
+    from tjscan.core.frames import inverse
+    from tjscan.laser.simulated import SimulatedLaser
+
+    if context.seed is None:
+        raise ConfigurationError("a simulated laser needs a [simulation] table", key="simulation")
+    scene = context.scene()
+    T_j_b, carrier, T_f_s = inverse(scene.T_b_j), context.carrier, context.T_f_s
+    return SimulatedLaser(
+        scene.surface,
+        # Where the laser truly is, not where the arm believes it to be.
+        pose=lambda: T_j_b @ carrier.truth() @ T_f_s,
+        model=context.model,
+        rng=np.random.default_rng([context.seed, STREAM]),
+        clock=carrier.time,
+    )
+
+
+def _replayed(context: LaserContext, settings: NoSettings) -> ReplayedLaser:
+    from tjscan.laser.replay import ReplayedLaser
+
+    poses, profiles = context.recording()
+    return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
+
+
+SIMULATED: Final = LaserDriver(_simulated, kind=Kind.SIMULATED)
+REPLAYED: Final = LaserDriver(_replayed, kind=Kind.REPLAYED)
+
+LASERS: Final[Registry[LaserDriver]] = Registry(
+    "laser",
+    {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
+    key="laser.driver",
+)
+"""Every laser driver by name. See `tjscan.core.devices.Driver` for how to add one."""

@@ -1,0 +1,112 @@
+"""The arms that a job can name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from tjscan.core.config import naming
+from tjscan.core.devices import Driver, Kind, NoSettings
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.robot.arm import Arm, ArmState
+
+if TYPE_CHECKING:
+    from tjscan.core.frames import Array
+    from tjscan.laser.replay import RecordedPoses
+    from tjscan.robot.arm import ArmState
+    from tjscan.robot.kinematics import Kinematics
+    from tjscan.robot.motion import MotionLimits
+    from tjscan.robot.replay import ReplayedArm
+    from tjscan.robot.simulated import SimulatedArm
+    from tjscan.robot.simulation import ArmSimulation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmContext:
+    """What an arm may be made from, besides its own settings.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Of the model that the job names.
+    limits : MotionLimits
+        How fast it may move.
+    seed : int
+        Of a simulation's random numbers.
+    simulation : ArmSimulation or None
+        How a simulated arm stands at first and how well it repeats; None where the job has no
+        [simulation.arm].
+    left : ArmState or None
+        Where an interrupted scan left the arm: a simulated one stands there again.
+    recording : callable
+        Gives the poses and states of the recording that the job names; raises
+        ConfigurationError where it names none.
+    """
+
+    kinematics: Kinematics
+    limits: MotionLimits
+    seed: int
+    simulation: ArmSimulation | None
+    left: ArmState | None
+    recording: Callable[[], tuple[RecordedPoses, tuple[ArmState, ...]]]
+
+
+@dataclass(frozen=True)
+class ArmDriver(Driver[ArmContext, Arm]):
+    """How an arm is made from a job file; see `Driver`.
+
+    Parameters
+    ----------
+    truth : callable, optional
+        Gives where the flange of an arm truly is, shape (4, 4). Of a real arm nobody knows better
+        than what it reports; a simulated one may.
+    """
+
+    truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
+
+
+def _simulated(context: ArmContext, settings: NoSettings) -> SimulatedArm:
+    import numpy as np
+
+    from tjscan.robot.simulated import SimulatedArm
+
+    world, left = context.simulation, context.left
+    if world is None:
+        raise ConfigurationError(
+            "a simulated arm needs a [simulation.arm] table", key="simulation.arm"
+        )
+    with naming(key="simulation.arm.home_deg"):
+        return SimulatedArm(
+            context.kinematics,
+            np.array(world.home if left is None else left.q),
+            limits=context.limits,
+            repeatability=world.repeatability,
+            angular_repeatability=world.angular_repeatability,
+            seed=context.seed,
+            realtime=world.realtime,
+            time=0.0 if left is None else left.time,
+        )
+
+
+def _replayed(context: ArmContext, settings: NoSettings) -> ReplayedArm:
+    from tjscan.robot.replay import ReplayedArm
+
+    return ReplayedArm(*context.recording())
+
+
+SIMULATED: Final = ArmDriver(_simulated, kind=Kind.SIMULATED, truth=lambda arm: arm.true_T_b_f)
+REPLAYED: Final = ArmDriver(_replayed, kind=Kind.REPLAYED)
+
+ARMS: Final[Registry[ArmDriver]] = Registry(
+    "arm",
+    {
+        "simulated": "tjscan.robot.drivers:SIMULATED",
+        "replay": "tjscan.robot.drivers:REPLAYED",
+        "ur": "tjscan.robot.ur.driver:DRIVER",
+    },
+    extras={"ur": "ur"},
+    key="arm.driver",
+)
+"""Every arm driver by name. See `tjscan.core.devices.Driver` for how to add one."""

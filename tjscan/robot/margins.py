@@ -1,0 +1,33 @@
+"""How far an arm's paths keep from everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from tjscan.core.units import MM, Key, Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margins(Settings):
+    """What a path keeps.
+
+    Parameters
+    ----------
+    solids : float
+        Distance in metres of the arm and what it carries from everything around.
+    own : float
+        Distance in metres of the arm from itself and from what it carries.
+    singular : float
+        Smallest singular value, see `Kinematics.smallest_singular_value`.
+
+    Notes
+    -----
+    The defaults are assumptions about a cell that was measured with a tape.
+    """
+
+    solids: Annotated[float, Ge(0), Le(500), MM.keyed("margin_mm")] = 0.01
+    own: Annotated[float, Ge(0), Le(500), MM.keyed("self_margin_mm")] = 0.005
+    singular: Annotated[float, Ge(0), Le(1), Key("smallest_singular_value")] = 0.02
