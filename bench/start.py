@@ -22,7 +22,7 @@ REFERENCE: Final = (sys.executable, "-c", "import numpy, pydantic")
 """Takes 0.2 s where NumPy takes 0.15 s."""
 
 PURE_TESTS: Final = (
-    "tests/core/test_units.py",
+    "tests/core/test_provenance.py",
     "tests/groove/test_section.py",
     "tests/scanning/test_target.py",
 )

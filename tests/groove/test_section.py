@@ -35,7 +35,6 @@ def test_frame_g_has_the_papers_axes() -> None:
     np.testing.assert_allclose(T[:3, 0], across / np.linalg.norm(across), atol=ROUNDING)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 100_000))
 def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -77,7 +77,6 @@ def turned(q: Array) -> Array:
 
 
 @given(model=models, share=angles)
-@settings(max_examples=100, deadline=None)
 def test_forward_is_the_product_of_the_dh_transforms(model: str, share: Array) -> None:
     q = share * arm(model).upper
     np.testing.assert_allclose(arm(model).forward(q), dh_product(model, q), rtol=0, atol=ROUNDING)
@@ -101,7 +100,6 @@ def test_any_pose_the_arm_can_hold_is_found_from_anywhere(
 
 
 @given(model=models, share=angles, other=angles)
-@settings(max_examples=100, deadline=None)
 def test_no_other_turn_of_a_joint_would_be_nearer(model: str, share: Array, other: Array) -> None:
     kinematics = arm(model)
     near = other * kinematics.upper

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array, readonly
 
@@ -119,7 +119,7 @@ class SimpleKriging:
         """
         K = kernel(x[:, None] - x) + sigma_n**2 * np.eye(len(x))
         mean = float(y.mean())
-        return cls(kernel, x, cho_solve(cho_factor(K), y - mean), mean)
+        return cls(kernel, x, scipy.linalg.cho_solve(scipy.linalg.cho_factor(K), y - mean), mean)
 
     def at(self, x_star: Array) -> Array:
         """Values expected at inputs, shape (m,)."""
@@ -186,7 +186,9 @@ class OrdinaryKriging:
         K = self.kernel(self.x[:, None] - self.x)
         K[np.diag_indices_from(K)] += self.sigma_n**2
         h = np.ones(len(self.x))
-        solved = cho_solve(cho_factor(K), np.column_stack((h, self.y, k_star)))
+        solved = scipy.linalg.cho_solve(
+            scipy.linalg.cho_factor(K), np.column_stack((h, self.y, k_star))
+        )
         K_inv_h, K_inv_y, K_inv_k_star = solved[:, 0], solved[:, 1], solved[:, 2:]
         var_beta = 1 / float(h @ K_inv_h)
         beta = var_beta * float(h @ K_inv_y)

@@ -14,9 +14,9 @@ References
 from __future__ import annotations
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
 from pytransform3d.rotations import left_jacobian_SO3
-from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose, skew
 
@@ -33,12 +33,18 @@ def so3_exp(rotation_vector: ArrayLike) -> Array:
     -------
     ndarray, shape (..., 3, 3)
     """
-    return np.asarray(Rotation.from_rotvec(np.asarray(rotation_vector, dtype=float)).as_matrix())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_rotvec(
+            np.asarray(rotation_vector, dtype=float)
+        ).as_matrix()
+    )
 
 
 def so3_log(R: ArrayLike) -> Array:
     """Rotation vectors, shape (..., 3), no longer than pi, of rotations, shape (..., 3, 3)."""
-    return np.asarray(Rotation.from_matrix(np.asarray(R, dtype=float)).as_rotvec())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_matrix(np.asarray(R, dtype=float)).as_rotvec()
+    )
 
 
 def left_jacobian(rotation_vector: Array) -> Array:

@@ -8,7 +8,7 @@ from math import log, pi, sqrt
 from typing import Final
 
 import numpy as np
-from scipy.fft import next_fast_len
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove.segments import Index
@@ -65,7 +65,7 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     parameters : int
         Number of coefficients that were fitted.
     """
-    size = next_fast_len(count + LONGEST, real=True)
+    size = scipy.fft.next_fast_len(count + LONGEST, real=True)
     grid = np.zeros((2, size))
     grid[0, columns] = scaled
     grid[1, columns] = 1.0
@@ -116,7 +116,7 @@ def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Ind
     edges = owner.searchsorted(np.arange(k + 1)).tolist()
     first = np.minimum.reduceat(columns, edges[:-1])
     longest = int((np.maximum.reduceat(columns, edges[:-1]) - first).max()) + 1
-    size = next_fast_len(max(longest, LONGEST) + LONGEST, real=True)
+    size = scipy.fft.next_fast_len(max(longest, LONGEST) + LONGEST, real=True)
     grid = np.zeros((k, len(basis), size))
     for own, start, (a, b) in zip(grid, first.tolist(), pairwise(edges), strict=True):
         own[:, columns[a:b] - start] = basis[:, a:b]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import hypot
 
 import numpy as np
-from scipy.special import expit
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove.models import GrooveModel
@@ -88,7 +88,7 @@ def _coefficient_covariances(
         there, inverse = fitted.equations.solved(other)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
-        share = np.where(bends, expit(odds), 0.0)[:, None, None]
+        share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
         total *= 1 - share
         total += share * _sandwich(inverse, meat, other, spread)
         total += share * away[:, :, None] * away[:, None]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import bevel_sections
@@ -28,14 +28,14 @@ class ClosedPolyline:
     """
 
     points_j: Array
-    _tree: KDTree = field(init=False, repr=False)
+    _tree: scipy.spatial.KDTree = field(init=False, repr=False)
     _half: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         points = readonly(self.points_j)
         steps = np.roll(points, -1, axis=0) - points
         object.__setattr__(self, "points_j", points)
-        object.__setattr__(self, "_tree", KDTree(points))
+        object.__setattr__(self, "_tree", scipy.spatial.KDTree(points))
         object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
 
     def nearest(self, points_j: Array) -> Array:

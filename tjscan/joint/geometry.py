@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
-from scipy.integrate import quad
 
 from tjscan.core.frames import Array
 
@@ -145,5 +145,7 @@ class LegSurface:
 
     def arc_length(self, rho: float, start: float, stop: float) -> float:
         """Length in metres of the curve at constant ``rho`` between two azimuths."""
-        length, _ = quad(lambda phi: np.linalg.norm(self.velocity(phi, rho)), start, stop)
+        length, _ = scipy.integrate.quad(
+            lambda phi: np.linalg.norm(self.velocity(phi, rho)), start, stop
+        )
         return float(length)

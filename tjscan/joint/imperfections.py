@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 from annotated_types import Ge, Gt, Le, Len
-from scipy.interpolate import CubicSpline
 
 from tjscan.core.frames import Array
 from tjscan.core.units import AS_WRITTEN, DEG, MM, Settings, Unit
@@ -230,5 +230,5 @@ def round_joint(values: tuple[float, ...], phi: Array) -> Array:
     if len(values) == 1:
         return np.full_like(phi, values[0])
     at = np.linspace(0, 2 * np.pi, len(values) + 1)
-    spline = CubicSpline(at, (*values, values[0]), bc_type="periodic")
+    spline = scipy.interpolate.CubicSpline(at, (*values, values[0]), bc_type="periodic")
     return np.asarray(spline(np.mod(phi, 2 * np.pi)))
