@@ -51,7 +51,7 @@ def inverse_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
 def path_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> list[float]:
     """Times of checking the lines of a scan, collisions with everything included."""
     return [
-        milliseconds(partial(arm.way, before.q, after.T_b_f, straight=True))
+        milliseconds(partial(arm.clear_path, before.q, after.T_b_f, straight=True))
         for before, after in pairwise(views[1:])
     ]
 
@@ -59,7 +59,7 @@ def path_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> list[float]:
 def first_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
     """Time of checking the first move, across the cell."""
     q = np.radians((-110, -95, 160, 105, -110, 0))
-    return milliseconds(lambda: arm.way(q, views[0].T_b_f, straight=False))
+    return milliseconds(lambda: arm.clear_path(q, views[0].T_b_f, straight=False))
 
 
 def measure() -> list[Row]:

@@ -332,7 +332,7 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     goal = kinematics().forward(q) @ pose(rot_z(0.05))
     spy = Spy(SimulatedArm(kinematics(), q))
     with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
-        assert np.abs(arm.way(q, goal, straight=False).legs[-1].q - q).max() > SWEEP
+        assert np.abs(arm.clear_path(q, goal, straight=False).segments[-1].q - q).max() > SWEEP
         with pytest.raises(PoseUnreachable, match="would turn by"):
             arm.move_joint(goal, near=q)
     assert spy.told == []

@@ -31,7 +31,7 @@ from tjscan.core.errors import (
     ProtectiveStop,
     RegistersInUse,
     TargetRefused,
-    words_of,
+    message_of,
 )
 from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle
 from tjscan.recording.messages import EVENT, SECTION
@@ -258,8 +258,8 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: Loopbac
         loopback.order("drop-link 1")
         with pytest.raises(ArmLinkLost) as caught:
             arm.move_linear(beside_home(0.08))
-        assert "did not end the program" in words_of(caught.value)
-        assert "emergency stop" in words_of(caught.value)
+        assert "did not end the program" in message_of(caught.value)
+        assert "emergency stop" in message_of(caught.value)
 
 
 def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:

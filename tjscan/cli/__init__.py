@@ -14,7 +14,7 @@ from tjscan.core.errors import (
     Interrupted,
     LaserFault,
     TjscanError,
-    words_of,
+    message_of,
 )
 from tjscan.core.version import VERSION
 
@@ -93,7 +93,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except CycloptsError:
         sys.exit(2)
     except TjscanError as error:
-        print(f"tjscan: {words_of(error)}", file=sys.stderr)
+        print(f"tjscan: {message_of(error)}", file=sys.stderr)
         sys.exit(exit_code(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough

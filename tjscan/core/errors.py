@@ -107,7 +107,7 @@ class ViewNotRecorded(PoseUnreachable):
 
 
 class ArmNotReached(ArmFault):
-    """The arm's controller can't be connected to, or does not take this program's orders."""
+    """The arm's controller can't be connected to, or does not take this program's commands."""
 
 
 class RegistersInUse(ArmFault):
@@ -119,7 +119,7 @@ class ArmBusy(ArmFault):
 
 
 class ArmNotRemote(ArmFault):
-    """The arm takes orders from its pendant alone: it is in local mode."""
+    """The arm takes commands from its pendant alone: it is in local mode."""
 
 
 class ArmNotPowered(ArmFault):
@@ -143,7 +143,7 @@ class ArmSilent(ArmFault):
 
 
 class TargetRefused(ArmFault):
-    """The arm's controller does not go where it was told.
+    """The arm's controller does not go where it was sent.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class PoseMissed(ArmFault):
     def __init__(self, detail: str, asked: ArrayLike, reached: ArrayLike) -> None:
         self.asked: NDArray[np.float64] = np.array(asked, dtype=float)
         self.reached: NDArray[np.float64] = np.array(reached, dtype=float)
-        super().__init__(f"the arm did not arrive where it was told to: {detail}")
+        super().__init__(f"the arm did not arrive where it was sent: {detail}")
 
 
 class LaserFault(TjscanError):
@@ -307,7 +307,7 @@ class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 
 
-def words_of(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """What an error says, and what was noted of it since."""
     sentences = (str(error), *getattr(error, "__notes__", ()))
     return ". ".join(words.removesuffix(".") for words in sentences)

@@ -35,7 +35,7 @@ class ArmState:
 
 
 class Arm(Protocol):
-    """A robot arm that is told flange poses. It is a context manager: entering connects it."""
+    """A robot arm that moves its flange to poses. It is a context manager: entering connects it."""
 
     def __enter__(self) -> Self:
         """Connect and make ready to move."""
@@ -111,7 +111,7 @@ class Arm(Protocol):
         ...
 
     def clear_stop(self) -> None:
-        """Take orders again after a stop, once the move that was stopped has ended.
+        """Take commands again after a stop, once the move that was stopped has ended.
 
         Not from within a move's own thread while it moves: this waits for it.
         """

@@ -88,7 +88,7 @@ class CollisionModel:
     Attributes
     ----------
     pairs : tuple of Pair
-        What `distances` tells, in its order.
+        What `distances` returns, in its order.
     reach : ndarray, shape (p, n)
         The bodies of a pair come nearer by at most so many metres per radian of each joint.
 
@@ -157,7 +157,7 @@ class CollisionModel:
                 if first.joint == second.joint or (own and not self._kept_apart(first, second)):
                     continue
                 geometry.addCollisionPair(pin.CollisionPair(i, k))
-                # What is carried comes last: it is the more telling name of the two.
+                # What is carried comes last: it is the clearer name of the two.
                 moving, other = (second, first) if own else (first, second)
                 pairs.append(Pair(moving.name, other.name, own))
                 reach.append(self._reach(first, second))

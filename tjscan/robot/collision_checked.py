@@ -1,4 +1,4 @@
-"""An arm that looks before it moves."""
+"""An arm whose paths are checked for collisions before it moves."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ SAME_CONFIGURATION: Final = 0.1
 its nominal model, far less than another configuration does."""
 
 SWEEP: Final = np.pi / 2
-"""Radians a joint may turn on a move that was to end near where the joints are told to stay: where
+"""Radians a joint may turn on a move that has to end near given joint angles: where
 one runs into its limit, the same pose a whole turn away is not near."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Leg:
-    """A part of a way that keeps clear.
+class PathSegment:
+    """A part of a path that keeps clear.
 
     Parameters
     ----------
@@ -50,18 +50,18 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Way:
-    """A way that keeps clear.
+class ClearPath:
+    """A path that keeps clear.
 
     Parameters
     ----------
-    legs : tuple of Leg
+    segments : tuple of PathSegment
         Its parts: the direct way is one, a detour three.
     blocked : PathBlocked, optional
         What stands in the direct way, where another one had to be found.
     """
 
-    legs: tuple[Leg, ...]
+    segments: tuple[PathSegment, ...]
     blocked: PathBlocked | None = None
 
     def __str__(self) -> str:
@@ -76,9 +76,9 @@ class Way:
         )
 
     def _how(self) -> str:
-        if len(self.legs) == 1:
+        if len(self.segments) == 1:
             return "into another configuration"
-        _, across, forward = self.legs
+        _, across, forward = self.segments
         lift = float(np.linalg.norm(across.T_b_f[:3, 3] - forward.T_b_f[:3, 3]))
         how = "on a line" if across.straight else "in joint space"
         return f"{1e3 * lift:.0f} mm back, across {how} and forward"
@@ -157,9 +157,9 @@ class CollisionCheckedArm:
         """
         q, direct = self._arm.state().q, True
         for i, T in enumerate(T_b_f):
-            way = self.way(q, T, straight=i > 0)
-            last = way.legs[-1]
-            direct = direct and way.blocked is None and (i > 0 or self._is_nearest(q, last))
+            path = self.clear_path(q, T, straight=i > 0)
+            last = path.segments[-1]
+            direct = direct and path.blocked is None and (i > 0 or self._is_nearest(q, last))
             q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
@@ -183,17 +183,19 @@ class CollisionCheckedArm:
         return self._move(T_b_f, straight=False, near=near)
 
     def stop(self) -> None:
-        """Bring the arm to rest now, and begin no further leg of a detour. See `Arm.stop`."""
+        """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
         self._latch.stop()
         self._arm.stop()
 
     def clear_stop(self) -> None:
-        """Take orders again after a stop, once all legs of the move have ended."""
+        """Take commands again after a stop, once all segments of the move have ended."""
         self._latch.clear()
         self._arm.clear_stop()
 
-    def way(self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None) -> Way:
-        """Plan a way that keeps clear: the direct path, else a detour of three legs.
+    def clear_path(
+        self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None
+    ) -> ClearPath:
+        """Plan a path that keeps clear: the direct one, else a detour of three segments.
 
         A move in joint space has one choice more: another configuration at its end.
 
@@ -214,75 +216,77 @@ class CollisionCheckedArm:
             Of the direct path, if no other way keeps clear either.
         """
         if near is not None:
-            legs = self._into(q, T_b_f, near)
-            _check_near(legs[-1], near)
-            return Way(legs)
+            segments = self._into(q, T_b_f, near)
+            _check_near(segments[-1], near)
+            return ClearPath(segments)
         try:
-            return Way((self._leg(q, T_b_f, straight=straight),))
+            return ClearPath((self._segment(q, T_b_f, straight=straight),))
         except PathBlocked as blocked:
             if blocked.share == 0:  # where it stands: no way begins elsewhere
                 raise
             others = () if straight else self._configurations(q, T_b_f)
             for plan in chain(self._detours(q, T_b_f, straight=straight), others):
                 try:
-                    return Way(plan(), blocked)
+                    return ClearPath(plan(), blocked)
                 except PoseUnreachable:
                     continue
             raise _without_detour(blocked, self._lifts) from None
 
     def _detours(
         self, q: Array, T_b_f: Array, *, straight: bool
-    ) -> Iterator[Callable[[], tuple[Leg, ...]]]:
+    ) -> Iterator[Callable[[], tuple[PathSegment, ...]]]:
         """Plans of ways back, across and forward; the nearer ones first."""
         T_start = self.clearance.kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
-            yield partial(self._legs, q, ((True, back), (across, ahead), (True, T_b_f)))
+            yield partial(self._segments, q, ((True, back), (across, ahead), (True, T_b_f)))
 
-    def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Callable[[], tuple[Leg, ...]]]:
+    def _configurations(
+        self, q: Array, T_b_f: Array
+    ) -> Iterator[Callable[[], tuple[PathSegment, ...]]]:
         """Plans of direct moves into the other configurations; the nearer ones first."""
         for other in self.clearance.kinematics.inverses(T_b_f, near=q)[1:]:
             yield partial(self._into, q, T_b_f, other)
 
-    def _is_nearest(self, q: Array, leg: Leg) -> bool:
+    def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
-        nearest = self.clearance.kinematics.inverse(leg.T_b_f, near=q)
-        return bool(np.abs(nearest - leg.q).max() < SAME_CONFIGURATION)
+        nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
+        return bool(np.abs(nearest - segment.q).max() < SAME_CONFIGURATION)
 
     def _drawn_back(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _legs(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> tuple[Leg, ...]:
-        legs = []
+    def _segments(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> tuple[PathSegment, ...]:
+        segments = []
         for straight, T in detour:
-            leg = self._leg(q, T, straight=straight)
-            q = leg.q
-            legs.append(leg)
-        return tuple(legs)
+            segment = self._segment(q, T, straight=straight)
+            q = segment.q
+            segments.append(segment)
+        return tuple(segments)
 
-    def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[Leg, ...]:
+    def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[PathSegment, ...]:
         """The direct move in joint space into one configuration."""
-        return (Leg(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
+        return (PathSegment(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
 
-    def _leg(self, q: Array, T_b_f: Array, *, straight: bool) -> Leg:
+    def _segment(self, q: Array, T_b_f: Array, *, straight: bool) -> PathSegment:
         plan = self.clearance.linear if straight else self.clearance.joint
-        return Leg(straight, T_b_f, plan(q, T_b_f))
+        return PathSegment(straight, T_b_f, plan(q, T_b_f))
 
     def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
         with self._latch.move():
             state = self._arm.state()
-            way = self.way(state.q, T_b_f, straight=straight, near=near)
-            if way.blocked is not None:
-                self._report("detour", str(way))
-            for leg in way.legs:
+            path = self.clear_path(state.q, T_b_f, straight=straight, near=near)
+            if path.blocked is not None:
+                self._report("detour", str(path))
+            for segment in path.segments:
                 self._latch.check()
-                if leg.straight:
-                    state = self._arm.move_linear(leg.T_b_f)
+                if segment.straight:
+                    state = self._arm.move_linear(segment.T_b_f)
                 else:
-                    state = self._arm.move_joint(leg.T_b_f, near=leg.q)
-                _check_configuration(state, leg)
+                    state = self._arm.move_joint(segment.T_b_f, near=segment.q)
+                _check_configuration(state, segment)
             return state
 
 
@@ -290,21 +294,21 @@ def _ignore(name: str, detail: str) -> None:
     """Listen to nothing."""
 
 
-def _check_near(leg: Leg, near: Array) -> None:
+def _check_near(segment: PathSegment, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
-    away = np.abs(leg.q - near)
+    away = np.abs(segment.q - near)
     if away.max() > SWEEP:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "
             "can't stay as they are. Start from another configuration or move the base.",
-            leg.T_b_f,
+            segment.T_b_f,
         )
 
 
-def _check_configuration(state: ArmState, leg: Leg) -> None:
+def _check_configuration(state: ArmState, segment: PathSegment) -> None:
     """Refuse to go on where the arm took joint angles that nobody checked."""
-    off = np.abs(state.q - leg.q)
+    off = np.abs(state.q - segment.q)
     if off.max() > SAME_CONFIGURATION:
         raise ArmFault(
             f"the arm holds the pose in another configuration than was checked: joint "

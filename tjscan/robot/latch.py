@@ -14,7 +14,7 @@ class StopLatch:
 
     Whoever moves an arm holds `move` from the moment a move is ordered until it has ended, and
     `start` while he sets it off. So a stop, given from any thread, finds one of two: the move has
-    not started, and never will; or it has, and `wait` tells.
+    not started, and never will; or it has, and `wait` reports it.
     """
 
     def __init__(self) -> None:

@@ -33,7 +33,7 @@ TICK: Final = 0.01
 class SimulatedArm(Device):
     """An arm without hardware, behind the `Arm` protocol.
 
-    It reports what its encoders would: exactly what it was told. Where the flange truly
+    It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
     stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move.
 
     Parameters
@@ -96,7 +96,7 @@ class SimulatedArm(Device):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop, and take no more orders."""
+        """Stop, and take no more commands."""
         self.stop()
         self._connected = False
 
@@ -108,7 +108,7 @@ class SimulatedArm(Device):
         return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
 
     def state(self) -> ArmState:
-        """Joint angles, flange pose and time as the encoders and the arm's clock tell them."""
+        """Joint angles, flange pose and time as the encoders and the arm's clock report them."""
         self._need_connection()
         q, now = self._now
         return ArmState(q, self.kinematics.forward(q), now)
@@ -135,7 +135,7 @@ class SimulatedArm(Device):
         self._latch.stop()
 
     def clear_stop(self) -> None:
-        """Take orders again after a stop. See `Arm.clear_stop`."""
+        """Take commands again after a stop. See `Arm.clear_stop`."""
         self._latch.clear()
 
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:

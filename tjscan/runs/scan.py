@@ -13,7 +13,7 @@ from tjscan.core.errors import (
     Interrupted,
     RecordingError,
     TjscanError,
-    words_of,
+    message_of,
 )
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile
@@ -89,9 +89,9 @@ def scan_in(
             return scanner.run(first.T, second.T)
         except TjscanError as error:
             if stop.at_once:
-                journal.event(ScanEvent.INTERRUPTED, f"by the operator: {words_of(error)}")
+                journal.event(ScanEvent.INTERRUPTED, f"by the operator: {message_of(error)}")
                 raise Interrupted from error
-            journal.event(ScanEvent.FAILED, words_of(error))
+            journal.event(ScanEvent.FAILED, message_of(error))
             raise
 
 

@@ -21,7 +21,7 @@ SPEED_UP: Final = 25
 """A tick of a fast controller is worth as many ticks of motion."""
 
 MISSED_BY: Final = 0.01
-"""Radians by which the wrist stops short when it is told to miss."""
+"""Radians by which the wrist stops short when it is asked to miss."""
 
 UNLOCK_AFTER: Final = 5.0
 """Seconds on the controller's clock that a protective stop lasts at least."""
@@ -72,7 +72,7 @@ class Controller:
     fast : bool
         Whether motion runs faster than the wall's clock; its own clock runs with the motion.
     tell : callable
-        Is told of moves and programs, in a line each.
+        Receives a line for each move and program.
     """
 
     def __init__(

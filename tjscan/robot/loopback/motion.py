@@ -14,7 +14,7 @@ from tjscan.robot.motion import MotionLimits, timed
 from tjscan.robot.path import FEWEST, JOINT_SPACING, linear_path
 
 UNBOUNDED: Final = 1e3
-"""m/s or m/s²: the controller bounds only what it was told to."""
+"""m/s or m/s²: the controller bounds only what the program asks it to."""
 
 FASTEST_JOINTS: Final = 40.0
 """rad/s²: what the joints can do at most, an assumption."""

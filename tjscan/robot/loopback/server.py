@@ -69,7 +69,7 @@ class Server:
     hz : float
         Its ticks per second.
     tell : callable
-        Is told, in a line each, when it is ready and what it was ordered to do.
+        Receives a line when it is ready, and one for each command.
     """
 
     controller: Controller
@@ -106,8 +106,10 @@ class Server:
                 ) from None
         self.tell(f"ready {self.host}")
         clock = asyncio.ensure_future(self._clock())
-        orders = asyncio.ensure_future(self._orders())
-        await asyncio.wait({clock, orders} if attached else {clock}, return_when="FIRST_COMPLETED")
+        commands = asyncio.ensure_future(self._orders())
+        await asyncio.wait(
+            {clock, commands} if attached else {clock}, return_when="FIRST_COMPLETED"
+        )
         if clock.done():
             clock.result()
 

@@ -3,7 +3,7 @@
 The client library ur-rtde runs in a process of its own (`client`); this one asks it, never
 longer than a time limit, and keeps the dashboard at hand to stop the arm without it. Every
 move is begun and then followed, so that it can be stopped; what the arm says of itself is
-watched with it. After a fault the arm takes no more orders: nothing resumes by itself.
+watched with it. After a fault the arm takes no more commands: nothing resumes by itself.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.latch import StopLatch
 from tjscan.robot.motion import JointPath, MotionLimits
 from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect
 from tjscan.robot.ur.identity import UrIdentity, identify
 from tjscan.robot.ur.moving import POLL, arrive, carry_out, check_target
-from tjscan.robot.ur.orders import MoveOrder, joint_order, linear_order
 from tjscan.robot.ur.session import Session
 from tjscan.robot.ur.settings import UrSettings
 
@@ -93,7 +93,7 @@ class UrArm(Device):
         return self._identity
 
     def state(self) -> ArmState:
-        """Joint angles, flange pose and time, as the controller tells them."""
+        """Joint angles, flange pose and time, as the controller reports them."""
         return self._connected.state()
 
     def check(self, *T_b_f: Array) -> None:
@@ -111,20 +111,20 @@ class UrArm(Device):
         TargetRefused
             Before anything moves, if the controller holds the pose for unsafe.
         PoseMissed
-            If the arm came to rest somewhere else. It takes no more orders then.
+            If the arm came to rest somewhere else. It takes no more commands then.
         """
-        return self._move(T_b_f, self._linear_path, self._linear_order)
+        return self._move(T_b_f, self._linear_path, self._linear_command)
 
     def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._move(T_b_f, partial(self._joint_path, near=near), joint_order)
+        return self._move(T_b_f, partial(self._joint_path, near=near), joint_command)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
         self._latch.stop()
 
     def clear_stop(self) -> None:
-        """Take orders again after a stop. See `Arm.clear_stop`."""
+        """Take commands again after a stop. See `Arm.clear_stop`."""
         self._latch.clear()
 
     @property
@@ -140,14 +140,14 @@ class UrArm(Device):
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
-    def _linear_order(self, session: Session, path: JointPath, T_b_f: Array) -> MoveOrder:
-        return linear_order(session, self.kinematics, path, T_b_f)
+    def _linear_command(self, session: Session, path: JointPath, T_b_f: Array) -> MoveCommand:
+        return linear_command(session, self.kinematics, path, T_b_f)
 
     def _move(
         self,
         T_b_f: Array,
         plan: Callable[[Array, Array], JointPath],
-        order: Callable[[Session, JointPath, Array], MoveOrder],
+        order: Callable[[Session, JointPath, Array], MoveCommand],
     ) -> ArmState:
         session = self._connected
         with self._latch.move():

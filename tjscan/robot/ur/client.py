@@ -17,7 +17,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from tjscan.robot.ur.words import FORSAKEN, Answer, Request, Six, Snapshot
+from tjscan.robot.ur.messages import HOST_GONE, Answer, Request, Six, Snapshot
 
 FREQUENCY: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -37,7 +37,7 @@ PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 WATCHDOG: Final = 1.0
 """Hz: a controller that hears less often from this process stops the arm."""
 
-KICK: Final = 0.1
+FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
 STOP: Final = 2.0
@@ -53,9 +53,9 @@ class Client:
     def __init__(self) -> None:
         self._control: Any = None
         self._receive: Any = None
-        self._tells_payload = True
+        self._reports_payload = True
         self._watched = False
-        self._kicked = self._followed = 0.0
+        self._fed = self._followed = 0.0
         self._before: int | None = None  # the operation before the move that is to be followed
 
     def connect(self, host: str) -> None:
@@ -66,7 +66,7 @@ class Client:
         try:
             self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS + PAYLOAD_OUTPUTS)
         except (RuntimeError, ValueError):
-            self._tells_payload = False
+            self._reports_payload = False
             self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS)
         self._control = RTDEControlInterface(host, FREQUENCY)
 
@@ -76,17 +76,17 @@ class Client:
         return self._watched
 
     def follow(self) -> Snapshot:
-        """Read the state for the one who waits for a move: he is awake."""
+        """Read the state for the main process, which waits for a move: it is awake."""
         now = self.look()
         self._followed = time.monotonic()
         if not now.moving and now.operation != self._before:
-            self._before = None  # he knows that it has ended
+            self._before = None  # it knows that the move has ended
         return now
 
     def look(self) -> Snapshot:
         """Read the state."""
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
-        told = self._tells_payload
+        reported = self._reports_payload
         return Snapshot(
             connected=bool(receive.isConnected() and self._control.isConnected()),
             time=receive.getTimestamp(),
@@ -98,8 +98,8 @@ class Client:
             runtime_state=receive.getRuntimeState(),
             operation=status.operationId(),
             moving=status.isAsyncOperationRunning(),
-            payload=receive.getPayload() if told else None,
-            centre_of_gravity=tuple(receive.getPayloadCog()) if told else None,
+            payload=receive.getPayload() if reported else None,
+            centre_of_gravity=tuple(receive.getPayloadCog()) if reported else None,
         )
 
     def set_tcp(self, T_f_tcp: Six) -> bool:
@@ -144,15 +144,15 @@ class Client:
         self._watched, self._before = False, None
         self._control.stopScript()
 
-    def kick(self) -> None:
-        """Give a sign of life, if it is time for one."""
-        if self._watched and time.monotonic() - self._kicked >= KICK:
-            self._kicked = time.monotonic()
+    def feed_watchdog(self) -> None:
+        """Feed the controller's watchdog, if it is time to."""
+        if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
+            self._fed = time.monotonic()
             self._control.kickWatchdog()
 
     @property
-    def forsaken(self) -> bool:
-        """Whether nobody follows the move under way."""
+    def host_gone(self) -> bool:
+        """Whether the main process no longer follows the move under way."""
         if self._before is None or time.monotonic() - self._followed < UNFOLLOWED:
             return False
         status = self._control.getAsyncOperationProgressEx()
@@ -160,8 +160,8 @@ class Client:
             self._before = None  # it has ended meanwhile, where it was to end
         return self._before is not None
 
-    def abandon(self) -> None:
-        """Stop the arm: nobody is there to watch over it."""
+    def emergency_exit(self) -> None:
+        """Stop the arm and end the control script: nobody watches over the arm."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
             self._control.stopJ(STOP)
@@ -174,14 +174,14 @@ class Client:
 
 def serve(connection: Connection, client: Client) -> None:
     """Do as asked until the main process is gone, or leaves a move unfollowed."""
-    while not client.forsaken:
+    while not client.host_gone:
         try:
-            if not connection.poll(KICK):
-                client.kick()
+            if not connection.poll(FEED_INTERVAL):
+                client.feed_watchdog()
                 continue
             request: Request = connection.recv()
         except (EOFError, OSError):
-            client.abandon()
+            client.emergency_exit()
             return
         try:
             value = getattr(client, request.name)(*request.arguments)
@@ -192,18 +192,18 @@ def serve(connection: Connection, client: Client) -> None:
             connection.send(answer)
         except OSError:
             continue  # the main process is gone: the next poll finds out
-        client.kick()
+        client.feed_watchdog()
     with suppress(Exception):  # the library raises what it likes
-        client.abandon()
+        client.emergency_exit()
     refuse(connection)
 
 
 def refuse(connection: Connection) -> None:
-    """Do nothing more, and tell why, until the main process is gone."""
+    """Do nothing more, and answer why, until the main process is gone."""
     with suppress(EOFError, OSError):
         while True:
             request: Request = connection.recv()
-            connection.send(Answer(request.number, None, FORSAKEN))
+            connection.send(Answer(request.number, None, HOST_GONE))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Connect to a controller, and set it up to be told poses of the flange."""
+"""Connect to a controller, and set it up for poses of the flange."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import fault_of, start_fault
 from tjscan.robot.ur.link import ClientFailed, Link
+from tjscan.robot.ur.messages import Snapshot
 from tjscan.robot.ur.session import Session, unready
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.robot.ur.words import Snapshot
 
 Pause = Callable[[], object]
 """Waits a moment, or until somebody stops the arm."""
@@ -87,7 +87,7 @@ def _begin(session: Session, settings: UrSettings, kinematics: Kinematics, pause
 
 def _await_nobody(dashboard: Dashboard, pause: Pause) -> None:
     """See that no program runs: the client library would end it without asking."""
-    limit = time.monotonic() + STARTS  # the dashboard is slow to tell of a program's end
+    limit = time.monotonic() + STARTS  # the dashboard is slow to report a program's end
     while dashboard.value("running").lower() == "true":
         if time.monotonic() > limit:
             raise ArmBusy(
@@ -129,7 +129,7 @@ def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:
 
 
 def _carries(now: Snapshot, wanted: Array) -> bool:
-    """Whether the payload is the one asked for, or is not told at all."""
+    """Whether the payload is the one asked for, or is not reported at all."""
     if now.payload is None or now.centre_of_gravity is None:
         return True
     return bool(np.abs(np.array([now.payload, *now.centre_of_gravity]) - wanted).max() < SAME)
@@ -149,6 +149,6 @@ def _check_model(session: Session, kinematics: Kinematics) -> None:
 
 def _disobeyed(what: str, wanted: str, found: object) -> ArmFault:
     return ArmFault(
-        f"the controller was told to set its {what} to {wanted} and says {found}. See that "
+        f"the controller was asked to set its {what} to {wanted} and says {found}. See that "
         "nobody else works with it, then start again."
     )

@@ -99,7 +99,7 @@ class Dashboard:
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
         if not answer.lower().startswith("stopped") and self.value("running").lower() != "false":
             raise ArmFault(
-                f"the controller did not end the program when it was told to ({answer!r})."
+                f"the controller did not end the program when it was asked to ({answer!r})."
             )
 
     def close(self) -> None:

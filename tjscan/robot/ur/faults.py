@@ -1,4 +1,4 @@
-"""From what a controller says of itself to the error that tells what happened and what to do."""
+"""From what a controller says of itself to the error that says what happened and what to do."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tjscan.core.errors import (
     ProtectiveStop,
     RegistersInUse,
 )
-from tjscan.robot.ur.words import PLAYING, RobotMode, SafetyMode, Snapshot
+from tjscan.robot.ur.messages import PLAYING, RobotMode, SafetyMode, Snapshot
 
 _EMERGENCY: Final = "an emergency stop is pressed. Release it, switch the arm on, then start again."
 _PROTECTIVE: Final = (
@@ -75,7 +75,7 @@ def program_fault(running: str) -> ArmFault | None:
 
 
 def fault_of(now: Snapshot) -> ArmFault | None:
-    """What is wrong, as far as a snapshot tells, the cause before its consequences."""
+    """What is wrong, as far as a snapshot shows, the cause before its consequences."""
     if not now.connected:
         return ArmLinkLost(_LINK)
     if (fault := safety_fault(_name(SafetyMode, now.safety_mode))) is not None:
@@ -92,7 +92,7 @@ def start_fault(host: str, words: str) -> ArmFault:
     if "remote control" in words:
         return ArmNotRemote(_REMOTE)
     return ArmNotReached(
-        f"the controller at {host} does not take this program's orders ({words}). See that its "
+        f"the controller at {host} does not take this program's commands ({words}). See that its "
         "network services RTDE, dashboard and the interfaces 30001 to 30004 are enabled."
     )
 

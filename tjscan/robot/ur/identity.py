@@ -10,12 +10,12 @@ from tjscan.robot.ur.dashboard import Dashboard
 
 @dataclass(frozen=True, slots=True)
 class UrIdentity(Identity):
-    """Which arm it is, as far as its controller tells.
+    """Which arm it is, as far as its controller reports it.
 
     Parameters
     ----------
     model, serial, software : str
-        Model, serial number and version of the controller's software; empty where not told.
+        Model, serial number and version of the controller's software; empty where not reported.
     payload : float or None
         The active payload in kilograms.
     """

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Final, TypeVar
 
 from tjscan.core.errors import ArmLinkLost, ArmSilent, MoveUnfollowed
-from tjscan.robot.ur.words import FORSAKEN, Answer, Request
+from tjscan.robot.ur.messages import HOST_GONE, Answer, Request
 
 QUICK: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
@@ -80,7 +80,7 @@ class Link:
         """
         with self._asking:
             answer = self._exchange(name, arguments, limit)
-        if answer.failure == FORSAKEN:
+        if answer.failure == HOST_GONE:
             raise MoveUnfollowed(
                 "this program stood still while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "

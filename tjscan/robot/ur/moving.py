@@ -11,10 +11,10 @@ from tjscan.core.errors import ArmFault, ArmSilent, PoseMissed, ProgramStopped, 
 from tjscan.core.frames import Array, rotation_angle
 from tjscan.robot.arm import ArmState
 from tjscan.robot.latch import StopLatch
-from tjscan.robot.ur.orders import MoveOrder
+from tjscan.robot.ur.commands import MoveCommand
+from tjscan.robot.ur.messages import Snapshot
 from tjscan.robot.ur.session import Session
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.robot.ur.words import Snapshot
 
 POLL: Final = 0.004
 """Seconds between two looks at a move."""
@@ -26,7 +26,7 @@ STALLED: Final = 10.0
 """Seconds that a move may stand still: the speed slider may be at zero for a moment."""
 
 SETTLED: Final = 1.0
-"""Seconds the arm may take to come to rest where it was told to."""
+"""Seconds the arm may take to come to rest where it was sent."""
 
 REST: Final = 5e-3
 """rad/s: what encoders show of a joint that stands, an assumption."""
@@ -52,7 +52,7 @@ def check_target(session: Session, T_b_f: Array) -> None:
         )
 
 
-def carry_out(session: Session, latch: StopLatch, order: MoveOrder, T_b_f: Array) -> None:
+def carry_out(session: Session, latch: StopLatch, order: MoveCommand, T_b_f: Array) -> None:
     """Set a move off and see it to its end; whatever interrupts it leaves the arm at rest.
 
     Raises
@@ -111,7 +111,7 @@ def arrive(session: Session, latch: StopLatch, settings: UrSettings, T_b_f: Arra
     Raises
     ------
     PoseMissed
-        If it is not where it was told to go. The session has ended then: what holds an arm off
+        If it is not where it was sent go. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
     limit, first = time.monotonic() + SETTLED, session.look().time

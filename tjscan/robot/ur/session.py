@@ -21,8 +21,8 @@ from tjscan.robot.ur.faults import (
     safety_fault,
 )
 from tjscan.robot.ur.link import ClientFailed, Link
+from tjscan.robot.ur.messages import Snapshot
 from tjscan.robot.ur.watch import ClockWatch
-from tjscan.robot.ur.words import Snapshot
 
 T = TypeVar("T")
 
@@ -34,7 +34,7 @@ SLACK: Final = 1.0
 
 
 class Session:
-    """Questions and orders to a controller; after the first fault it passes none on.
+    """Questions and commands to a controller; after the first fault it passes none on.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Session:
                 self.end_with(ArmFault(str(failed)))
 
     def end_with(self, fault: ArmFault) -> ArmFault:
-        """Stop the arm by whatever still works, and take no more orders; returns the fault."""
+        """Stop the arm by whatever still works, and take no more commands; returns the fault."""
         if self.fault is None:
             self.fault = self._cause(fault)
             self.stop_program(self.fault)
@@ -181,7 +181,7 @@ class Session:
 
 
 def unready(dashboard: Dashboard) -> ArmFault | None:
-    """What keeps the arm from moving, as the dashboard tells, the cause before its consequences."""
+    """What keeps the arm from moving by its dashboard, the cause before its consequences."""
     return (
         safety_fault(dashboard.value("safetystatus"))
         or power_fault(dashboard.value("robotmode"))

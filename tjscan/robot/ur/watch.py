@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from tjscan.core.errors import ArmSilent
-from tjscan.robot.ur.words import Snapshot
+from tjscan.robot.ur.messages import Snapshot
 
 
 class ClockWatch:

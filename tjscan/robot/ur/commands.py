@@ -1,4 +1,4 @@
-"""From a planned path to what the controller is told."""
+"""From a planned path to the command that the controller takes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ QUICKEST: Final = 39.0
 
 
 @dataclass(frozen=True, slots=True)
-class MoveOrder:
+class MoveCommand:
     """A move as the client takes it.
 
     Parameters
@@ -49,9 +49,9 @@ class MoveOrder:
     acceleration: float
 
 
-def linear_order(
+def linear_command(
     session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
-) -> MoveOrder:
+) -> MoveCommand:
     """Order a straight line of the flange along a path that ends at a pose.
 
     Raises
@@ -62,11 +62,11 @@ def linear_order(
     way = kinematics.forward(path.q[-1])[:3, 3] - kinematics.forward(path.q[0])[:3, 3]
     length = float(np.linalg.norm(way))
     if length < NO_LENGTH:
-        return _turn_order(session, kinematics, path, T_b_f)
-    return MoveOrder("move_linear", session.tcp_at(T_b_f), *_bounds(path, length))
+        return _turn_command(session, kinematics, path, T_b_f)
+    return MoveCommand("move_linear", session.tcp_at(T_b_f), *_bounds(path, length))
 
 
-def joint_order(session: Session, path: JointPath, T_b_f: Array) -> MoveOrder:
+def joint_command(session: Session, path: JointPath, T_b_f: Array) -> MoveCommand:
     """Order a line in joint space along a path that ends at a pose.
 
     The controller knows how its arm differs from the drawing; ours is the configuration.
@@ -82,14 +82,14 @@ def joint_order(session: Session, path: JointPath, T_b_f: Array) -> MoveOrder:
         session.look()  # the true reason, if the arm is not well
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _bounds(path, float(np.abs(goal - path.q[0]).max()))
-    return MoveOrder(
+    return MoveCommand(
         "move_joint", tuple(q.tolist()), min(speed, FASTEST), min(acceleration, QUICKEST)
     )
 
 
-def _turn_order(
+def _turn_command(
     session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
-) -> MoveOrder:
+) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
@@ -97,7 +97,7 @@ def _turn_order(
         raise TargetRefused(
             "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
         )
-    return joint_order(session, path, T_b_f)
+    return joint_command(session, path, T_b_f)
 
 
 def _bounds(path: JointPath, length: float) -> tuple[float, float]:

@@ -33,7 +33,7 @@ class SafetyMode(IntEnum):
     FAULT = 9
 
 
-FORSAKEN: Final = "nobody followed the move"
+HOST_GONE: Final = "nobody followed the move"
 """What the client says of every request after it had to stop a move that nobody followed."""
 
 PLAYING = 2
@@ -61,7 +61,7 @@ class Snapshot:
     moving : bool
         Whether that move is under way.
     payload, centre_of_gravity : float, tuple of float
-        The active payload in kilograms and metres; None where the controller does not tell.
+        The active payload in kilograms and metres; None where the controller does not report it.
     """
 
     connected: bool
