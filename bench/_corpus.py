@@ -32,9 +32,8 @@ from tjscan.joint.export import write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.profile import Profile
-from tjscan.recording.origin import Origin
-from tjscan.recording.reader import read_origin, read_progress
-from tjscan.recording.writer import Recording
+from tjscan.recording.head import Origin
+from tjscan.recording.reader import read_origin
 from tjscan.result.readings import read_all
 from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
@@ -43,7 +42,9 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan
+from tjscan.scanning.reader import read_scan
 from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.topics import scan_recording
 from tjscan.study.file import read_study
 from tjscan.study.grid import tasks_of
 from tjscan.study.row import Row
@@ -107,7 +108,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
 
     def read(file: Path) -> None:
         read_origin(file.parent)
-        read_progress(file.parent, lambda profile: scans[0].groove)
+        read_scan(file.parent).read_sections(lambda profile: scans[0].groove)
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
     file = folder / "measured.jsonl"
@@ -125,7 +126,7 @@ def _logbook(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with Recording(file, Origin('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')) as recording:
+    with scan_recording(file, Origin('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')) as recording:
         for scan in scans:
             short = replace(scan, view=replace(scan.view, profile=_short(scan.view.profile)))
             recording.view(short.view)

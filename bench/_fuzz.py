@@ -41,6 +41,10 @@ ODD_VALUES: Final[tuple[Any, ...]] = (
 """What takes the place of a value in a table."""
 
 
+CHUNK_HEAD: Final = 40
+"""Bytes that stand before the records of an uncompressed chunk."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reader:
     """A reader, and whole files that it reads.
@@ -132,7 +136,7 @@ def spoiled(dice: random.Random, seeds: Sequence[bytes]) -> bytes:
     data = dice.choice(seeds)
     kinds = [_flip, _cut, _drop, _twice, _put, _number, _number, _number]
     if data.startswith(b"\x89MCAP"):
-        kinds += [_length, _length, _message, _message, _message, _message]
+        kinds += [_length, _length, _message, _chunk, _chunk, _chunk, _chunk]
     elif b" = " in data:
         kinds += [_table] * 5
     elif data.lstrip().startswith(b"{"):
@@ -246,17 +250,18 @@ def _records(data: bytes) -> list[tuple[int, int, bytes]]:
 
 
 def section_ends(data: bytes) -> list[int]:
-    """Where in an MCAP file each finished section ends."""
-    channels = {}
+    """Where in an MCAP file each finished section ends: the chunk, or the record, that holds it."""
+    channels: dict[int, bytes] = {}
     ends = []
     for at, opcode, content in _records(data):
-        if opcode == 4:
-            (number,), (length,) = (
-                struct.unpack_from(f, content, p) for f, p in (("<H", 0), ("<I", 4))
-            )
-            channels[number] = content[8 : 8 + length]
-        elif opcode == 5 and channels[struct.unpack_from("<H", content)[0]] == b"/section":
-            ends.append(at + 9 + len(content))
+        inner = _records(bytes(8) + content[CHUNK_HEAD:]) if opcode == 6 else [(0, opcode, content)]
+        for _, kind, body in inner:
+            (number,) = struct.unpack_from("<H", body) if kind in (4, 5) else (0,)
+            if kind == 4:
+                (length,) = struct.unpack_from("<I", body, 4)
+                channels[number] = body[8 : 8 + length]
+            elif kind == 5 and channels[number] == b"/section":
+                ends.append(at + 9 + len(content))
     return ends
 
 
@@ -279,6 +284,20 @@ def _message(dice: random.Random, data: bytes) -> bytes:
     if not records:
         return data
     at, opcode, content = dice.choice(records)
-    body = _json_line(dice, content[22:]) if dice.random() < 0.8 else _number(dice, content[22:])
+    change = _json_line if content[22:].startswith(b"{") else _flip
+    body = change(dice, content[22:]) if dice.random() < 0.8 else _number(dice, content[22:])
     head = struct.pack("<BQ", opcode, 22 + len(body))
     return data[:at] + head + content[:22] + body + data[at + 9 + len(content) :]
+
+
+def _chunk(dice: random.Random, data: bytes) -> bytes:
+    """A chunk that is whole and without a checksum, whose records are not what they should be."""
+    chunks = [one for one in _records(data) if one[1] == 6 and len(one[2]) > CHUNK_HEAD]
+    if not chunks:
+        return data
+    at, _, content = dice.choice(chunks)
+    change = dice.choice((_message, _message, _length, _flip, _drop))
+    inner = change(dice, bytes(8) + content[CHUNK_HEAD:])[8:]
+    head = content[:16] + struct.pack("<QIIQ", len(inner), 0, 0, len(inner))
+    record = struct.pack("<BQ", 6, len(head) + len(inner)) + head + inner
+    return data[:at] + record + data[at + 9 + len(content) :]

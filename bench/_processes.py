@@ -18,10 +18,9 @@ from _corpus import EXAMPLES
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
-from tjscan.recording.messages import SECTION
-from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB
+from tjscan.scanning.reader import read_scan
 
 SECTIONS: Final = 8
 LASER_FAULTS: Final = ("noise_mm", "bias_mm", "dropout", "missing", "ghosts", "flyers")
@@ -76,13 +75,8 @@ def finish(process: subprocess.Popen[bytes]) -> tuple[int, str]:
 
 def corners(run: Path) -> Array:
     """The five points of every section as recorded, mm, shape (n, 5, 3)."""
-    found = {
-        message["index"]: [[p[axis] for axis in "xyz"] for p in message["points"]]
-        for file in parts(run)
-        for topic, message in read_messages(file)
-        if topic == SECTION
-    }
-    return 1e3 * np.array([found[i] for i in sorted(found)])
+    found = read_scan(run).sections
+    return 1e3 * np.array([found[i].points_b for i in sorted(found)])
 
 
 def unbroken(run: Path) -> tuple[Array, float]:

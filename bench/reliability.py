@@ -32,11 +32,11 @@ from _table import Row, main
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
 from tjscan.job import read_job
-from tjscan.recording.reader import read_recorded
-from tjscan.recording.writer import Recording
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in
+from tjscan.scanning.reader import read_scan
 from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.topics import ScanJournal, scan_recording
 
 WORKERS: Final = 2
 HANG: Final = 5.0
@@ -115,7 +115,7 @@ def _cuts(folder: Path, run: Path, count: int) -> list[Row]:
         size = dice.randrange(len(data) + 1)
         (folder / "scan.mcap").write_bytes(data[:size])
         try:
-            found = len(read_recorded(folder).finished)
+            found = len(read_scan(folder).sections)
         except TjscanError:
             failed += 1
             continue
@@ -236,7 +236,7 @@ def _bound_memory() -> None:
 class _Timed:
     """A recording, and the seconds that it takes."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: ScanJournal) -> None:
         self._recording, self.seconds = recording, 0.0
 
     def view(self, view: View) -> None:
@@ -264,7 +264,7 @@ def _overhead(times: int, sections: int) -> Row:
         cell = RunContext(job, file).cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
-            with Recording(Path(name) / "scan.mcap") as recording:
+            with scan_recording(Path(name) / "scan.mcap") as recording:
                 timed = _Timed(recording)
                 scan_in(cell, job, timed)
                 ending = perf_counter()

@@ -28,7 +28,6 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, pose
 from tjscan.job import read_job
-from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault
 from tjscan.robot.loopback.process import LoopbackProcess
@@ -37,6 +36,7 @@ from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan, scan_in
 from tjscan.scanning.journal import Journals
+from tjscan.scanning.reader import read_scan
 from tjscan.scanning.result import ScanResult
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
@@ -137,8 +137,8 @@ def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int)
             if not known:
                 print(f"{fault}: ended in {error!r}", file=sys.stderr)
         timer.join()
-        file = Path(folder) / "run" / "scan.mcap"
-        return known and sum(1 for _ in read_messages(file)) >= 0
+        read_scan(Path(folder) / "run")
+        return known
 
 
 def side_by_side(*loopbacks: LoopbackProcess) -> int:

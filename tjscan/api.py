@@ -312,9 +312,9 @@ class Recording:
     """
 
     def __init__(self, path: File) -> None:
-        from tjscan.recording.reader import read_recording
+        from tjscan.scanning.reader import read_views
 
-        self._views = tuple(read_recording(Path(path)))
+        self._views = tuple(read_views(Path(path)))
 
     def __len__(self) -> int:
         return len(self._views)

@@ -12,9 +12,8 @@ from cells import PAPER
 from command import tjscan
 
 from tjscan.groove.find import find_groove
-from tjscan.recording.messages import SECTION
-from tjscan.recording.reader import read_messages, read_views
 from tjscan.result.table import COLUMNS
+from tjscan.scanning.reader import read_scan
 
 RUN_FILES = {
     "job.toml",
@@ -69,15 +68,14 @@ def test_summary_says_what_it_must(run: Path) -> None:
 
 
 def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> None:
-    views = list(read_views(run / "scan.mcap"))
-    sections = [m for topic, m in read_messages(run / "scan.mcap") if topic == SECTION]
-    assert len(views) == 8
-    last = {view.index: view for view in views}  # the correction comes after the prediction
-    for section in sections:
-        view = last[section["index"]]
+    scan = read_scan(run)
+    assert len(scan.views) == 8
+    assert len(scan.sections) == 5
+    last = {view.index: view for view in scan.views}  # the correction comes after the prediction
+    for index, section in scan.sections.items():
+        view = last[index]
         points_b = find_groove(view.profile).points_s @ view.T_b_s[:3, :3].T + view.T_b_s[:3, 3]
-        recorded = [[p[axis] for axis in "xyz"] for p in section["points"]]
-        np.testing.assert_allclose(points_b, recorded, atol=1e-12)
+        np.testing.assert_allclose(points_b, section.points_b, atol=1e-12)
 
 
 def test_the_run_directory_can_be_run_again(run: Path, tmp_path: Path) -> None:

@@ -17,10 +17,9 @@ from cells import FAULTLESS, PAPER, Notes, scan_example
 from command import tjscan
 
 from tjscan.core.errors import Interrupted
-from tjscan.recording.messages import EVENT, SECTION
-from tjscan.recording.reader import read_messages
-from tjscan.recording.writer import parts
 from tjscan.scanning.progress import StopReason
+from tjscan.scanning.reader import read_entries, read_scan
+from tjscan.scanning.recorded import RecordedEvent
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
 
@@ -37,14 +36,9 @@ every section. Whatever else the machine does, a key is pressed before they are 
 
 def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
     """The five points of every section as recorded, in mm, and the names of events."""
-    messages = [message for file in parts(run) for message in read_messages(file)]
-    sections = {
-        content["index"]: [[p[axis] for axis in "xyz"] for p in content["points"]]
-        for topic, content in messages
-        if topic == SECTION
-    }
-    events = [content["name"] for topic, content in messages if topic == EVENT]
-    return 1e3 * np.array([sections[i] for i in sorted(sections)]), events
+    scan = read_scan(run)
+    points = [scan.sections[i].points_b for i in sorted(scan.sections)]
+    return 1e3 * np.array(points), [event.name for event in scan.events]
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +76,7 @@ def scanning(run: Path, speed: int) -> Iterator[tuple["subprocess.Popen[str]", I
 def events_in(recording: Path) -> list[str]:
     if not recording.exists():
         return []
-    return [message["name"] for topic, message in read_messages(recording) if topic == EVENT]
+    return [entry.name for _, entry in read_entries(recording) if isinstance(entry, RecordedEvent)]
 
 
 def press(process: "subprocess.Popen[str]", told: IO[str]) -> None:

@@ -17,7 +17,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.core.files import atomic_directory, check_inside, check_size
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
-from tjscan.recording.reader import read_messages, read_views
+from tjscan.scanning.reader import read_views
 
 INPUTS = 25
 """Of each reader; `make soak` takes thousands."""
@@ -82,7 +82,7 @@ def pipe(tmp_path: Path) -> Path:
 
 def test_pipes_and_devices_are_refused_before_they_are_opened(pipe: Path) -> None:
     for file in (pipe, Path("/dev/zero")):
-        for read in (read_toml, read_joint, lambda f: list(read_messages(f))):
+        for read in (read_toml, read_joint, lambda f: list(read_views(f))):
             with pytest.raises(ConfigurationError, match="is no file"):
                 read(file)
         with pytest.raises(ConfigurationError, match="is no file"):
@@ -94,7 +94,7 @@ def test_a_file_of_great_size_is_refused_before_it_is_read(tmp_path: Path) -> No
     with file.open("wb") as stream:
         stream.truncate(10**13)  # takes no room on the disk
     with pytest.raises(ConfigurationError, match="far too large"):
-        list(read_messages(file))
+        list(read_views(file))
     with pytest.raises(ConfigurationError, match="far too large"):
         check_size(file, MAXIMUM_BYTES, "anything")
     with pytest.raises(ConfigurationError, match="far too large"):

@@ -1,118 +1,189 @@
-"""What was recorded is read again, from a whole file and from one that was cut."""
+"""Messages on topics are read again, from a whole file and from one that was cut."""
 
 import json
-import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.frames import from_euler_zyx
-from tjscan.laser.profile import Profile
-from tjscan.recording.messages import EVENT, PROFILE, SCHEMAS, TOPICS
-from tjscan.recording.reader import read_messages, read_views
-from tjscan.recording.writer import Recording
-from tjscan.scanning.section import Substep, View
+from tjscan.recording.head import FORMAT, HEAD, Origin
+from tjscan.recording.reader import read_head, read_messages, read_origin
+from tjscan.recording.records import MOST_RECORD
+from tjscan.recording.topic import INTEGER, TEXT, json_topic, protobuf_topic
+from tjscan.recording.writer import Recording, next_part, parts
 
-QUATERNION_ROUNDING = 1e-15
-
-
-def view(index: int) -> View:
-    rng = np.random.default_rng(index)
-    x, z = rng.normal(size=(2, 640))
-    x[7] = z[7] = np.nan
-    return View(
-        index=index,
-        substep=Substep.PREDICTION,
-        T_b_f=from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
-        T_b_s=from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
-        profile=Profile(x, z, rng.uniform(size=640), time=1.5 * index),
-        time=1.5 * index,
-        q=rng.normal(size=6),
-    )
+COUNT = json_topic(
+    "/count",
+    "tjscan.Count",
+    {"number": INTEGER, "name": TEXT},
+    lambda number: {"number": number, "name": "one"},
+    lambda fields: int(fields["number"]),
+)
+TEXTS = protobuf_topic("/text", Log)
+TOPICS = (COUNT, TEXTS)
 
 
-def record(file: Path, count: int) -> list[View]:
-    views = [view(i) for i in range(count)]
-    with Recording(file) as recording:
-        for v in views:
-            recording.view(v)
-        recording.event("stop", "enough")
-    return views
+def record(file: Path, count: int, **options: Any) -> None:
+    with Recording(file, TOPICS, **options) as recording:
+        for i in range(count):
+            recording.write(10 * i, (COUNT, i), (TEXTS, Log(message=f"it is {i}")))
+            recording.sync()
 
 
-def assert_same(read: View, written: View) -> None:
-    np.testing.assert_allclose(read.T_b_f, written.T_b_f, atol=QUATERNION_ROUNDING)
-    np.testing.assert_allclose(read.T_b_s, written.T_b_s, atol=QUATERNION_ROUNDING)
-    np.testing.assert_array_equal(read.profile.x_s, written.profile.x_s)
-    np.testing.assert_array_equal(read.profile.z_s, written.profile.z_s)
-    assert read.profile.intensity is not None
-    assert written.profile.intensity is not None
-    np.testing.assert_array_equal(read.profile.intensity, written.profile.intensity)
-    np.testing.assert_array_equal(read.q, written.q)
-    assert (read.index, read.substep, read.time) == (written.index, written.substep, written.time)
+def numbers(file: Path) -> list[int]:
+    return [entry.message for entry in read_messages(file, [COUNT])]
 
 
-def test_views_come_back_to_the_last_bit(tmp_path: Path) -> None:
-    written = record(tmp_path / "scan.mcap", 3)
-    for got, put in zip(read_views(tmp_path / "scan.mcap"), written, strict=True):
-        assert_same(got, put)
+def test_messages_come_back_with_their_topics_and_times_in_order(tmp_path: Path) -> None:
+    record(tmp_path / "scan.mcap", 3)
+    entries = list(read_messages(tmp_path / "scan.mcap", TOPICS))
+    assert [entry.topic for entry in entries] == 3 * [COUNT, TEXTS]
+    assert [entry.time for entry in entries] == [0, 0, 10, 10, 20, 20]
+    assert [entry.message for entry in entries[::2]] == [0, 1, 2]
+    assert entries[-1].message.message == "it is 2"
 
 
-def test_events_come_back_and_every_message_has_time_and_frame(tmp_path: Path) -> None:
-    record(tmp_path / "scan.mcap", 1)
-    messages = list(read_messages(tmp_path / "scan.mcap"))
-    assert messages[-1][0] == EVENT
-    assert messages[-1][1]["detail"] == "enough"
-    assert all({"timestamp", "frame_id"} <= message.keys() for _, message in messages)
-
-
-@pytest.mark.parametrize("days", [0, 40])
-def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
-    began = time.time()
-    with Recording(tmp_path / "scan.mcap") as recording:
-        for i in range(3):
-            recording.view(replace(view(i), time=86400.0 * days + i))
-    stamps = [
-        content["timestamp"]["sec"] + 1e-9 * content["timestamp"]["nsec"]
-        for topic, content in read_messages(tmp_path / "scan.mcap")
-        if topic == PROFILE
-    ]
-    assert began - 1 < stamps[0] <= time.time() + 1
-    np.testing.assert_allclose(np.diff(stamps), 1.0, atol=1e-6)
-
-
-def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> None:
+def test_what_was_written_together_is_there_together_wherever_the_file_is_cut(
+    tmp_path: Path,
+) -> None:
     file, cut = tmp_path / "scan.mcap", tmp_path / "cut.mcap"
-    written = record(file, 4)
+    record(file, 3)
     data, counts = file.read_bytes(), []
-    for end in range(len(data), 200, -997):
+    for end in range(len(data), -1, -1):
         cut.write_bytes(data[:end])
-        views = list(read_views(cut))
-        counts.append(len(views))
-        for got, put in zip(views, written, strict=False):
-            assert_same(got, put)
-    assert counts[0] == 4
+        entries = list(read_messages(cut, TOPICS))
+        assert len(entries) % 2 == 0
+        counts.append(len(entries) // 2)
     assert counts == sorted(counts, reverse=True)
-    assert min(counts) == 0
+    assert (counts[0], counts[-1]) == (3, 0)
+
+
+def test_a_message_is_on_the_disk_before_the_next_is_written(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    with Recording(file, TOPICS) as recording:
+        for i in range(3):
+            recording.write(i, (COUNT, i))
+            assert numbers(file) == list(range(i + 1))
+
+
+def test_topics_not_asked_for_are_passed_over(tmp_path: Path) -> None:
+    record(tmp_path / "scan.mcap", 2)
+    assert numbers(tmp_path / "scan.mcap") == [0, 1]
+
+
+def test_a_topic_with_another_schema_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "scan.mcap", 1)
+    other = json_topic("/text", "tjscan.Text", {}, dict, dict)
+    with pytest.raises(RecordingError, match=r"/text holds foxglove\.Log in protobuf"):
+        list(read_messages(tmp_path / "scan.mcap", [other]))
+
+
+def test_a_message_that_its_topic_cannot_decode_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    bad = json_topic("/count", "tjscan.Count", {}, lambda _: {"number": "many"}, dict)
+    with Recording(file, [bad]) as recording:
+        recording.write(0, (bad, {}))
+    with pytest.raises(RecordingError, match="/count can't be read"):
+        numbers(file)
+
+
+def test_a_flipped_bit_in_a_chunk_is_found(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    record(file, 1)
+    file.write_bytes(file.read_bytes().replace(b"it is 0", b"it is 1", 1))
+    with pytest.raises(RecordingError, match="damaged"):
+        list(read_messages(file, TOPICS))
 
 
 def test_a_recording_never_overwrites_another(tmp_path: Path) -> None:
     record(tmp_path / "scan.mcap", 1)
-    with pytest.raises(RecordingError, match="exists"), Recording(tmp_path / "scan.mcap"):
+    with pytest.raises(RecordingError, match="exists"), Recording(tmp_path / "scan.mcap", TOPICS):
         pass
+
+
+def test_parts_follow_one_another(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        names.append(next_part(tmp_path, "measured").name)
+        record(tmp_path / names[-1], 1)
+    assert names == ["measured.mcap", "measured-2.mcap", "measured-3.mcap"]
+    assert [file.name for file in parts(tmp_path, "measured")] == names
+
+
+def test_the_head_says_what_made_it_and_from_which_job(tmp_path: Path) -> None:
+    origin = Origin("[scan]\nstep_mm = 4.0\n", arm="0" * 64)
+    record(tmp_path / "scan.mcap", 1, origin=origin, attachments={"arm.urdf": b"<robot/>"})
+    head = read_head(tmp_path / "scan.mcap")
+    assert head is not None
+    assert head.format == FORMAT
+    assert head.metadata["program"] == "tjscan"
+    assert read_origin(tmp_path) == origin
+    assert b"<robot/>" in (tmp_path / "scan.mcap").read_bytes()
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
     file.write_bytes(b"not a recording at all")
     with pytest.raises(RecordingError, match="no recording"):
-        list(read_views(file))
+        numbers(file)
     with pytest.raises(ConfigurationError, match="no recording"):
-        list(read_views(tmp_path / "none.mcap"))
+        numbers(tmp_path / "none.mcap")
+
+
+def foreign(file: Path, profile: str, metadata: dict[str, str] | None = None) -> None:
+    """A recording as another program, or another version, writes it."""
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile=profile, library="rosbag2 0.26")
+        if metadata is not None:
+            writer.add_metadata(HEAD, metadata)
+        writer.finish()
+
+
+def test_a_recording_of_another_program_is_refused_by_its_name(tmp_path: Path) -> None:
+    foreign(tmp_path / "scan.mcap", "ros2")
+    with pytest.raises(RecordingError, match=r"another program: rosbag2 0\.26, profile 'ros2'"):
+        numbers(tmp_path / "scan.mcap")
+
+
+def test_a_recording_of_a_newer_version_is_refused_by_its_name(tmp_path: Path) -> None:
+    head = {"program": "tjscan", "version": "7.1", "format": str(FORMAT + 1)}
+    foreign(tmp_path / "scan.mcap", "tjscan", head)
+    with pytest.raises(RecordingError, match=r"Install tjscan 7\.1 or newer"):
+        numbers(tmp_path / "scan.mcap")
+
+
+def test_a_head_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    foreign(tmp_path / "scan.mcap", "tjscan", {"format": "two"})
+    with pytest.raises(RecordingError, match="damaged"):
+        numbers(tmp_path / "scan.mcap")
+
+
+def test_a_length_is_believed_only_as_far_as_the_file_goes(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    with Recording(file, TOPICS) as recording:
+        recording.write(0, (COUNT, 1))
+        data = file.read_bytes()
+    file.write_bytes(data + b"\x05" + (2**62).to_bytes(8, "little"))
+    assert numbers(file) == [1]
+    with file.open("wb") as stream:
+        stream.write(data + b"\x05" + (MOST_RECORD + 1).to_bytes(8, "little"))
+        stream.truncate(2 * MOST_RECORD)  # takes no room on the disk
+    with pytest.raises(RecordingError, match="none is so long"):
+        numbers(file)
+
+
+def test_compressed_chunks_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    chunk = bytes(28) + (4).to_bytes(4, "little") + b"zstd" + bytes(8)
+    with Recording(file, TOPICS):
+        data = file.read_bytes()
+    file.write_bytes(data + b"\x06" + len(chunk).to_bytes(8, "little") + chunk)
+    with pytest.raises(RecordingError, match="compressed by zstd"):
+        numbers(file)
 
 
 def assert_spelt_out(schema: dict[str, Any]) -> None:
@@ -126,12 +197,6 @@ def assert_spelt_out(schema: dict[str, Any]) -> None:
         assert_spelt_out(schema["items"])
 
 
-def test_schemas_are_spelt_out_as_viewers_need_them() -> None:
-    for properties in SCHEMAS.values():
-        assert_spelt_out(json.loads(json.dumps({"type": "object", "properties": properties})))
-
-
-def test_messages_hold_what_their_schemas_name(tmp_path: Path) -> None:
-    record(tmp_path / "scan.mcap", 1)
-    for topic, message in read_messages(tmp_path / "scan.mcap"):
-        assert message.keys() == SCHEMAS[TOPICS[topic]].keys()
+def test_json_schemas_are_spelt_out_as_viewers_need_them() -> None:
+    assert_spelt_out(json.loads(COUNT.definition))
+    assert json.loads(COUNT.definition)["title"] == "tjscan.Count"

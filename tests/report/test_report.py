@@ -18,7 +18,6 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import transform
 from tjscan.groove.find import find_groove
 from tjscan.joint.file import read_joint
-from tjscan.recording.log import read_log
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import findings
 from tjscan.report.material import gather
@@ -28,6 +27,7 @@ from tjscan.report.write import write_report
 from tjscan.result.section import MEASURES
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
 from tjscan.result.table import read_sections, write_sections
+from tjscan.scanning.reader import read_scan
 from tjscan.stitching.told import (
     ToldOverlap,
     ToldStation,
@@ -106,7 +106,7 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
         "cloud to mesh",
         "corners to feature edges",
         f"{summary.flange_travel_mm:.0f}",
-        f"{read_log(run).started:%Y-%m-%d}",
+        f"{read_scan(run).started:%Y-%m-%d}",
     ):
         assert words in text
     assert page.count("<img") == 6
@@ -135,7 +135,7 @@ def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> N
 
 
 def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
-    log = read_log(run)
+    log = read_scan(run)
     assert sorted(log.sections) == list(range(6))
     assert len(log.views) == read_summary(run / "summary.json").scans
     for found in log.sections.values():

@@ -34,8 +34,6 @@ from tjscan.core.errors import (
     message_of,
 )
 from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle
-from tjscan.recording.messages import EVENT, SECTION
-from tjscan.recording.reader import read_messages
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.loopback.server import RTDE_PORT
@@ -43,6 +41,7 @@ from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.settings import UrSettings
+from tjscan.scanning.reader import read_scan
 
 pytest.importorskip("rtde_control")
 
@@ -364,9 +363,9 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
             loopback.wait_for("program stopped")
             program.communicate()
             assert program.returncode == 130
-        events = [m for topic, m in read_messages(tmp_path / "run" / "scan.mcap") if topic == EVENT]
-        assert [m["name"] for m in events] == ["arm", "interrupted"]
-        assert "serial number 00000000000" in events[0]["detail"]
+        events = read_scan(tmp_path / "run").events
+        assert [event.name for event in events] == ["arm", "interrupted"]
+        assert "serial number 00000000000" in events[0].detail
 
 
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
@@ -387,9 +386,9 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
     assert tjscan("scan", PAPER, *ur, "--out", run) == 4
     assert "protective stop" in capsys.readouterr().err
-    messages = list(read_messages(run / "scan.mcap"))
-    assert sum(topic == SECTION for topic, _ in messages) == 3
-    assert any(m["name"] == "failed" for topic, m in messages if topic == EVENT)
+    scan = read_scan(run)
+    assert len(scan.sections) == 3
+    assert any(event.name == "failed" for event in scan.events)
     # While the stop stands, nothing goes on; when the operator has cleared it, the scan does.
     assert tjscan("scan", "--resume", run) == 4
     loopback.order("clear")

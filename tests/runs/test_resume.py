@@ -18,9 +18,8 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import sole_writer
-from tjscan.recording.messages import EVENT, SECTION
-from tjscan.recording.reader import read_messages
 from tjscan.recording.writer import parts
+from tjscan.scanning.reader import read_scan
 
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
@@ -44,13 +43,8 @@ def corners(run: Path) -> np.ndarray:
 
 def recorded_corners(run: Path) -> np.ndarray:
     """The five points of every section as recorded, in mm."""
-    sections = {
-        message["index"]: [[p[axis] for axis in "xyz"] for p in message["points"]]
-        for file in parts(run)
-        for topic, message in read_messages(file)
-        if topic == SECTION
-    }
-    return 1e3 * np.array([sections[i] for i in sorted(sections)])
+    sections = read_scan(run).sections
+    return 1e3 * np.array([sections[i].points_b for i in sorted(sections)])
 
 
 def cut(run: Path, copy: Path, share: float) -> Path:
@@ -127,7 +121,9 @@ def test_a_recording_of_another_program_is_not_gone_on_with(
         writer.add_message(writer.register_channel("/imu", "json", schema), 0, b"{}", 0)
         writer.finish()
     assert tjscan("scan", "--resume", run) == 1
-    assert "no scan of this program made it" in " ".join(capsys.readouterr().err.split())
+    assert "was recorded by another program: mcap-python" in " ".join(
+        capsys.readouterr().err.split()
+    )
     assert len(parts(run)) == 1
 
 
@@ -214,8 +210,7 @@ def test_a_run_whose_calibration_was_edited_does_not_go_on(
 def test_what_may_change_is_told_and_recorded(whole: Path, tmp_path: Path) -> None:
     run = cut(whole, tmp_path / "cut", 0.5)
     assert tjscan("scan", "--resume", run, "--scan.sections", "12") == 0
-    events = [m for topic, m in read_messages(run / "scan-2.mcap") if topic == EVENT]
-    changed = [m["detail"] for m in events if m["name"] == "changed"]
+    changed = [event.detail for event in read_scan(run).events if event.name == "changed"]
     assert changed == ["scan.sections was not there, is 12"]
 
 

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array, pose
 from tjscan.groove.find import find_groove
 from tjscan.job import read_job
-from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
 from tjscan.scanning.progress import StopReason
+from tjscan.scanning.reader import read_scan
 from tjscan.scanning.section import Substep
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.target import Direction
@@ -122,13 +122,13 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     options = [word for key, value in keys.items() for word in (f"--{key}", str(value).lower())]
     run = tmp_path / "run"
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
-    whole = read_progress(run, find_groove)
-    assert Substep.PREDICTION in {scan.view.substep for scan in whole.sections}
+    whole = read_scan(run).read_sections(find_groove)
+    assert Substep.PREDICTION in {scan.view.substep for scan in whole}
     recording = parts(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
-    again = read_progress(run, find_groove)
-    assert [s.view.substep for s in again.sections] == [s.view.substep for s in whole.sections]
-    for one, other in zip(again.sections, whole.sections, strict=True):
+    again = read_scan(run).read_sections(find_groove)
+    assert [s.view.substep for s in again] == [s.view.substep for s in whole]
+    for one, other in zip(again, whole, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-12)
         np.testing.assert_allclose(one.T_b_t, other.T_b_t, atol=1e-12)

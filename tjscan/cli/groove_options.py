@@ -86,11 +86,11 @@ def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:
     """
     from tjscan.cli.groove_output import print_bad_rows
     from tjscan.laser.files import read_profiles
-    from tjscan.recording.reader import read_run
+    from tjscan.scanning.reader import read_profiles as read_recorded
 
     o = options or FileOptions()
     if file.is_dir():
-        table = ProfileTable(read_run(file))
+        table = ProfileTable(read_recorded(file))
     else:
         table = read_profiles(file, ProfileFormat(o.units, o.pitch, tuple(o.invalid or ())))
     print_bad_rows(file, table.bad)

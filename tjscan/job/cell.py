@@ -26,7 +26,6 @@ from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import Surface
 from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
-from tjscan.recording.reader import read_recording
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import Clearance
 from tjscan.robot.collision import CollisionModel, check_links
@@ -35,6 +34,7 @@ from tjscan.robot.drivers import ARMS, ArmContext
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.solids import Solid
+from tjscan.scanning.reader import read_views
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +205,7 @@ def _recording(
 ) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
     """What replayed devices share: where the flange stood, the arm's states, the profiles."""
     with naming(key="laser.recording"):
-        views = list(read_recording(Path(table.recording or "")))
+        views = list(read_views(Path(table.recording or "")))
     poses = RecordedPoses(
         [view.T_b_f for view in views],
         [view.time for view in views],

@@ -1,5 +1,6 @@
-"""The recording of a scan: an MCAP file to which every pose, profile, section and event goes.
+"""Recordings: MCAP files of timed messages, each on a topic with a stated schema.
 
-Robotics viewers read it as it is. Poses and profiles use the public Foxglove schemas;
-coordinates are metres. Nothing is chunked: a record on disk needs none after it to be read.
+Nothing here knows what is recorded: an algorithm declares its topics and writes to them. What
+is written together is one chunk of the file, so that after a power cut it is there whole or not
+at all. Foxglove and rerun open the files as they are.
 """

@@ -2,100 +2,102 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from mcap.records import Channel, Message, Metadata
+from mcap.records import Channel, Header, McapRecord, Message, Metadata, Schema
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_size
-from tjscan.core.frames import Array, inverse
-from tjscan.groove.section import GrooveSection
-from tjscan.laser.profile import Profile
-from tjscan.recording.messages import EVENT, FLANGE, PROFILE, SECTION, read_view, to_pose
-from tjscan.recording.origin import ORIGIN, Origin
+from tjscan.recording.head import FORMAT, HEAD, ORIGIN, PROGRAM, Head, Origin
 from tjscan.recording.records import MOST_BYTES, read_records
-from tjscan.recording.writer import parts
-from tjscan.scanning.events import EventCounts, ScanEvent
-from tjscan.scanning.result import InterruptedScan
-from tjscan.scanning.section import ScannedSection, View
-
-UNREADABLE: Final = (KeyError, ValueError, TypeError, OverflowError)
-"""What comes of a message whose fields are others than those a scan writes."""
+from tjscan.recording.topic import Topic
+from tjscan.recording.writer import SCAN, parts
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Finished:
-    """A section that a scan finished.
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A message that was read.
 
     Parameters
     ----------
-    view : View
-        What it was read in.
-    T_s_t : ndarray, shape (4, 4)
-        Frame t in the sensor.
-    T_b_g : ndarray, shape (4, 4)
-        Frame g in the base frame, as it was read then.
+    topic : Topic
+        The one that it was written to.
+    time : int
+        When it was written, nanoseconds since 1970.
+    message : object
+        What the topic's `decode` made of it.
     """
 
-    view: View
-    T_s_t: Array
-    T_b_g: Array
+    topic: Topic[Any]
+    time: int
+    message: Any
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
-    """What a recording holds.
+def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Entry]:
+    """Yield every whole message of the topics asked for, in the order they were written.
 
     Parameters
     ----------
-    finished : tuple of Finished
-        The finished sections in order.
-    views : tuple of View
-        Every profile, in order.
-    counts : EventCounts
-        How often each remedy was tried.
-    stop : str
-        Why the scan ended; empty where it did not.
-    """
-
-    finished: tuple[Finished, ...]
-    views: tuple[View, ...]
-    counts: EventCounts
-    stop: str
-
-
-def read_messages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield topic and content of every whole message, in the order they were written.
+    file : Path
+        The recording; one that was cut off ends where it was cut.
+    topics : iterable of Topic
+        What to read; the others are passed over.
 
     Raises
     ------
     ConfigurationError
         If there is no such file, or it is too large.
     RecordingError
-        If it is no recording. One that was cut off ends where it was cut.
+        If it is no recording of this program, or of a newer version, or is damaged.
     """
-    topics: dict[int, str] = {}
+    asked = {topic.name: topic for topic in topics}
+    schemas: dict[int, str] = {}
+    channels: dict[int, Topic[Any] | None] = {}
     for record in _records(file):
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            topic = asked.get(record.topic)
+            found = (schemas.get(record.schema_id), record.message_encoding)
+            if topic is not None and found != (topic.schema, topic.encoding):
+                raise _damaged(file, f"{topic.name} holds {found[0]} in {found[1]}")
+            channels[record.id] = topic
         elif isinstance(record, Message):
-            try:
-                content = json.loads(record.data)
-                topic = topics[record.channel_id]
-            except (ValueError, KeyError, RecursionError) as error:
-                raise _damaged(file, error) from error
-            if not isinstance(content, dict):
-                raise _damaged(file, f"a message on {topic} holds no fields")
-            yield topic, content
+            if record.channel_id not in channels:
+                raise _damaged(file, f"a message on channel {record.channel_id}, which is none")
+            topic = channels[record.channel_id]
+            if topic is not None:
+                yield Entry(topic, record.log_time, _decoded(file, topic, record.data))
 
 
-def read_origin(directory: Path) -> Origin | None:
+def read_head(file: Path) -> Head | None:
+    """Which version of the program made a recording; None where it was cut off before that.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    made = False
+    for record in _before_messages(file):
+        made = made or isinstance(record, Header)
+        if isinstance(record, Metadata) and record.name == HEAD:
+            return Head.of(record.metadata)
+    return Head.first() if made else None
+
+
+def read_origin(directory: Path, kind: str = SCAN) -> Origin | None:
     """What a run was last recorded with; None where nothing was, or where it does not say.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    kind : str
+        Of the recording, as `parts` has it.
 
     Raises
     ------
@@ -103,107 +105,38 @@ def read_origin(directory: Path) -> Origin | None:
         As `read_messages` does.
     """
     found = None
-    for file in parts(directory):
-        # It stands before the first message.
-        for record in takewhile(lambda record: not isinstance(record, Message), _records(file)):
+    for file in parts(directory, kind):
+        for record in _before_messages(file):
             if isinstance(record, Metadata) and record.name == ORIGIN:
                 found = Origin.of(record.metadata)
     return found
 
 
-def read_views(file: Path) -> Iterator[View]:
-    """Yield every view of a recording; raises as `read_messages` does."""
-    for _, view, _ in read_with_views(file):
-        if view is not None:
-            yield view
-
-
-def read_recording(path: Path) -> Iterator[View]:
-    """Yield every view of a run directory, or of one file; raises as `read_messages` does."""
-    for file in parts(path) if path.is_dir() else (path,):
-        yield from read_views(file)
-
-
-def read_run(directory: Path) -> dict[str, Profile]:
-    """Every profile of a run directory, by section and substep; raises as `read_messages` does."""
-    return {
-        f"profile {number}: section {view.index}, {view.substep}": view.profile
-        for number, view in enumerate(read_recording(directory), start=1)
-    }
-
-
-def read_progress(directory: Path, read: Callable[[Profile], GrooveSection]) -> InterruptedScan:
-    """What an interrupted scan had found: its finished sections, read again from their profiles.
-
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    read : callable
-        The same reader as in the scan.
-
-    Raises
-    ------
-    RecordingError
-        As `read_messages` does.
-    """
-    recorded = read_recorded(directory)
-    sections = (
-        ScannedSection(one.view, read(one.view.profile), one.T_s_t) for one in recorded.finished
-    )
-    return InterruptedScan(tuple(sections), recorded.views, recorded.counts)
-
-
-def read_recorded(directory: Path) -> Recorded:
-    """All that a run directory's recording holds, nothing read anew; raises as `read_messages`."""
-    views: list[View] = []
-    finished: dict[int, Finished] = {}
-    counts, stop = EventCounts(), ""
-    for file in parts(directory):
-        for topic, view, message in read_with_views(file):
-            if view is not None:
-                views.append(view)
-            elif topic == SECTION:
-                section = _section(file, views, message)
-                finished[section.view.index] = section
-            elif topic == EVENT:
-                name = str(message.get("name"))
-                counts = counts.counting(name)
-                stop = str(message.get("detail")) if name == ScanEvent.STOP else ""
-    return Recorded(tuple(finished.values()), tuple(views), counts, stop)
-
-
-def _section(file: Path, views: list[View], message: dict[str, Any]) -> Finished:
-    """A finished section, and the view that it was read in."""
+def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
     try:
-        if not views or views[-1].index != message["index"]:
-            raise ValueError("a section without its profile")
-        T_b_g, T_b_t = (to_pose(message[name]) for name in ("T_b_g", "T_b_t"))
-        return Finished(views[-1], inverse(views[-1].T_b_s) @ T_b_t, T_b_g)
-    except UNREADABLE as error:
-        raise _damaged(file, f"a section of another make: {error!r}") from error
+        return topic.decode(data)
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
+        raise _damaged(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def read_with_views(file: Path) -> Iterator[tuple[str, View | None, dict[str, Any]]]:
-    """Yield topic, view where it is a profile, and message; raises as `read_messages` does."""
-    flange: dict[str, Any] = {}
-    for topic, message in read_messages(file):
-        view = None
-        if topic == FLANGE:
-            flange = message
-        elif topic == PROFILE:
-            try:
-                view = read_view(flange, message)
-            except UNREADABLE as error:
-                raise _damaged(file, f"a profile of another make: {error!r}") from error
-        yield topic, view, message
+def _before_messages(file: Path) -> Iterator[McapRecord]:
+    for record in _records(file):
+        if isinstance(record, Message):
+            return
+        yield record
 
 
-def _records(file: Path) -> Iterator[Channel | Message | Metadata]:
+def _records(file: Path) -> Iterator[McapRecord]:
+    """The records of a recording of this program, none newer than it can read."""
     try:
         check_size(file, MOST_BYTES, "a recording")
         with file.open("rb") as stream:
-            yield from read_records(stream)
+            for record in read_records(stream):
+                if isinstance(record, Header):
+                    _check_program(file, record)
+                elif isinstance(record, Metadata) and record.name == HEAD:
+                    _check_format(file, Head.of(record.metadata))
+                yield record
     except FileNotFoundError:
         raise ConfigurationError(
             "there is no recording; a run directory holds scan.mcap", file=file
@@ -212,6 +145,23 @@ def _records(file: Path) -> Iterator[Channel | Message | Metadata]:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
     except ValueError as error:
         raise _damaged(file, error) from error
+
+
+def _check_program(file: Path, header: Header) -> None:
+    if header.profile != PROGRAM:
+        made = header.library or "an unnamed program"
+        raise RecordingError(
+            f"{file}: was recorded by another program: {made}, profile {header.profile!r}. "
+            f"Only recordings of {PROGRAM} can be read"
+        )
+
+
+def _check_format(file: Path, head: Head) -> None:
+    if head.format > FORMAT:
+        raise RecordingError(
+            f"{file}: was recorded by {PROGRAM} {head.version} in format {head.format}; this "
+            f"version reads formats up to {FORMAT}. Install {PROGRAM} {head.version} or newer"
+        )
 
 
 def _damaged(file: Path, why: object) -> RecordingError:

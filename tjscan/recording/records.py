@@ -8,26 +8,29 @@ from collections.abc import Iterator
 from io import BytesIO
 from typing import BinaryIO, Final
 
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata
+from mcap.records import Chunk, Footer, McapRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
+_FOOTER: Final = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 
 MOST_BYTES: Final = 2_000_000_000
 """A larger file is no recording: an hour of scanning takes a tenth of it."""
 
 MOST_RECORD: Final = 16_000_000
-"""Bytes of the largest record that is read; a profile of 640 points takes some 30 000."""
+"""Bytes of the largest record that is read; a profile of 640 points takes some 20 000."""
+
+_READ: Final = frozenset(
+    (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
+)
+"""What is read; the rest is passed over."""
 
 
-def read_records(stream: BinaryIO) -> Iterator[Channel | Message | Metadata]:
-    """Yield the whole records of a file; where it was cut off, it ends.
-
-    A length is believed only as far as the file goes, so no record takes more memory than it
-    takes of the file.
+def read_records(stream: BinaryIO) -> Iterator[McapRecord]:
+    """Yield the whole records of a file, those inside its chunks too; where it was cut, it ends.
 
     Parameters
     ----------
@@ -38,10 +41,17 @@ def read_records(stream: BinaryIO) -> Iterator[Channel | Message | Metadata]:
     ------
     ValueError
         If it is no such file, or is damaged elsewhere than at its end.
+
+    Notes
+    -----
+    `mcap.stream_reader` parses the records, but one at a time: over a whole file it would yield
+    the last message of a file that was cut as if it were complete, and would believe every
+    length that it reads. Here a length is believed only as far as the file goes, so no record
+    takes more memory than it takes of the file.
     """
     size = os.fstat(stream.fileno()).st_size
-    magic = stream.read(len(MAGIC))
-    if not MAGIC.startswith(magic):
+    magic = stream.read(len(MCAP0_MAGIC))
+    if not MCAP0_MAGIC.startswith(magic):
         raise ValueError("it does not begin as an MCAP file does")
     while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         opcode, length = _HEAD.unpack(head)
@@ -50,38 +60,27 @@ def read_records(stream: BinaryIO) -> Iterator[Channel | Message | Metadata]:
             return  # what a machine that lost its power leaves behind the last whole record
         if length > size - place or opcode == Opcode.DATA_END:
             return
-        if opcode == Opcode.CHUNK:
-            raise ValueError("its messages are in chunks; a scan records none")
-        kind = _KINDS.get(opcode)
-        if kind is None:
+        if opcode not in _READ:
             stream.seek(length, os.SEEK_CUR)
             continue
         if length > MOST_RECORD:
-            raise ValueError(f"at byte {place} is a record of {length} bytes: no scan records it")
+            raise ValueError(f"at byte {place} is a record of {length} bytes: none is so long")
         try:
-            yield kind(stream.read(length))
+            yield from _parse(head + stream.read(length))
         except (struct.error, ValueError, McapError) as error:
             raise ValueError(f"the record at byte {place} is damaged: {error}") from error
 
 
-def _channel(data: bytes) -> Channel:
-    return Channel.read(ReadDataStream(BytesIO(data)))
-
-
-def _message(data: bytes) -> Message:
-    return Message.read(ReadDataStream(BytesIO(data)), len(data))
-
-
-def _metadata(data: bytes) -> Metadata:
-    return Metadata.read(ReadDataStream(BytesIO(data)))
-
-
-_KINDS: Final = {
-    Opcode.CHANNEL.value: _channel,
-    Opcode.MESSAGE.value: _message,
-    Opcode.METADATA.value: _metadata,
-}
-"""What is read; the rest is passed over."""
+def _parse(record: bytes) -> Iterator[McapRecord]:
+    """The record, or those in it where it is a chunk; a footer behind it ends the reading."""
+    stream = BytesIO(record + _FOOTER)
+    for one in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
+        if isinstance(one, Chunk):
+            if one.compression:
+                raise ValueError(f"it is compressed by {one.compression}, as no recording is")
+            yield from breakup_chunk(one, validate_crc=True)
+        elif not isinstance(one, Footer):
+            yield one
 
 
 def _only_zeros(head: bytes, stream: BinaryIO) -> bool:

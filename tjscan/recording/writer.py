@@ -1,87 +1,95 @@
-"""Writing a recording: every record reaches the file at once, the disk after each section."""
+"""Writing a recording: what is written together reaches the file at once, whole or not at all."""
 
 from __future__ import annotations
 
-import json
 import os
-import time
+from collections.abc import Iterable, Mapping
 from itertools import count, takewhile
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from types import MappingProxyType, TracebackType
+from typing import Any, Final, Self
 
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import check_inside
-from tjscan.recording.messages import (
-    EVENT,
-    FLANGE,
-    PROFILE,
-    SCHEMAS,
-    SECTION,
-    TOPICS,
-    flange_message,
-    profile_message,
-    section_message,
-)
-from tjscan.recording.origin import ORIGIN, Origin
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.recording.head import HEAD, ORIGIN, PROGRAM, Head, Origin
+from tjscan.recording.topic import Topic
+
+SCAN: Final = "scan"
+"""Kind of recording that a run directory holds where nothing else is said."""
+
+NOTHING: Final[Mapping[str, bytes]] = MappingProxyType({})
 
 
-def parts(directory: Path) -> list[Path]:
+def parts(directory: Path, kind: str = SCAN) -> list[Path]:
     """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    kind : str
+        What the names of its files begin with.
 
     Raises
     ------
     ConfigurationError
         If a part is a link that leads out of the directory.
     """
-    first = directory / "scan.mcap"
-    others = (directory / f"scan-{number}.mcap" for number in count(2))
-    found = [first, *takewhile(os.path.lexists, others)]
+    others = (directory / f"{kind}-{number}.mcap" for number in count(2))
+    found = [directory / f"{kind}.mcap", *takewhile(os.path.lexists, others)]
     check_inside(directory, *(file.name for file in found))
     return found
 
 
-def next_part(directory: Path) -> Path:
+def next_part(directory: Path, kind: str = SCAN) -> Path:
     """Where to record next: what is on disk is never written again."""
-    first = directory / "scan.mcap"
-    return directory / f"scan-{len(parts(directory)) + 1}.mcap" if first.exists() else first
+    found = parts(directory, kind)
+    return directory / f"{kind}-{len(found) + 1}.mcap" if found[0].exists() else found[0]
 
 
 class Recording:
-    """A journal that writes a part of a recording.
+    """A part of a recording, to be written; a context manager.
 
     Parameters
     ----------
     file : Path
         Must not exist yet.
+    topics : iterable of Topic
+        What will be written.
     origin : Origin, optional
         What it is made with.
+    attachments : mapping of str to bytes, optional
+        Files that a viewer needs beside the messages, by name: the arm's URDF.
 
     Raises
     ------
     RecordingError
         On entering or writing, if the file can't be written.
+
+    Notes
+    -----
+    The file is chunked, as viewers demand, and each chunk is one call of `write`: a reader finds
+    the messages that were written together all there, or none of them.
     """
 
-    def __init__(self, file: Path, origin: Origin | None = None) -> None:
-        self._file, self._origin = file, origin
+    def __init__(
+        self,
+        file: Path,
+        topics: Iterable[Topic[Any]],
+        origin: Origin | None = None,
+        attachments: Mapping[str, bytes] = NOTHING,
+    ) -> None:
+        self._file, self._topics = file, tuple(topics)
+        self._origin, self._attachments = origin, attachments
 
     def __enter__(self) -> Self:
         try:
             self._stream = self._file.open("xb")
+            self._begin()
         except OSError as error:
-            raise self._lost(error) from error
-        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
-        self._writer.start(profile="tjscan")
-        if self._origin is not None:
-            self._writer.add_metadata(ORIGIN, self._origin.metadata)
-        self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
-        self._start_ns, self._arm_time = time.time_ns(), 0.0
-        self._arm_start: float | None = None
-        self._stream.flush()
+            raise self._failed(error) from error
         return self
 
     def __exit__(
@@ -92,55 +100,60 @@ class Recording:
     ) -> None:
         try:
             self._writer.finish()
-            self._sync()
+            self.sync()
             self._stream.close()
         except OSError as full:
             if error is None:
-                raise self._lost(full) from full
+                raise self._failed(full) from full
 
-    def view(self, view: View) -> None:
-        """Write the flange pose and the raw profile, before anybody tries to read it."""
-        if self._arm_start is None:  # a real arm's clock began when it was switched on
-            self._arm_start = view.time
-        self._arm_time = view.time - self._arm_start
-        self._write(FLANGE, flange_message(view))
-        self._write(PROFILE, profile_message(view))
+    def write(self, time: int, *messages: tuple[Topic[Any], Any]) -> None:
+        """Write messages that belong together.
 
-    def section(self, scan: ScannedSection) -> None:
-        """Write a finished section and bring all of it to the disk."""
-        self._write(SECTION, section_message(scan))
-        self._sync()
-
-    def event(self, name: str, detail: str) -> None:
-        """Write what happened out of the ordinary."""
-        self._write(EVENT, {"frame_id": "b", "name": name, "detail": detail})
-
-    def _channel(self, topic: str, schema: str) -> int:
-        text = json.dumps({"title": schema, "type": "object", "properties": SCHEMAS[schema]})
-        schema_id = self._writer.register_schema(schema, "jsonschema", text.encode())
-        return int(self._writer.register_channel(topic, "json", schema_id))
-
-    def _write(self, topic: str, message: dict[str, Any]) -> None:
-        """Append a message, stamped with the start plus what passed on the arm's clock."""
-        now = self._start_ns + round(1e9 * self._arm_time)
-        sec, nsec = divmod(now, 10**9)
-        data = json.dumps({"timestamp": {"sec": sec, "nsec": nsec}, **message}).encode()
-        try:
+        Parameters
+        ----------
+        time : int
+            When they were taken, nanoseconds since 1970.
+        *messages : (Topic, object)
+            Each message and its topic.
+        """
+        for topic, message in messages:
             self._writer.add_message(
-                self._channels[topic], log_time=now, publish_time=now, data=data
+                self._channels[topic.name],
+                log_time=time,
+                publish_time=time,
+                data=topic.encode(message),
             )
-            self._stream.flush()
+        try:
+            self._writer.flush()
         except OSError as error:
-            raise self._lost(error) from error
+            raise self._failed(error) from error
 
-    def _sync(self) -> None:
+    def sync(self) -> None:
+        """Bring everything written so far to the disk."""
         try:
             self._stream.flush()
             os.fsync(self._stream.fileno())
         except OSError as error:
-            raise self._lost(error) from error
+            raise self._failed(error) from error
 
-    def _lost(self, error: OSError) -> RecordingError:
+    def _begin(self) -> None:
+        """Write everything that stands before the first message."""
+        self._writer = Writer(self._stream, compression=CompressionType.NONE)
+        head = Head()
+        self._writer.start(profile=PROGRAM, library=f"{PROGRAM} {head.version}")
+        self._writer.add_metadata(HEAD, head.metadata)
+        if self._origin is not None:
+            self._writer.add_metadata(ORIGIN, self._origin.metadata)
+        for name, data in self._attachments.items():
+            self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
+        self._channels = {topic.name: self._channel(topic) for topic in self._topics}
+        self._writer.flush()
+
+    def _channel(self, topic: Topic[Any]) -> int:
+        schema = self._writer.register_schema(topic.schema, topic.schema_encoding, topic.definition)
+        return int(self._writer.register_channel(topic.name, topic.encoding, schema))
+
+    def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self._file}: can't be written: {error.strerror}. What was written before is whole."
         )

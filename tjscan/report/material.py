@@ -19,12 +19,13 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.recording.log import RunLog, read_log
 from tjscan.report.stations import read_stitching, station_folders
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, SECTIONS, SUMMARY
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import Summary, check_recorded, read_summary
 from tjscan.result.table import read_sections
+from tjscan.scanning.reader import read_scan
+from tjscan.scanning.recorded import RecordedScan
 from tjscan.stitching.told import ToldStitching
 
 RECORDING: Final = "scan.mcap"
@@ -44,7 +45,7 @@ class Place:
         What it was asked.
     calibration : CalibrationFile or None
         What it was made with; None where the job itself holds the sensor's pose.
-    log : RunLog
+    log : RecordedScan
         What happened.
     summary : Summary
         What came out.
@@ -54,7 +55,7 @@ class Place:
     directory: Path
     job: JobFile
     calibration: CalibrationFile | None
-    log: RunLog
+    log: RecordedScan
     summary: Summary
 
 
@@ -195,6 +196,6 @@ def _place(name: str, directory: Path) -> Place:
     file = directory / CALIBRATION
     calibration = read_calibration(file) if file.is_file() else None
     job = read_job(directory / JOB)
-    log, summary = read_log(directory), read_summary(directory / SUMMARY)
+    log, summary = read_scan(directory), read_summary(directory / SUMMARY)
     check_recorded(directory, summary, len(log.sections))
     return Place(name, directory, job, calibration, log, summary)

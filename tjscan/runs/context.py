@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 
+import numpy as np
+
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
@@ -17,14 +19,17 @@ from tjscan.job.cell import Cell, Mount, mount_of, open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.recording.origin import Origin
-from tjscan.recording.writer import Recording, next_part
+from tjscan.recording.head import Origin
+from tjscan.recording.writer import next_part
+from tjscan.result.directory import URDF
 from tjscan.result.frame import ResultFrame
 from tjscan.robot.arm import ArmState
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.directory import make_directory, origin_of
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
+from tjscan.scanning.topics import scan_recording
 
 
 def report_nothing(directory: Path) -> None:
@@ -119,7 +124,15 @@ class RunContext:
     @contextmanager
     def recording(self, directory: Path) -> Iterator[Journal]:
         """Record into a run directory while the block runs; gives the journal to report to."""
-        with Recording(next_part(directory), self.origin(directory)) as recording:
+        arm, T_b_j = Kinematics.load(self.job.arm.model), frame_of(self.job).T_b_j
+        root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
+        with scan_recording(
+            next_part(directory),
+            self.origin(directory),
+            joint_names=arm.joint_names,
+            fixed=root if T_b_j is None else {**root, "j": T_b_j},
+            attachments={URDF: arm.urdf.read_bytes()},
+        ) as recording:
             yield Journals(recording, self.journal)
 
 

@@ -15,7 +15,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT, atomic_directory, locked
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationTable, CellFile
-from tjscan.recording.origin import Origin, digest
+from tjscan.recording.head import Origin, digest
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_name, job_of
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)

@@ -16,7 +16,6 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import atomic_directory, check_inside
 from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
-from tjscan.recording.reader import Finished, Recorded, read_recorded
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB
 from tjscan.result.summary import Summary
@@ -25,6 +24,8 @@ from tjscan.runs.directory import COPIES
 from tjscan.runs.scan import write_run
 from tjscan.runs.stitch import StitchedRun, stitch_runs
 from tjscan.scanning.progress import StopReason
+from tjscan.scanning.reader import read_scan
+from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, View
 
@@ -149,7 +150,7 @@ def _reprocess(context: RunContext, out: Path) -> Reprocessed:
     check_inside(directory, *COPIES)
     with naming(context.job_file):
         T_f_s = context.mount.T_f_s
-    recorded = read_recorded(directory)
+    recorded = read_scan(directory)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
     if len(sections) < FEWEST:
@@ -174,11 +175,11 @@ def beside(directory: Path) -> Path:
 
 
 def _sections(
-    job: JobFile, recorded: Recorded, T_f_s: Array, lost: dict[int, GrooveNotFound]
+    job: JobFile, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
     read, far = reader_of(job), STRAYED * job.scan.step
-    for one in recorded.finished:
+    for one in recorded.sections.values():
         try:
             section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
             _check_place(section, one, far)
@@ -188,7 +189,7 @@ def _sections(
             yield replace(section, view=_seen(one.view, T_f_s))
 
 
-def _check_place(section: ScannedSection, before: Finished, far: float) -> None:
+def _check_place(section: ScannedSection, before: RecordedSection, far: float) -> None:
     moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
     if moved > far:
         raise GrooveNotFound(
@@ -201,9 +202,9 @@ def _seen(view: View, T_f_s: Array) -> View:
     return replace(view, T_b_s=view.T_b_f @ T_f_s)
 
 
-def _end(recorded: Recorded, found: int) -> tuple[StopReason, str]:
+def _end(recorded: RecordedScan, found: int) -> tuple[StopReason, str]:
     """Why the scan ended, and that this is another reading of it."""
     known = (reason for reason in StopReason if recorded.stop.startswith(reason))
     stop = next(known, StopReason.CUT)
-    again = f"{found} of {len(recorded.finished)} sections read again"
+    again = f"{found} of {len(recorded.sections)} sections read again"
     return stop, f"{recorded.stop or StopReason.CUT.value}; {again}"

@@ -18,9 +18,8 @@ from tjscan.core.errors import (
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile
 from tjscan.job.cell import Cell
-from tjscan.recording.origin import Origin, changes
-from tjscan.recording.reader import read_messages, read_origin, read_progress
-from tjscan.recording.writer import parts
+from tjscan.recording.head import Origin, changes
+from tjscan.recording.reader import read_origin
 from tjscan.result.summary import Summary
 from tjscan.runs.context import RunContext, frame_of, reader_of
 from tjscan.runs.directory import COPIES, is_untouched
@@ -28,7 +27,9 @@ from tjscan.runs.results import write_scan
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, Journals
 from tjscan.scanning.profile_taker import Setup
-from tjscan.scanning.result import InterruptedScan, ScanResult
+from tjscan.scanning.reader import read_scan
+from tjscan.scanning.recorded import RecordedScan
+from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurface
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.stopping import StopRequest
@@ -71,20 +72,21 @@ def scan_in(
     cell: Cell,
     job: JobFile,
     journal: Journal,
-    done: InterruptedScan | None = None,
+    done: RecordedScan | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
-    stop = stop or StopRequest()
-    seen = ScannedSurface(cell.clearance, () if done is None else done.sections)
+    stop, read = stop or StopRequest(), reader_of(job)
+    sections = () if done is None else done.read_sections(read)
+    seen = ScannedSurface(cell.clearance, sections)
     journal = Journals(journal, seen)
     with cell, stop.halting(cell.arm.stop):
         _note_devices(cell, journal)
-        setup = Setup(cell.arm, cell.laser, cell.T_f_s, reader_of(job))
+        setup = Setup(cell.arm, cell.laser, cell.T_f_s, read)
         scanner = Scanner(setup, job.scan, journal, stop=stop)
         try:
-            if done is not None and len(done.sections) >= 2:
-                return scanner.resume(done)
+            if done is not None and len(sections) >= 2:
+                return scanner.resume(done, sections)
             first, second = job.starts
             return scanner.run(first.T, second.T)
         except TjscanError as error:
@@ -154,8 +156,8 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> Summary:
         context = replace(context, job=context.job.at())
         changed, done = [], None
         if not is_untouched(directory):  # else it ended before it began to record
-            changed = check_origin(directory, context.origin(directory))
-            done = read_progress(directory, reader_of(context.job))
+            done = read_scan(directory)
+            changed = check_origin(directory, done, context.origin(directory))
         cell = context.cell(left=done.views[-1] if done and done.views else None)
         with context.recording(directory) as journal:
             for key, what in changed:
@@ -182,7 +184,7 @@ def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
             )
 
 
-def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
+def check_origin(directory: Path, done: RecordedScan, now: Origin) -> list[tuple[str, str]]:
     """What changed since a run was last recorded, where a scan may go on all the same.
 
     Returns
@@ -199,7 +201,7 @@ def check_origin(directory: Path, now: Origin) -> list[tuple[str, str]]:
     """
     before = read_origin(directory)
     if before is None:
-        if any(True for file in parts(directory) for _ in read_messages(file)):
+        if done.started is not None:
             raise RecordingError(
                 f"{directory}: its recording does not say what it was made with; no scan of this "
                 "program made it. Start a new scan"

@@ -15,15 +15,15 @@ from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile, read_job
-from tjscan.recording.reader import read_progress
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import Summary, read_summary
-from tjscan.runs.context import RunContext, reader_of, report_nothing
+from tjscan.runs.context import RunContext, report_nothing
 from tjscan.runs.directory import COPIES, is_untouched
 from tjscan.runs.scan import check_resumable, resume_scan, run_scan
 from tjscan.runs.stitch import StitchedRun, stitch_runs
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.reader import read_scan
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""
@@ -222,7 +222,7 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
     file = station.directory / JOB
     if file.is_file():
         begun = not is_untouched(station.directory)
-        if begun and len(read_progress(station.directory, reader_of(context.job)).sections) >= 2:
+        if begun and len(read_scan(station.directory).sections) >= 2:
             check_inside(station.directory, JOB)
             job = read_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)

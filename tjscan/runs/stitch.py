@@ -18,7 +18,6 @@ from tjscan.core.frames import inverse, transform
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.recording.reader import read_progress
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB, JOINT, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
@@ -28,6 +27,7 @@ from tjscan.result.summary import Summary, check_recorded, read_summary, summari
 from tjscan.result.write import write_results
 from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.results import groove_points
+from tjscan.scanning.reader import read_scan
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import DEFAULT, StitchSettings
@@ -158,17 +158,18 @@ def read_station(directory: Path) -> StationRun:
         job = read_job(job_file)
         name = _name(job, job_file)
         read = reader_of(job)
-        done = read_progress(directory, read)
+        done = read_scan(directory)
+        sections = done.read_sections(read)
         joint = RunContext(job, job_file).joint
     if not (directory / SUMMARY).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
     summary = read_summary(directory / SUMMARY)
-    check_recorded(directory, summary, len(done.sections))
+    check_recorded(directory, summary, len(sections))
     return StationRun(
         directory,
-        station_of(name, job.T_w_b, done.sections, done.views, read),
+        station_of(name, job.T_w_b, sections, done.views, read),
         summary,
         joint,
     )

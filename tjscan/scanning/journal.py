@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol
 
 from tjscan.scanning.events import EventCounts
-from tjscan.scanning.result import InterruptedScan
+from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ScannedSection, View
 
 
@@ -85,9 +86,17 @@ class ScanLog:
         self.views: list[View] = []
         self.counts = EventCounts()
 
-    def restore(self, done: InterruptedScan) -> None:
-        """Continue from what was found before, which is in the journal already."""
-        self.sections, self.views = list(done.sections), list(done.views)
+    def restore(self, done: RecordedScan, sections: Iterable[ScannedSection]) -> None:
+        """Continue from what was recorded before, which is in the journal already.
+
+        Parameters
+        ----------
+        done : RecordedScan
+            The recording.
+        sections : iterable of ScannedSection
+            Its finished sections, read once more.
+        """
+        self.sections, self.views = list(sections), list(done.views)
         self.counts = done.counts
 
     def view(self, view: View) -> None:

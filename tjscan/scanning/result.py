@@ -1,4 +1,4 @@
-"""What a scan found: when it ended, and when it was interrupted."""
+"""What a scan found."""
 
 from __future__ import annotations
 
@@ -31,21 +31,4 @@ class ScanResult:
     views: tuple[View, ...]
     stop: StopReason
     detail: str
-    counts: EventCounts
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class InterruptedScan:
-    """What an interrupted scan had found.
-
-    Parameters
-    ----------
-    sections, views : tuple
-        As in `ScanResult`.
-    counts : EventCounts
-        As in `ScanResult`.
-    """
-
-    sections: tuple[ScannedSection, ...]
-    views: tuple[View, ...]
     counts: EventCounts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,8 @@ from tjscan.scanning.method import predictor_of, step_rule_of
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ProfileTaker, Setup
 from tjscan.scanning.progress import StopReason, finished, groove_length
-from tjscan.scanning.result import InterruptedScan, ScanResult
+from tjscan.scanning.recorded import RecordedScan
+from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import (
     FEW,
     MERGED,
@@ -108,13 +110,15 @@ class Scanner:
         self._check_direction()
         return self._scan_on()
 
-    def resume(self, done: InterruptedScan) -> ScanResult:
+    def resume(self, done: RecordedScan, sections: Sequence[ScannedSection]) -> ScanResult:
         """Go back to the last section of an interrupted scan, check that it lies there, and go on.
 
         Parameters
         ----------
-        done : InterruptedScan
-            What was found before, two sections or more.
+        done : RecordedScan
+            What was recorded before.
+        sections : sequence of ScannedSection
+            Its finished sections, two or more.
 
         Raises
         ------
@@ -123,10 +127,10 @@ class Scanner:
         ArmFault, LaserFault, Interrupted
             As `run` does.
         """
-        self._log.restore(done)
+        self._log.restore(done, sections)
         self._taker.remember(done.views)
-        moved = self._check_last_section(self._taker.move_joint(done.sections[-1].view.T_b_f))
-        last = len(done.sections) - 1
+        moved = self._check_last_section(self._taker.move_joint(sections[-1].view.T_b_f))
+        last = len(sections) - 1
         self._log.event(ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
         return self._scan_on()
 

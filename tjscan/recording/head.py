@@ -1,4 +1,4 @@
-"""What a recording was made with, so that what goes on from it can tell whether that changed."""
+"""The head of a recording: the program that made it, and the job that it was made with."""
 
 from __future__ import annotations
 
@@ -10,9 +10,48 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from tjscan.core.errors import RecordingError
+from tjscan.core.version import VERSION
 
+PROGRAM: Final = "tjscan"
+"""MCAP profile of every recording."""
+
+FORMAT: Final = 2
+"""Number of the format that is written: one more whenever an older version can't read it."""
+
+HEAD: Final = "tjscan.recording"
 ORIGIN: Final = "tjscan.origin"
-"""Name of the metadata record at the head of a recording."""
+"""Names of the two metadata records at the head of a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What made a recording.
+
+    Parameters
+    ----------
+    version : str
+        Of the program.
+    format : int
+        How it is written; 1 is that of version 0.1.0, which names neither.
+    """
+
+    version: str = VERSION
+    format: int = FORMAT
+
+    @classmethod
+    def first(cls) -> Self:
+        """That of the recordings which do not name it."""
+        return cls("0.1.0", 1)
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, str]) -> Self:
+        """What `metadata` gave; raises ValueError where it did not."""
+        return cls(metadata.get("version", ""), int(metadata.get("format", "")))
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """For the head of a recording."""
+        return {"program": PROGRAM, "version": self.version, "format": str(self.format)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +88,7 @@ def digest(file: Path) -> str:
 
 
 def changes(before: Origin, now: Origin) -> Iterator[tuple[str, str]]:
-    """What differs between two origins: the key, and both values in words.
+    """What differs between two origins: the key, and both values.
 
     Keys of the job are its own; those of the other files begin with ``joint.toml:``,
     ``calibration.toml:`` and ``arm.urdf``.

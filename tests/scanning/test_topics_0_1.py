@@ -1,0 +1,72 @@
+"""A recording of version 0.1.0 is read, replayed, gone on with and reprocessed."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+
+from tjscan.groove.find import find_groove
+from tjscan.recording.reader import read_head
+from tjscan.scanning.reader import read_scan
+
+OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
+ROUNDING = 1e-12
+"""Metres: version 0.1.0 wrote poses as quaternions."""
+IN_FILE_MM = 2e-4
+"""sections.csv has four decimals."""
+INTERRUPTED = 0.55
+"""Share of the recording that a scan left behind which broke off after its second section."""
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(OLD, tmp_path / "old"))
+
+
+def corners(run: Path) -> np.ndarray:
+    with (run / "sections.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    return np.array([[float(v) for k, v in row.items() if k.startswith("p")] for row in rows])
+
+
+def test_it_is_read(old: Path) -> None:
+    head = read_head(old / "scan.mcap")
+    assert head is not None
+    assert (head.version, head.format) == ("0.1.0", 1)
+    scan = read_scan(old)
+    assert (len(scan.views), list(scan.sections)) == (6, [0, 1, 2, 3])
+    assert scan.stop.startswith("number of sections reached")
+    assert scan.events[-1].name == "stop"
+    for section, again in zip(scan.sections.values(), scan.read_sections(find_groove), strict=True):
+        np.testing.assert_allclose(again.points_b, section.points_b, atol=ROUNDING)
+        np.testing.assert_allclose(again.T_b_g, section.T_b_g, atol=ROUNDING)
+
+
+def test_it_is_reprocessed(old: Path, tmp_path: Path) -> None:
+    assert tjscan("reprocess", old, "--out", tmp_path / "again") == 0
+    np.testing.assert_allclose(corners(tmp_path / "again"), corners(old), atol=IN_FILE_MM)
+
+
+def test_it_is_replayed(old: Path, tmp_path: Path) -> None:
+    options = ("--laser.driver", "replay", "--laser.recording", old)
+    assert tjscan("scan", old / "job.toml", *options, "--out", tmp_path / "again") == 0
+    np.testing.assert_allclose(corners(tmp_path / "again"), corners(old), atol=IN_FILE_MM)
+    head = read_head(tmp_path / "again" / "scan.mcap")
+    assert head is not None
+    assert head.format == 2
+
+
+def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
+    data = (old / "scan.mcap").read_bytes()
+    (old / "scan.mcap").write_bytes(data[: int(INTERRUPTED * len(data))])
+    for name in ("sections.csv", "summary.json"):
+        (old / name).unlink()
+    before = read_scan(old)
+    assert 2 <= len(before.sections) < 4
+    assert tjscan("scan", "--resume", old) == 0
+    assert len(read_scan(old).sections) == 4
+    formats = [read_head(old / name) for name in ("scan.mcap", "scan-2.mcap")]
+    assert [head.format for head in formats if head is not None] == [1, 2]

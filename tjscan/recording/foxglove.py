@@ -1,0 +1,159 @@
+"""What is recorded, as messages of Foxglove's own schemas, which hold nothing else.
+
+Lengths are in metres, angles in radians. Quaternions are stored x, y, z, w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.timestamp_pb2 import Timestamp
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
+
+LINE_WIDTH: Final = 2.0
+"""Pixels of a drawn line."""
+
+NumericType = PackedElementField.NumericType
+
+
+def frame_transforms(time: int, poses: Mapping[tuple[str, str], Array]) -> FrameTransforms:
+    """Where frames are in other frames.
+
+    Parameters
+    ----------
+    time : int
+        Nanoseconds since 1970.
+    poses : mapping of (str, str) to ndarray, shape (4, 4)
+        For ``("b", "f")`` the pose T_b_f of frame f in frame b.
+    """
+    message = FrameTransforms()
+    for (parent, child), T in poses.items():
+        one = message.transforms.add(
+            timestamp=_stamp(time), parent_frame_id=parent, child_frame_id=child
+        )
+        one.translation.x, one.translation.y, one.translation.z = T[:3, 3].tolist()
+        turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
+        one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = turn
+    return message
+
+
+def profile_cloud(time: int, profile: Profile) -> PointCloud:
+    """A raw profile in frame s, every column of it to the last bit; NaN where there is no point."""
+    columns = {"x": profile.x_s, "y": np.zeros(len(profile)), "z": profile.z_s}
+    if profile.intensity is not None:
+        columns["intensity"] = profile.intensity
+    return PointCloud(
+        timestamp=_stamp(time),
+        frame_id="s",
+        pose=_identity(),
+        point_stride=8 * len(columns),
+        fields=[
+            PackedElementField(name=name, offset=8 * i, type=NumericType.FLOAT64)
+            for i, name in enumerate(columns)
+        ],
+        data=np.column_stack(list(columns.values())).astype("<f8").tobytes(),
+    )
+
+
+def read_profile(cloud: PointCloud, time: float) -> Profile:
+    """The profile that `profile_cloud` wrote.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The message.
+    time : float
+        Seconds on the clock of the cell when it was taken.
+
+    Raises
+    ------
+    ValueError, KeyError
+        If the message holds something else.
+    """
+    names = [field.name for field in cloud.fields]
+    packed = all(
+        field.type == NumericType.FLOAT64 and field.offset == 8 * i
+        for i, field in enumerate(cloud.fields)
+    )
+    if not names or not packed or cloud.point_stride != 8 * len(names):
+        raise ValueError("a point cloud whose fields are not those of a profile")
+    table = np.frombuffer(cloud.data, dtype="<f8").reshape(-1, len(names))
+    columns = {name: table[:, i] for i, name in enumerate(names)}
+    return Profile(columns["x"], columns["z"], columns.get("intensity"), time)
+
+
+def joint_states(time: int, names: Sequence[str], q: Array) -> JointStates:
+    """The angles of an arm's joints, radians."""
+    message = JointStates(timestamp=_stamp(time))
+    for name, angle in zip(names, q.tolist(), strict=True):
+        message.joints.add(name=name, position=angle)
+    return message
+
+
+def scene_entity(time: int, name: str, line: Array, triangles: Array) -> SceneUpdate:
+    """A line and a surface in frame b, drawn until the end.
+
+    Parameters
+    ----------
+    time : int
+        Nanoseconds since 1970.
+    name : str
+        What is drawn; another of the same name replaces it.
+    line : ndarray, shape (n, 3)
+        Points of an open line, metres.
+    triangles : ndarray, shape (m, 3, 3)
+        Corners of each triangle, metres; none where m is 0.
+    """
+    entity = SceneEntity(timestamp=_stamp(time), frame_id="b", id=name)
+    entity.lines.add(
+        type=LinePrimitive.LINE_STRIP,
+        pose=_identity(),
+        thickness=LINE_WIDTH,
+        scale_invariant=True,
+        points=_points(line),
+        color=Color(r=1.0, g=0.5, b=0.0, a=1.0),
+    )
+    if len(triangles):
+        entity.triangles.add(
+            pose=_identity(),
+            points=_points(triangles.reshape(-1, 3)),
+            color=Color(r=0.6, g=0.65, b=0.7, a=1.0),
+        )
+    return SceneUpdate(entities=[entity])
+
+
+def log(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
+    """An event: its name, and what there is to say about it."""
+    return Log(timestamp=_stamp(time), level=level, name=name, message=detail)
+
+
+def _stamp(time: int) -> Timestamp:
+    stamp = Timestamp()
+    stamp.FromNanoseconds(time)
+    return stamp
+
+
+def _identity() -> Pose:
+    pose = Pose()
+    pose.orientation.w = 1.0
+    return pose
+
+
+def _points(values: Array) -> list[Point3]:
+    return [Point3(x=x, y=y, z=z) for x, y, z in values.tolist()]

@@ -1,0 +1,101 @@
+"""What a scan's recording holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from tjscan.core.frames import Array
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+from tjscan.scanning.events import EventCounts, ScanEvent
+from tjscan.scanning.section import ScannedSection, View
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEvent:
+    """Something out of the ordinary.
+
+    Parameters
+    ----------
+    time : datetime
+        When, UTC.
+    name, detail : str
+        What it was; the names of a scan's own events are those of `ScanEvent`.
+    """
+
+    time: datetime
+    name: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedSection:
+    """A section that a scan finished.
+
+    Parameters
+    ----------
+    view : View
+        The view that it was read in.
+    T_s_t : ndarray, shape (4, 4)
+        Frame t in the sensor.
+    T_b_g : ndarray, shape (4, 4)
+        Frame g in the base frame, as it was read during the scan.
+    points_b : ndarray, shape (5, 3)
+        The five points in the base frame, metres, as they were read during the scan.
+    """
+
+    view: View
+    T_s_t: Array
+    T_b_g: Array
+    points_b: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedScan:
+    """The recording of a scan, all its parts together.
+
+    Parameters
+    ----------
+    started : datetime or None
+        When its first message was written, UTC; None where there is none.
+    views : tuple of View
+        Every profile taken, in order.
+    sections : mapping of int to RecordedSection
+        The finished sections by their number, in order.
+    events : tuple of RecordedEvent
+        In order.
+    """
+
+    started: datetime | None
+    views: tuple[View, ...]
+    sections: Mapping[int, RecordedSection]
+    events: tuple[RecordedEvent, ...]
+
+    @property
+    def counts(self) -> EventCounts:
+        """How often each remedy was tried."""
+        counts = EventCounts()
+        for event in self.events:
+            counts = counts.counting(event.name)
+        return counts
+
+    @property
+    def stop(self) -> str:
+        """Why the scan ended; empty where it did not."""
+        last = self.events[-1] if self.events else None
+        return last.detail if last is not None and last.name == ScanEvent.STOP else ""
+
+    def read_sections(self, read: Callable[[Profile], GrooveSection]) -> tuple[ScannedSection, ...]:
+        """The finished sections, read once more from their profiles.
+
+        Parameters
+        ----------
+        read : callable
+            Turns a profile into a groove section: the reader of the scan.
+        """
+        return tuple(
+            ScannedSection(one.view, read(one.view.profile), one.T_s_t)
+            for one in self.sections.values()
+        )

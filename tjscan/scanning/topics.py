@@ -1,0 +1,285 @@
+"""The topics of a scan, and the journal that writes to them.
+
+Viewers show Foxglove's: the frames b, f, s, t, g and j, the raw profile in frame s, the groove
+as it grows, the joints and the events. The two of our own hold what those have no field for.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from tjscan.core.errors import RecordingError
+from tjscan.core.frames import Array, inverse, readonly
+from tjscan.laser.profile import Profile
+from tjscan.recording.foxglove import (
+    frame_transforms,
+    joint_states,
+    log,
+    profile_cloud,
+    read_profile,
+    scene_entity,
+)
+from tjscan.recording.head import Origin
+from tjscan.recording.numbers import finite, from_pose, to_pose
+from tjscan.recording.reader import read_messages
+from tjscan.recording.topic import INTEGER, NUMBER, NUMBERS, TEXT, Topic, json_topic, protobuf_topic
+from tjscan.recording.writer import NOTHING, Recording
+from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.recorded import RecordedEvent, RecordedSection
+from tjscan.scanning.section import ScannedSection, Substep, View
+
+MOST_SECTIONS: Final = 1_000_000
+CORNERS: Final = 5
+
+_NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
+_LEVELS: Final[Mapping[str, Log.Level.ValueType]] = {
+    ScanEvent.FAILED: Log.Level.ERROR,
+    ScanEvent.INTERRUPTED: Log.Level.ERROR,
+}
+"""How grave an event is; what is not named here is information."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionRecord:
+    """What is written of a finished section; it was read in the view before it.
+
+    Parameters
+    ----------
+    index : int
+        Its number.
+    T_s_t, T_b_g : ndarray, shape (4, 4)
+        Frame t in the sensor and frame g in the base frame.
+    points_b : ndarray, shape (5, 3)
+        The five points in the base frame, metres.
+    """
+
+    index: int
+    T_s_t: Array
+    T_b_g: Array
+    points_b: Array
+
+
+def _from_view(view: View) -> dict[str, Any]:
+    return {
+        "index": view.index,
+        "substep": str(view.substep),
+        "arm_time": view.time,
+        "q": view.q.tolist(),
+        "T_b_f": from_pose(view.T_b_f),
+        "T_b_s": from_pose(view.T_b_s),
+    }
+
+
+def _to_view(fields: dict[str, Any]) -> View:
+    (arm_time,) = finite((fields["arm_time"],))
+    return View(
+        index=section_number(fields["index"]),
+        substep=Substep(fields["substep"]),
+        T_b_f=to_pose(fields["T_b_f"]),
+        T_b_s=to_pose(fields["T_b_s"]),
+        profile=_NO_PROFILE,
+        time=arm_time,
+        q=np.array(finite(fields["q"])),
+    )
+
+
+def _from_section(section: SectionRecord) -> dict[str, Any]:
+    return {
+        "index": section.index,
+        "T_s_t": from_pose(section.T_s_t),
+        "T_b_g": from_pose(section.T_b_g),
+        "points_b": section.points_b.ravel().tolist(),
+    }
+
+
+def _to_section(fields: dict[str, Any]) -> SectionRecord:
+    return SectionRecord(
+        section_number(fields["index"]),
+        to_pose(fields["T_s_t"]),
+        to_pose(fields["T_b_g"]),
+        readonly(np.reshape(finite(fields["points_b"]), (CORNERS, 3))),
+    )
+
+
+def section_number(value: Any) -> int:
+    """The number of a section; raises ValueError where it is none."""
+    if type(value) is not int or not 0 <= value <= MOST_SECTIONS:
+        raise ValueError(f"{value!r} is no number of a section")
+    return value
+
+
+VIEW: Final = json_topic(
+    "/view",
+    "tjscan.View",
+    {
+        "index": INTEGER,
+        "substep": TEXT,
+        "arm_time": NUMBER,
+        "q": NUMBERS,
+        "T_b_f": NUMBERS,
+        "T_b_s": NUMBERS,
+    },
+    _from_view,
+    _to_view,
+)
+"""A view without its profile, which follows on `PROFILE`; poses row by row."""
+
+SECTION: Final = json_topic(
+    "/section",
+    "tjscan.Section",
+    {"index": INTEGER, "T_s_t": NUMBERS, "T_b_g": NUMBERS, "points_b": NUMBERS},
+    _from_section,
+    _to_section,
+)
+PROFILE: Final = protobuf_topic("/profile", PointCloud)
+TRANSFORMS: Final = protobuf_topic("/tf", FrameTransforms)
+JOINTS: Final = protobuf_topic("/joints", JointStates)
+SCENE: Final = protobuf_topic("/scene", SceneUpdate)
+LOG: Final = protobuf_topic("/log", Log)
+
+TOPICS: Final[tuple[Topic[Any], ...]] = (VIEW, PROFILE, SECTION, LOG, TRANSFORMS, JOINTS, SCENE)
+"""Everything that a scan records."""
+
+READ: Final[tuple[Topic[Any], ...]] = (VIEW, PROFILE, SECTION, LOG)
+"""What is read again; the rest is for viewers."""
+
+
+class ScanJournal:
+    """The journal that writes a scan's recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open, with `TOPICS`.
+    joint_names : sequence of str
+        Names of the arm's joints in its URDF; numbers where left out.
+    fixed : mapping of str to ndarray, shape (4, 4), optional
+        Poses in the base frame of frames that do not move, by their names: that of j where it
+        is known, and that of the URDF's root.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        joint_names: Sequence[str] = (),
+        fixed: Mapping[str, Array] = MappingProxyType({}),
+    ) -> None:
+        self._recording, self._joint_names = recording, joint_names
+        self._start = self._now = time.time_ns()
+        self._arm_start: float | None = None
+        self._last: Array | None = None
+        if fixed:
+            frames = {("b", name): T for name, T in fixed.items()}
+            recording.write(self._now, (TRANSFORMS, frame_transforms(self._now, frames)))
+
+    def view(self, view: View) -> None:
+        """Write where the arm stood and the raw profile, before anybody tries to read it."""
+        if self._arm_start is None:  # a real arm's clock began when it was switched on
+            self._arm_start = view.time
+        now = self._now = self._start + round(1e9 * (view.time - self._arm_start))
+        T_f_s = inverse(view.T_b_f) @ view.T_b_s
+        names = self._joint_names or [f"joint {i + 1}" for i in range(len(view.q))]
+        self._recording.write(
+            now,
+            (VIEW, view),
+            (PROFILE, profile_cloud(now, view.profile)),
+            (TRANSFORMS, frame_transforms(now, {("b", "f"): view.T_b_f, ("f", "s"): T_f_s})),
+            (JOINTS, joint_states(now, names, view.q)),
+        )
+
+    def section(self, scan: ScannedSection) -> None:
+        """Write a finished section and bring all of it to the disk."""
+        now, points = self._now, scan.points_b
+        frames = {("s", "t"): scan.T_s_t, ("b", "g"): scan.T_b_g}
+        surface = np.empty((0, 3, 3)) if self._last is None else _between(self._last, points)
+        self._recording.write(
+            now,
+            (SECTION, SectionRecord(scan.view.index, scan.T_s_t, scan.T_b_g, points)),
+            (TRANSFORMS, frame_transforms(now, frames)),
+            (SCENE, scene_entity(now, f"section {scan.view.index}", points, surface)),
+        )
+        self._last = points
+        self._recording.sync()
+
+    def event(self, name: str, detail: str) -> None:
+        """Write what happened out of the ordinary."""
+        level = _LEVELS.get(name, Log.Level.INFO)
+        self._recording.write(self._now, (LOG, log(self._now, level, name, detail)))
+
+
+@contextmanager
+def scan_recording(
+    file: Path,
+    origin: Origin | None = None,
+    *,
+    joint_names: Sequence[str] = (),
+    fixed: Mapping[str, Array] = MappingProxyType({}),
+    attachments: Mapping[str, bytes] = NOTHING,
+) -> Iterator[ScanJournal]:
+    """Record a scan into a new file while the block runs.
+
+    Parameters
+    ----------
+    file, origin, attachments
+        As of `Recording`.
+    joint_names, fixed
+        As of `ScanJournal`.
+
+    Raises
+    ------
+    RecordingError
+        On entering or writing, if the file can't be written.
+    """
+    with Recording(file, TOPICS, origin, attachments) as recording:
+        yield ScanJournal(recording, joint_names, fixed)
+
+
+def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
+    """Yield time and content of each view, section and event of a file.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    view: View | None = None
+    pending: View | None = None
+    for entry in read_messages(file, READ):
+        when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
+        try:
+            if entry.topic is VIEW:
+                pending = message
+            elif entry.topic is PROFILE:
+                if pending is None:
+                    raise ValueError("a profile without a view")
+                view = replace(pending, profile=read_profile(message, pending.time))
+                pending = None
+                yield when, view
+            elif entry.topic is SECTION:
+                if view is None or view.index != message.index:
+                    raise ValueError("a section without its view")
+                yield when, RecordedSection(view, message.T_s_t, message.T_b_g, message.points_b)
+            else:
+                yield when, RecordedEvent(when, message.name, message.message)
+        except (KeyError, ValueError) as error:
+            raise RecordingError(f"{file}: is damaged: {error!r}") from error
+
+
+def _between(one: Array, other: Array) -> Array:
+    """Triangles of the strip between two polylines of as many points, shape (2 (n - 1), 3, 3)."""
+    a, b, c, d = one[:-1], one[1:], other[:-1], other[1:]
+    return np.concatenate((np.stack((a, b, c), axis=1), np.stack((b, d, c), axis=1)))
