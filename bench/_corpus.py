@@ -19,10 +19,11 @@ from tjscan.calibration.file import (
     read_calibration,
     write_calibration,
 )
-from tjscan.calibration.logbook import Line, Logbook, Passed, Touch
+from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
+from tjscan.calibration.topics import Line, Passed, Touch, read_entries
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import Told
 from tjscan.core.config import validate
@@ -52,6 +53,7 @@ from tjscan.study.store import PLAN, ROWS, make_study, read_plan, read_rows
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
+OLD: Final = ROOT / "tests" / "data" / "run-0.1.0" / "scan.mcap"
 EVERY: Final = 26
 """Points left out of profiles that need but a few."""
 
@@ -104,24 +106,23 @@ def _options(file: Path) -> None:
 
 
 def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterator[Reader]:
-    whole = tuple(_recording(folder / f"{i}.mcap", scans, i) for i in range(2))
+    whole = (*(_recording(folder / f"{i}.mcap", scans, i) for i in range(2)), OLD.read_bytes())
 
     def read(file: Path) -> None:
         read_origin(file.parent)
         read_scan(file.parent).read_sections(lambda profile: scans[0].groove)
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
-    file = folder / "measured.jsonl"
-    with Logbook(file) as book:
+    with Logbook(folder) as book:
         T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
         for entry in (Touch(0, T), Line(PosedProfile("line 1", T, profile)), Passed(T, "no line")):
             book.add(entry)
-    yield Reader("logbook", "measured.jsonl", (file.read_bytes(),), _logbook, 2)
+    measured = (folder / "measured.mcap").read_bytes()
+    yield Reader("calibration recording", "measured.mcap", (measured,), _measured, 2)
 
 
-def _logbook(file: Path) -> None:
-    with Logbook(file):
-        pass
+def _measured(file: Path) -> None:
+    list(read_entries(file.parent))
 
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:

@@ -21,13 +21,14 @@ from tjscan.calibration.design import Uncertainty, expected
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
 from tjscan.calibration.line_fit import fit_line
-from tjscan.calibration.logbook import Line, Measured
+from tjscan.calibration.logbook import Measured
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import Nobody
 from tjscan.calibration.plucker import Plane, plane_through
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.session import Task, next_pose, progress_of
 from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.topics import Line
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, from_rounded, inverse, pose

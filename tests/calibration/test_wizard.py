@@ -14,6 +14,7 @@ import pytest
 from calibration_stage import MM, raised
 from cells import EXAMPLES, PAPER
 from command import tjscan
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from prompt_toolkit.application import create_app_session
@@ -22,22 +23,34 @@ from prompt_toolkit.output import DummyOutput
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
+from tjscan.calibration.logbook import Logbook, Measured
 from tjscan.calibration.operator import Question
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
 from tjscan.calibration.session import Progress, Task, touch_places
 from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.topics import (
+    MEASURED,
+    PROFILE,
+    Begun,
+    Entry,
+    Line,
+    Passed,
+    Touch,
+    messages_of,
+    read_entries,
+)
 from tjscan.calibration.wizard import MOST_BLIND, MOST_RETOUCHES, Outcome, Wizard
 from tjscan.cli.operators import AtTerminal
-from tjscan.core.errors import CalibrationRefused, RecordingError
+from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
 from tjscan.core.frames import Array, inverse, pose
 from tjscan.core.units import pose_to_rows, rows_to_pose
 from tjscan.job import read_calibration_job
 from tjscan.job.cell import Cell, mount_of
 from tjscan.laser.profile import Profile
+from tjscan.recording.topic import Topic, json_topic
+from tjscan.recording.writer import Recording
 from tjscan.runs.calibrate import (
-    MEASURED,
     open_board_cell,
     resume_calibration,
     start_calibration,
@@ -81,15 +94,15 @@ class Stage:
         self.task: Task = task_of(job, T_f_s)
         self.cell: Cell
         self.cell, self.probe = open_board_cell(job, T_f_s)
-        self.file = folder / MEASURED
+        self.folder = folder
 
     def run(self, watcher: Watcher, **devices: Any) -> Outcome:
-        with Logbook(self.file) as logbook, self.cell as cell:
+        with Logbook(self.folder) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return Wizard(self.task, cell.arm, operator=watcher, logbook=logbook, **parts).run()
 
     def measured(self) -> Measured:
-        with Logbook(self.file) as logbook:
+        with Logbook(self.folder) as logbook:
             return logbook.measured
 
 
@@ -129,9 +142,19 @@ def off(T_f_s: Array) -> tuple[float, float]:
     return float(np.linalg.norm(T_f_s[:3, 3] - TRUTH[:3, 3])), float(turn)
 
 
-def entries(directory: Path) -> list[dict[str, Any]]:
-    lines = (directory / MEASURED).read_text(encoding="utf-8").splitlines()
-    return [entry for line in lines if (entry := json.loads(line))["kind"] != "begun"]
+def entries(directory: Path) -> list[tuple[str, bytes]]:
+    """Kind of each entry, and what is written of it."""
+    return [
+        (kind(entry), b"".join(topic.encode(one) for topic, one in messages_of(0, entry)))
+        for entry in read_entries(directory)
+        if not isinstance(entry, Begun)
+    ]
+
+
+def kind(entry: Entry) -> str:
+    if isinstance(entry, Line):
+        return "fresh" if entry.fresh else "line"
+    return type(entry).__name__.lower()
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +175,7 @@ def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> 
     assert found.lines == 12
     assert found.verification is not None
     assert found.verification.misfit < found.verification.limit
-    files = {"job.toml", MEASURED, "calibration.toml"}
+    files = {"job.toml", f"{MEASURED}.mcap", "calibration.toml"}
     assert {file.name for file in calibrated.iterdir()} == files
 
 
@@ -213,7 +236,7 @@ def test_a_scan_refuses_the_calibration_of_another_device(
 def test_interrupted_before_every_question_it_loses_nothing_and_measures_nothing_twice(
     tmp_path: Path,
 ) -> None:
-    directory, kept, asked = tmp_path / "run", list[dict[str, Any]](), set[str]()
+    directory, kept, asked = tmp_path / "run", list[tuple[str, bytes]](), set[str]()
     job = read_calibration_job(JOB, SHORT)
 
     def leave_at_the_first_new_question(question: Question) -> bool:
@@ -234,7 +257,7 @@ def test_interrupted_before_every_question_it_loses_nothing_and_measures_nothing
         assert len(now) <= len(kept) + 1
         assert len(asked) > before or (directory / "calibration.toml").exists()
         kept = now
-    assert [entry["kind"] for entry in kept] == ["touch"] * 4 + ["line"] * 5 + ["fresh"]
+    assert [name for name, _ in kept] == ["touch"] * 4 + ["line"] * 5 + ["fresh"]
     found = read_calibration(directory / "calibration.toml")
     assert off(found.T_f_s)[0] < 4e-3 * found.sigma_position_mm
 
@@ -244,7 +267,7 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
 ) -> None:
     copy = tmp_path / "copy"
     copy.mkdir()
-    for name in ("job.toml", MEASURED):
+    for name in ("job.toml", f"{MEASURED}.mcap"):
         (copy / name).write_bytes((calibrated / name).read_bytes())
     watcher = Watcher()
     resume_calibration(copy, watcher)
@@ -392,8 +415,8 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     T[:3, 3] = rng.normal(size=3)
     turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
-    file = tmp_path / MEASURED
-    with Logbook(file) as logbook:
+    file = tmp_path / f"{MEASURED}.mcap"
+    with Logbook(tmp_path) as logbook:
         for entry in (
             Touch(0, T),
             Touch(1, None),
@@ -403,12 +426,17 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
             Line(PosedProfile("fresh", T, profile), fresh=True),
         ):
             logbook.add(entry)
+            on_disk = read_entries(tmp_path)
+            assert kind(list(on_disk)[-1]) == kind(entry)
         written = logbook.measured
-    whole = file.read_bytes()
-    file.write_bytes(whole + b'{"kind": "line", "na')
-    with Logbook(file) as logbook:
+        whole = file.read_bytes()
+        logbook.add(Line(PosedProfile("cut off", T, profile)))
+    cut = whole + file.read_bytes()[len(whole) :][:300]
+    file.write_bytes(cut)
+    with Logbook(tmp_path) as logbook:
         found = logbook.measured
-    assert file.read_bytes().startswith(whole + b'{"kind": "begun"')
+    assert file.read_bytes() == cut
+    assert (tmp_path / f"{MEASURED}-2.mcap").exists()
     assert found.begun == written.begun
     assert found.touches[1].T_b_f is None
     np.testing.assert_array_equal(found.touches[0].T_b_f, T @ turned)
@@ -420,12 +448,46 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     assert found.fresh.name == "fresh"
 
 
-@pytest.mark.parametrize("damage", ["nonsense", '{"kind": "joke"}', '{"kind": "touch"}', "[]"])
-def test_a_damaged_logbook_is_refused(tmp_path: Path, damage: str) -> None:
-    file = tmp_path / MEASURED
-    file.write_text(damage + "\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match="line 1 is damaged"), Logbook(file):
+@pytest.mark.parametrize(
+    ("name", "schema", "fields"),
+    [
+        ("/touch", "tjscan.Touch", {}),
+        ("/touch", "tjscan.Touch", {"place": "first", "T_b_f": []}),
+        ("/touch", "tjscan.Touch", {"place": 0, "T_b_f": [1.0] * 16}),
+        ("/touch", "tjscan.Joke", {"place": 0, "T_b_f": []}),
+        ("/begun", "tjscan.CalibrationBegun", {"date": "yesterday"}),
+    ],
+)
+def test_a_damaged_recording_is_refused(
+    tmp_path: Path, name: str, schema: str, fields: dict[str, Any]
+) -> None:
+    topic: Topic[dict[str, Any]] = json_topic(name, schema, {}, dict, dict)
+    with Recording(tmp_path / f"{MEASURED}.mcap", [topic]) as recording:
+        recording.write(0, (topic, fields))
+    with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path):
         pass
+
+
+def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
+    with Recording(tmp_path / f"{MEASURED}.mcap", [PROFILE]) as recording:
+        recording.write(0, (PROFILE, PointCloud()))
+    with pytest.raises(RecordingError, match="a profile without a line"), Logbook(tmp_path):
+        pass
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / f"{MEASURED}.mcap").write_text("nonsense", encoding="utf-8")
+    with pytest.raises(RecordingError, match="is no recording"), Logbook(tmp_path):
+        pass
+
+
+def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
+    calibrated: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "job.toml").write_bytes((calibrated / "job.toml").read_bytes())
+    (tmp_path / "measured.jsonl").write_text('{"kind": "begun"}\n', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"by tjscan 0\.1\.0.*start a new one"):
+        resume_calibration(tmp_path, Watcher())
 
 
 @given(count=st.integers(3, 40))

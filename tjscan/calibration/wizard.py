@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.calibration.advice import Board
 from tjscan.calibration.hand_eye import HandEye
-from tjscan.calibration.logbook import Line, Logbook, Measured, Passed, Touch
+from tjscan.calibration.logbook import Logbook, Measured
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, line_samples
 from tjscan.calibration.probe import Probe
@@ -25,6 +25,7 @@ from tjscan.calibration.session import (
     worst_touch,
 )
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
+from tjscan.calibration.topics import Line, Passed, Touch
 from tjscan.calibration.verify import Verification, verify
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle

@@ -15,6 +15,7 @@ from tjscan.calibration.plucker import plane_through
 from tjscan.calibration.probe import Probe
 from tjscan.calibration.session import Task
 from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.topics import MEASURED
 from tjscan.calibration.window import Window
 from tjscan.calibration.wizard import Wizard
 from tjscan.core.devices import Kind
@@ -29,7 +30,8 @@ from tjscan.laser.optics import Surface
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.directory import make_directory
 
-MEASURED: Final = "measured.jsonl"
+OLD: Final = "measured.jsonl"
+"""What version 0.1.0 wrote in place of a recording."""
 
 BOARD_THICKNESS: Final = 5e-3
 """Metres, of the simulated board."""
@@ -49,7 +51,7 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if (directory / MEASURED).exists():
+    if any((directory / name).exists() for name in (f"{MEASURED}.mcap", OLD)):
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
@@ -66,11 +68,17 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
     file = directory / CALIBRATION
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
+    if (directory / OLD).exists():
+        raise ConfigurationError(
+            "was measured by tjscan 0.1.0, and only that version goes on with it: install it to "
+            "finish this calibration, or start a new one",
+            file=directory / OLD,
+        )
     if not operator.present and {job.arm.kind, job.laser.kind} != {Kind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = mount_of(job, directory / JOB).T_f_s
     cell, probe = open_board_cell(job, T_f_s)
-    with sole_writer(directory), Logbook(directory / MEASURED) as logbook, cell:
+    with sole_writer(directory), Logbook(directory) as logbook, cell:
         task = task_of(job, T_f_s)
         outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.begun
