@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-STEEPEST: Final = 0.7
+STEEPEST: Final = 1.5
 """Largest slope over its chord that a side may have where it meets its neighbour."""
 
 _FARTHEST: Final = 1.0  # metres along a side: no corner lies there

@@ -11,11 +11,11 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
+from tjscan.groove.bead import with_bead
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import Curve
 from tjscan.groove.hypotheses import (
     DISTINCT,
-    IN_FRONT,
     RIVAL_MARGIN,
     RIVALS,
     PolylineHypothesis,
@@ -32,13 +32,6 @@ from tjscan.laser.profile import Profile
 
 FEWEST: Final = 4
 """Fewest points on a side."""
-
-MOST_BEFORE: Final = 2
-BEFORE_SHARE: Final = 0.05
-"""Most points before a side, and more for every point on it: spatter, but no reflections."""
-
-CORNER: Final = 1e-3
-"""Points fly within this distance of a corner, in metres."""
 
 LEAST_LEAD: Final = 3.0
 """By how many points a reading has to be better than any other."""
@@ -219,6 +212,7 @@ def _candidate(
 ) -> _Candidate | None:
     """Refine a hypothesis and cost it again."""
     tolerance = settings.tolerance
+    hypothesis = with_bead(row, hypothesis, settings.model, tolerance)
     best: _Candidate | None = None
     for annealed in (True, False):
         fitted = refine(
@@ -231,9 +225,7 @@ def _candidate(
         )
         if fitted is not None:
             scaled = fitted.residuals / tolerance
-            cost = np.minimum(scaled * scaled, 1)
-            cost[scaled < -1] = IN_FRONT
-            total = float(cost.sum())
+            total = float(np.minimum(scaled * scaled, 1).sum())
             if best is None or total < best.cost:
                 best = _Candidate(fitted, total)
         if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
@@ -250,17 +242,6 @@ def _turns(fitted: FittedProfile) -> list[float]:
     return turns
 
 
-def _before(row: Row, fitted: FittedProfile, tolerance: float) -> list[int]:
-    """Number of points clearly before each side."""
-    before = fitted.residuals < -1.5 * tolerance
-    if not before.any():
-        return [0] * len(fitted.curves)
-    for corner in fitted.corners:
-        before &= np.abs(row.points - corner).max(axis=1) > CORNER
-    counts: list[int] = np.bincount(fitted.owner[before], minlength=len(fitted.curves)).tolist()
-    return counts
-
-
 def _check(
     row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
 ) -> None:
@@ -270,17 +251,10 @@ def _check(
     def doubt(detail: str) -> GrooveNotFound:
         return GrooveNotFound("ambiguous", detail, row.points)
 
-    before = _before(row, fitted, settings.tolerance)
-    sides = zip(settings.model.sides, fitted.counts, fitted.shares, before, strict=True)
-    for side, count, share, front in sides:
+    for side, count, share in zip(settings.model.sides, fitted.counts, fitted.shares, strict=True):
         if share < settings.inlier_share or count < FEWEST:
             raise doubt(
                 f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
-            )
-        if front > MOST_BEFORE + BEFORE_SHARE * count:
-            raise doubt(
-                f"{front} points lie before the {side.name}, which {count} points lie on: "
-                "it may be a reflection"
             )
     for turned, allowed in zip(_turns(fitted), settings.model.turns, strict=True):
         if not allowed.least - SLACK <= turned <= allowed.most + SLACK:

@@ -22,9 +22,6 @@ from tjscan.groove.curves import Curve
 from tjscan.groove.models import GrooveModel, Side, Turn
 from tjscan.groove.segments import Index, Segments, normals
 
-IN_FRONT: Final = 2.5
-"""Price of a point before the surface, in outliers: reflections lie behind it, seldom before."""
-
 LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
@@ -158,8 +155,8 @@ def best_hypotheses(
     budget : SearchBudget
     """
     d_first, d_last = (side.distances(points) / tolerance for side in outer)
-    lo = max(_end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
-    hi = len(points) - max(_end_of(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
+    lo = max(end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
+    hi = len(points) - max(end_of(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
     if hi - lo < FEWEST * (len(model.sides) - 2):
         return []
     region, u = points[lo:hi], tangents[lo:hi]
@@ -200,7 +197,7 @@ def best_hypotheses(
     return _cheapest(model, layers, u, outer, region, outside)
 
 
-def _end_of(support: NDArray[np.bool_]) -> int:
+def end_of(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
     total = np.zeros(len(support) + 1 + 2 * NEIGHBOURS, dtype=np.intp)
     support.cumsum(out=total[NEIGHBOURS + 1 : len(total) - NEIGHBOURS])
@@ -212,9 +209,7 @@ def _end_of(support: NDArray[np.bool_]) -> int:
 
 def _costs(scaled: Array) -> Array:
     """What points at scaled distances pay."""
-    cost = np.minimum(scaled * scaled, 1)
-    cost[scaled < -1] = IN_FRONT
-    return cost
+    return np.minimum(scaled * scaled, 1)
 
 
 def _running(scaled: Array) -> tuple[Array, Array]:
@@ -223,7 +218,6 @@ def _running(scaled: Array) -> tuple[Array, Array]:
     cost = np.minimum(scaled * scaled, 1)
     support, paid = np.zeros((m, n + 1)), np.zeros((m, n + 1))
     np.cumsum(1 - cost, axis=1, out=support[:, 1:])
-    cost[scaled < -1] = IN_FRONT
     np.cumsum(cost, axis=1, out=paid[:, 1:])
     return paid, support
 

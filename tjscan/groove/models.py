@@ -29,6 +29,8 @@ class Side:
     bend, twist : float
         How far its cross-section ``c2 s² + c3 s³`` may be from straight: standard deviations of
         c2, in 1/m, and of c3, in 1/m². A pipe of radius R cut across has c2 = 1 / (2 R).
+    bead : bool
+        Whether it is the face of a weld bead, which may bulge or sag by a good part of its width.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Side:
     longest: float = 0.2
     bend: float = 0.0
     twist: float = 0.0
+    bead: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,7 @@ OPENING_MOST: Final = radians(120)
 _RIDGE: Final = Turn(-radians(100), -radians(6))
 _HALF_VALLEY: Final = Turn(radians(8), radians(150))
 _VALLEY: Final = Turn(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
-_ROOT: Final = Side("root", 0.8e-3, 14e-3)
+_ROOT: Final = Side("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
 TEE: Final = GrooveModel(
     "tee",

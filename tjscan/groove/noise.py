@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import log, pi, sqrt
+from math import log, sqrt
 from typing import Final
 
 import numpy as np
@@ -16,14 +16,16 @@ from tjscan.groove.segments import Index
 LONGEST: Final = 24
 """Lag in columns beyond which noise is taken as independent."""
 
-WIDEST: Final = LONGEST / 2
-"""Widest bell: what stays correlated for longer is shape, not noise."""
+WIDEST: Final = LONGEST / 2 * 0.83
+"""Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
 
 MOST_LOST: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
 _HALF: Final = log(2)
 _LEAST: Final = 0.01  # a correlation that is as good as none
+_SHORTEST: Final = 0.15  # columns: white noise
+_POWERS: Final = np.array((1.0, 2.0))  # of the lag in the exponent: a filter's and speckle's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,10 +49,10 @@ class Correlation:
 def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> Correlation:
     """Estimate the correlation from residuals over their own standard deviation.
 
-    Speckle's correlation is taken as a bell, ``exp(-(lag / width)²)``, whose width follows from
-    where it has fallen to a half. That is an assumption: of the few hundred points of a profile
-    only some ninety are independent, too few to tell the bell's feet from chance, and what is
-    cut off there is lacking from every variance.
+    It is taken as a bell, ``exp(-(lag / width)²)``, as speckle's, or as falling by the same
+    share from column to column, as a filter's, or as something between them, each in the
+    proportion in which it agrees with the first lags. Of the few hundred points of a profile only
+    some ninety are independent: too few to use the farther lags as they are.
 
     A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
     is too small by about ``p inflation / n`` at all lags, which is put back.
@@ -73,23 +75,38 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     product, pairs = np.fft.irfft(power, n=size)[:, :LONGEST]
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
-    lost, width = 0.0, 0.0
+    lags = np.zeros(LONGEST)
+    lost = 0.0
     for _ in range(3):
-        width = _width(rho * (1 - lost) + lost)
-        lost = lost_share(parameters, sqrt(pi) * width, len(scaled))
-    return Correlation(np.exp(-((np.arange(LONGEST) / width) ** 2)))
+        lags = _smooth(rho * (1 - lost) + lost, len(scaled))
+        lost = lost_share(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
+    return Correlation(lags)
 
 
-def _width(rho: Array) -> float:
-    """Lag at which the bell through the half of a correlation has fallen to 1/e."""
+def _smooth(rho: Array, count: int) -> Array:
+    """A smooth correlation through where the estimated one has fallen to a half."""
+    half = _half_lag(rho)
+    compared = min(max(int(2.5 * half), 3), LONGEST - 1)
+    shapes = 0.5 ** ((np.arange(LONGEST) / half) ** _POWERS[:, None])
+    error = ((shapes - rho)[:, 1 : compared + 1] ** 2).sum(axis=1)
+    # Neighbouring lags are off together: of those compared about three are independent.
+    variance = 2 * half / count * compared / 3
+    weight = np.exp(-0.5 * (error - error.min()) / variance)
+    return np.asarray(weight @ shapes / weight.sum())
+
+
+def _half_lag(rho: Array) -> float:
+    """Lag at which a correlation has fallen to a half."""
     height = -np.log(np.clip(rho, _LEAST, 1.0))
     height[0] = 0.0
     k = int((height > _HALF).argmax())
     if k == 0:
         return WIDEST
-    # A bell's logarithm is linear in the square of the lag.
     share = (_HALF - height[k - 1]) / (height[k] - height[k - 1])
-    return min(sqrt(((k - 1) ** 2 + float(share) * (2 * k - 1)) / _HALF), WIDEST)
+    if k == 1:
+        return max(float(share), _SHORTEST)
+    # A bell's logarithm is linear in the square of the lag.
+    return min(sqrt((k - 1) ** 2 + float(share) * (2 * k - 1)), WIDEST)
 
 
 def lost_share(parameters: float, inflation: float, count: float) -> float:

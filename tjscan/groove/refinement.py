@@ -209,7 +209,8 @@ def refine(
     spread = spread_of(model)
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
-    limits = np.full(len(sides), (*widths, 1.0)[0] * tolerance)
+    bead = np.array([side.bead for side in model])
+    limits = np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance
     sigmas = np.full(len(sides), tolerance / 4)
     fitted: FittedProfile | None = None
     noise: Correlation | None = None
@@ -225,7 +226,7 @@ def refine(
         sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
         limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance)
         if count + 1 < len(widths):
-            limits = np.full(len(sides), widths[count + 1] * tolerance)
+            limits = np.where(bead, 1.0, widths[count + 1]) * tolerance
         moved = np.inf if before is None else np.abs(fitted.corners - before.corners).max()
         if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
             break
@@ -300,7 +301,7 @@ def _round(
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, spans, counts)
     fitted = tuple(Curve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True))
-    met = _corners(fitted)
+    met = corners_of(fitted, corners)
     if met is None:
         return None
     middles = tuple((_UNIT * sums[1] / counts).tolist())
@@ -341,11 +342,21 @@ def _sigmas(
     return np.asarray((counts * sigma + LEANING * pooled) / (counts + LEANING))
 
 
-def _corners(sides: tuple[Curve, ...]) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
-    """Where neighbours meet, shape (k - 1, 2), and where on both."""
+def corners_of(
+    sides: tuple[Curve, ...], near: Array
+) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
+    """Where neighbours meet, shape (k - 1, 2), and where on both; None where they don't.
+
+    Parameters
+    ----------
+    sides : tuple of Curve
+        The k sides.
+    near : ndarray, shape (k - 1, 2)
+        Where the corners were before, x and z in metres.
+    """
     places, corners = [], []
-    for a, b in pairwise(sides):
-        place = meet(a, b, a.along(b.cx, b.cz))
+    for (a, b), (x, z) in zip(pairwise(sides), near.tolist(), strict=True):
+        place = meet(a, b, a.along(x, z))
         if place is None:
             return None
         places.append(place)

@@ -1,0 +1,94 @@
+"""The face of a weld bead at the root: an arc proposed where a straight root fits badly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from math import hypot
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.groove.curves import Curve
+from tjscan.groove.hypotheses import PolylineHypothesis, bearing, end_of
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.refinement import Row, corners_of
+
+PLACES: Final = ((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97))
+"""Where, as shares of the bead, the three points of a proposed parabola lie."""
+
+FEWEST: Final = 6
+"""Points between the neighbours that are worth a parabola."""
+
+LEAST_GAIN: Final = 3.0
+"""By how many points a parabola must explain more than a straight face."""
+
+
+def with_bead(
+    row: Row, hypothesis: PolylineHypothesis, model: GrooveModel, tolerance: float
+) -> PolylineHypothesis:
+    """Give the bead of a hypothesis the parabola that explains most points.
+
+    Parameters
+    ----------
+    row : Row
+    hypothesis : PolylineHypothesis
+        With straight inner sides.
+    model : GrooveModel
+        What its sides are like; without a bead among them the hypothesis stays as it is.
+    tolerance : float
+        Distance within which a point supports a side, in metres.
+    """
+    k = next((i for i, side in enumerate(model.sides) if side.bead), None)
+    if k is None:
+        return hypothesis
+    before, straight, after = hypothesis.sides[k - 1 : k + 2]
+    first, last = row.tangents.searchsorted(bearing(hypothesis.corners[k - 1 : k + 1])).tolist()
+    a = end_of(np.abs(before.distances(row.points[:last])) < tolerance)
+    b = len(row.points) - end_of(np.abs(after.distances(row.points[first:]))[::-1] < tolerance)
+    if b - a < FEWEST:
+        return hypothesis
+    points = row.points[a:b]
+    curve = _parabola(points, straight, before, after, tolerance)
+    if curve is None:
+        return hypothesis
+    sides = (*hypothesis.sides[:k], curve, *hypothesis.sides[k + 1 :])
+    corners = hypothesis.corners.copy()
+    corners[k - 1], corners[k] = points[0], points[-1]
+    met = corners_of(sides, corners)
+    return hypothesis if met is None else replace(hypothesis, sides=sides, corners=met[0])
+
+
+def _parabola(
+    points: Array, straight: Curve, before: Curve, after: Curve, tolerance: float
+) -> Curve | None:
+    """The parabola over the neighbours' ends that explains most points; None if none does."""
+    start = before.at(before.along(*points[0].tolist()))
+    end = after.at(after.along(*points[-1].tolist()))
+    length = hypot(end[0] - start[0], end[1] - start[1])
+    if length < tolerance:
+        return None
+    tx, tz = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    chord = Curve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
+    s, d = chord.local(points)
+    n = len(points) - 1
+    triples = np.array(list(product(*([round(p * n) for p in part] for part in PLACES))))
+    s3 = s[triples]
+    basis = np.stack((np.ones_like(s3), s3, s3 * s3), axis=-1)
+    distinct = np.abs(np.diff(s3, axis=1)).min(axis=1) > tolerance
+    if not distinct.any():
+        return None
+    coefficients = np.linalg.solve(basis[distinct], d[triples][distinct][..., None])[..., 0]
+    steep = np.abs(coefficients[:, 2]) * length > 2
+    away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
+    cost = np.minimum((away / tolerance) ** 2, 1).sum(axis=1) + 1e9 * steep
+    best = int(cost.argmin())
+    flat = np.minimum((straight.distances(points) / tolerance) ** 2, 1).sum()
+    if cost[best] > flat - LEAST_GAIN:
+        return None
+    return chord._replace(
+        c0=float(coefficients[best, 0]),
+        c1=float(coefficients[best, 1]),
+        c2=float(coefficients[best, 2]),
+    )
