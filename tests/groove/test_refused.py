@@ -98,12 +98,25 @@ def test_a_groove_that_lacks_an_end_is_out_of_range(side: int, word: str, seed: 
     assert word in error.detail
 
 
-@pytest.mark.parametrize("side", [1, 2])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_groove_without_bevel_or_root_is_refused(side: int, seed: int) -> None:
+def test_a_groove_without_a_bevel_is_refused(seed: int) -> None:
     sides = Groove().outline()
-    del sides[side]
+    del sides[1]
     refusal(seen(sides, NOISE, seed))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_lies_at_a_root_that_is_not_seen_is_not_invented(seed: int) -> None:
+    groove = Groove()
+    sides = groove.outline()
+    del sides[2]
+    section = find_groove(seen(sides, NOISE, seed))
+    assert section.absent == ("p3", "p4")
+    off = section.points_s[1:4, [0, 2]] - groove.corners
+    assert np.linalg.norm(off[0]) < 0.2 * MM
+    # What is given for the others is as uncertain as it is wrong.
+    for miss, spread in zip(off[1:], section.corner_covariances_s[1:], strict=True):
+        assert miss @ np.linalg.solve(spread, miss) < 9
 
 
 def test_a_refusal_carries_its_points() -> None:

@@ -60,8 +60,41 @@ def with_bead(
     return hypothesis if met is None else replace(hypothesis, sides=sides, corners=met[0])
 
 
+def with_root(
+    row: Row, hypothesis: PolylineHypothesis, tolerance: float
+) -> PolylineHypothesis | None:
+    """Put the face of a root bead between the last two sides of a hypothesis without one.
+
+    Parameters
+    ----------
+    row : Row
+    hypothesis : PolylineHypothesis
+        Its last corner is where the last two sides, drawn on, meet.
+    tolerance : float
+        Distance within which a point supports a side, in metres.
+
+    Returns
+    -------
+    PolylineHypothesis or None
+        With one side more; None where no face fits between.
+    """
+    before, after = hypothesis.sides[-2:]
+    apex = int(row.tangents.searchsorted(float(bearing(hypothesis.corners[-1]))))
+    a = end_of(np.abs(before.distances(row.points[:apex])) < tolerance)
+    b = len(row.points) - end_of(np.abs(after.distances(row.points[apex:]))[::-1] < tolerance)
+    if b - a < FEWEST:
+        return None
+    points = row.points[a:b]
+    curve = _parabola(points, None, before, after, tolerance)
+    if curve is None:
+        return None
+    sides = (*hypothesis.sides[:-1], curve, after)
+    met = corners_of(sides, np.vstack((hypothesis.corners[:-1], points[0], points[-1])))
+    return None if met is None else PolylineHypothesis(sides, met[0], hypothesis.cost)
+
+
 def _parabola(
-    points: Array, straight: Curve, before: Curve, after: Curve, tolerance: float
+    points: Array, straight: Curve | None, before: Curve, after: Curve, tolerance: float
 ) -> Curve | None:
     """The parabola over the neighbours' ends that explains most points; None if none does."""
     start = before.at(before.along(*points[0].tolist()))
@@ -84,9 +117,10 @@ def _parabola(
     away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
     cost = np.minimum((away / tolerance) ** 2, 1).sum(axis=1) + 1e9 * steep
     best = int(cost.argmin())
-    flat = np.minimum((straight.distances(points) / tolerance) ** 2, 1).sum()
-    if cost[best] > flat - LEAST_GAIN:
-        return None
+    if straight is not None:
+        flat = np.minimum((straight.distances(points) / tolerance) ** 2, 1).sum()
+        if cost[best] > flat - LEAST_GAIN:
+            return None
     return chord._replace(
         c0=float(coefficients[best, 0]),
         c1=float(coefficients[best, 1]),

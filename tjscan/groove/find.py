@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Final
+
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array
-from tjscan.groove.fit import check_certainty, fit_profile, locate
+from tjscan.groove.fit import Candidate, check_certainty, fit_profile, locate
 from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
-from tjscan.groove.refinement import FittedProfile
+from tjscan.groove.root import Corners, corners_at
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.uncertainty import corner_covariance
 from tjscan.laser.profile import Profile
+
+LEAST_DEPTH: Final = 4e-3
+"""Depth of the shallowest groove that is read, in metres."""
 
 __all__ = ["DEFAULT", "GrooveSettings", "find_groove", "fit_profile"]
 
@@ -37,34 +42,52 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     """
     if not settings.model.has_section:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
-    row, fitted = locate(profile, settings)
-    covariance = corner_covariance(row, fitted, settings.model)
-    check_certainty(row, covariance, settings)
-    section = _section(fitted, covariance)
+    row, found = locate(profile, settings)
+    covariance = corner_covariance(row, found.fitted, found.model)
+    corners = corners_at(row, found, covariance, settings.tolerance)
+    spreads = [corners.covariance[k : k + 2, k : k + 2] for k in (0, 2, 4)]
+    # Without the root's corners or with one more nothing else bears out that this is a groove.
+    needed = spreads if found.model is settings.model else spreads[:1]
+    check_certainty(row, min(float(np.diag(c).max()) for c in needed), settings)
+    section = _section(found, corners)
     if not OPENING_LEAST < section.groove_angle < OPENING_MOST:
         raise GrooveNotFound(
             "ambiguous",
             f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
             row.points,
         )
+    if section.depth < LEAST_DEPTH:
+        raise GrooveNotFound(
+            "no bevel",
+            f"what lies between wall and leg is {1e3 * section.depth:.1f} mm deep: the groove is "
+            "already welded, or there is none",
+            row.points,
+        )
     return section
 
 
-def _section(fitted: FittedProfile, covariance: Array) -> GrooveSection:
-    """Section of four fitted sides."""
+def _section(found: Candidate, corners: Corners) -> GrooveSection:
+    """Section of the fitted sides of a tee."""
+    fitted = found.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
     on_wall = fitted.along[fitted.keep & (fitted.owner == 0)]
     on_leg = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) - 1)]
     points = np.zeros((5, 3))
     points[0, [0, 2]] = wall.at(float(on_wall.min()))
-    points[1:4, [0, 2]] = fitted.corners
+    points[1:4, [0, 2]] = corners.points
     points[4, [0, 2]] = leg.at(float(on_leg.max()))
-    t1 = wall.tangent(fitted.places[0][0])
-    t4 = leg.tangent(fitted.places[-1][1])
-    return section_from_points(
+    t1, t4 = wall.tangent(corners.places[0]), leg.tangent(corners.places[1])
+    section = section_from_points(
         points,
         wall_s=(t1[0], 0.0, t1[1]),
         leg_s=(t4[0], 0.0, t4[1]),
         rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
-        covariance=covariance,
+        covariance=corners.covariance,
+    )
+    return replace(
+        section,
+        model=found.model.name,
+        conditions=corners.conditions,
+        absent=corners.absent,
+        root_opening=corners.root_opening,
     )

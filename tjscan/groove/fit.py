@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import atan2, degrees, pi, radians
+from math import atan2, degrees, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array
-from tjscan.groove.bead import with_bead
+from tjscan.groove.bead import with_bead, with_root
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import Curve
 from tjscan.groove.hypotheses import (
-    DISTINCT,
     RIVAL_MARGIN,
     RIVALS,
     PolylineHypothesis,
@@ -23,7 +21,7 @@ from tjscan.groove.hypotheses import (
     best_hypotheses,
     outer_pairs,
 )
-from tjscan.groove.models import LEAST_SIDES, Turn
+from tjscan.groove.models import LEAST_SIDES, GrooveModel, Turn
 from tjscan.groove.refinement import FittedProfile, Row, refine
 from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
@@ -45,14 +43,32 @@ SLACK: Final = radians(3)
 STRAYED: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
+SIDE_COST: Final = 5.0
+"""What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
+ninety points of a profile are independent."""
+
+CONVINCING: Final = 0.12
+"""A fit that leaves no greater share of the points unexplained needs no other one."""
+
 MADE_UP: Final = 0.5
 """Share of the points a hypothesis leaves unexplained that other outer sides may yet explain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
-    """A refined hypothesis."""
+class Candidate:
+    """A groove fitted to a profile.
 
+    Parameters
+    ----------
+    model : GrooveModel
+        The likeliest of the groove's forms.
+    fitted : FittedProfile
+        Its sides and corners.
+    cost : float
+        What all points and sides pay, in outliers.
+    """
+
+    model: GrooveModel
     fitted: FittedProfile
     cost: float
 
@@ -63,25 +79,28 @@ def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[R
     Parameters and errors are those of `find_groove`; the points come ordered from the first
     side to the last.
     """
-    row, fitted = locate(profile, settings)
-    check_certainty(row, corner_covariance(row, fitted, settings.model), settings)
-    return row, fitted
+    row, found = locate(profile, settings)
+    covariance = corner_covariance(row, found.fitted, found.model)
+    check_certainty(row, float(np.diag(covariance)[:-2].max()), settings)
+    return row, found.fitted
 
 
-def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> None:
+def check_certainty(row: Row, variance: float, settings: GrooveSettings) -> None:
     """Refuse corners that are too uncertain.
 
     Parameters
     ----------
-    covariance : ndarray, shape (m, m)
-        What `corner_covariance` gives.
+    row : Row
+    variance : float
+        Of a coordinate that has to be known, in m².
+    settings : GrooveSettings
 
     Raises
     ------
     GrooveNotFound
-        If a corner's standard deviation exceeds what the settings allow.
+        If a standard deviation exceeds what the settings allow.
     """
-    sigma = float(np.sqrt(np.diag(covariance)[:-2].max()))
+    sigma = sqrt(variance)
     if sigma > settings.largest_sigma:
         raise GrooveNotFound(
             "ambiguous",
@@ -91,8 +110,11 @@ def check_certainty(row: Row, covariance: Array, settings: GrooveSettings) -> No
         )
 
 
-def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, FittedProfile]:
-    """Find the most likely fit that its points bear out, however uncertain its corners."""
+def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Candidate]:
+    """Find the likeliest fit that its points bear out, however uncertain its corners.
+
+    Parameters and errors are those of `find_groove`.
+    """
     # Many sensors write a zero where they see nothing; and nothing is seen behind them.
     valid = profile.valid & (profile.z_s > 0)
     points = np.empty((np.count_nonzero(valid), 2))
@@ -107,30 +129,56 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, FittedProfi
     tangents = bearing(points)
     order = np.argsort(tangents, kind="stable")
     row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
-    for budget in SEARCH_BUDGETS[:-1]:
-        try:
-            return row, _search(row, settings, budget)
-        except GrooveNotFound:
-            continue
-    return row, _search(row, settings, SEARCH_BUDGETS[-1])
+    return row, _search(row, settings)
 
 
-def _search(row: Row, settings: GrooveSettings, budget: SearchBudget) -> FittedProfile:
-    """Look for a fit once."""
-    segments = find_segments(row.points, settings.tolerance, budget)
+def _search(row: Row, settings: GrooveSettings) -> Candidate:
+    """Look for a fit, harder until one convinces."""
+    found: list[Candidate] = []
+    sound: list[Candidate] = []
+    for budget in SEARCH_BUDGETS:
+        segments = find_segments(row.points, settings.tolerance, budget)
+        forms: tuple[GrooveModel, ...] = (settings.model,)
+        if budget is not SEARCH_BUDGETS[0]:
+            forms += settings.model.alternatives
+        for model in forms:
+            found += _candidates(row, segments, replace(settings, model=model), budget)
+        found += _closed(row, found, settings)
+        sound = [c for c in found if objection(row, c, settings) is None]
+        if sound:
+            best = min(sound, key=lambda c: c.cost)
+            least = CONVINCING * len(row.points) + SIDE_COST * len(best.model.sides)
+            if best.cost < least or budget is SEARCH_BUDGETS[-1]:
+                return best
+    if found:
+        best = min(found, key=lambda c: c.cost)
+        raise GrooveNotFound("ambiguous", str(objection(row, best, settings)), row.points)
+    raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
+
+
+def _closed(row: Row, found: list[Candidate], settings: GrooveSettings) -> list[Candidate]:
+    """Fits without a root's face, closed by one: where bevel and leg end, a bead may begin."""
+    closed: list[Candidate] = []
+    if not settings.model.has_root:
+        return closed
+    for one in found:
+        if len(one.model.sides) == len(settings.model.sides) - 1:
+            open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
+            hypothesis = with_root(row, open_, settings.tolerance)
+            refined = None if hypothesis is None else _candidate(row, hypothesis, settings)
+            if refined is not None:
+                closed.append(refined)
+    return closed
+
+
+def _candidates(
+    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
+) -> list[Candidate]:
+    """Fits of one model, the likeliest hypotheses refined."""
     hypotheses = _hypotheses(row, segments, settings, budget)
-    if not hypotheses and budget is not SEARCH_BUDGETS[-1]:
-        raise GrooveNotFound("no bevel", "nothing found yet")
-    if not hypotheses:
-        raise _why_not(row, segments, settings, budget)
     hypotheses.sort(key=lambda c: c.cost)
     hypotheses = [c for c in hypotheses[:RIVALS] if c.cost <= hypotheses[0].cost + RIVAL_MARGIN]
-    candidates = [c for h in hypotheses if (c := _candidate(row, h, settings)) is not None]
-    if not candidates:
-        raise GrooveNotFound("no bevel", "no sides fit the points together", row.points)
-    best = min(candidates, key=lambda c: c.cost)
-    _check(row, best, candidates, settings)
-    return best.fitted
+    return [c for h in hypotheses if (c := _candidate(row, h, settings)) is not None]
 
 
 def _hypotheses(
@@ -209,17 +257,17 @@ def _why_not(
 
 def _candidate(
     row: Row, hypothesis: PolylineHypothesis, settings: GrooveSettings
-) -> _Candidate | None:
-    """Refine a hypothesis and cost it again."""
-    tolerance = settings.tolerance
-    hypothesis = with_bead(row, hypothesis, settings.model, tolerance)
-    best: _Candidate | None = None
+) -> Candidate | None:
+    """Refine a hypothesis; None where its sides fit no points together."""
+    model, tolerance = settings.model, settings.tolerance
+    hypothesis = with_bead(row, hypothesis, model, tolerance)
+    best: Candidate | None = None
     for annealed in (True, False):
         fitted = refine(
             row,
             hypothesis.sides,
             hypothesis.corners,
-            settings.model.sides,
+            model.sides,
             tolerance,
             annealed=annealed,
         )
@@ -227,10 +275,10 @@ def _candidate(
             scaled = fitted.residuals / tolerance
             total = float(np.minimum(scaled * scaled, 1).sum())
             if best is None or total < best.cost:
-                best = _Candidate(fitted, total)
+                best = Candidate(model, fitted, total)
         if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
             break
-    return best
+    return None if best is None else replace(best, cost=best.cost + SIDE_COST * len(model.sides))
 
 
 def _turns(fitted: FittedProfile) -> list[float]:
@@ -242,29 +290,16 @@ def _turns(fitted: FittedProfile) -> list[float]:
     return turns
 
 
-def _check(
-    row: Row, best: _Candidate, candidates: list[_Candidate], settings: GrooveSettings
-) -> None:
-    """Refuse a fit that its points don't bear out."""
-    fitted = best.fitted
-
-    def doubt(detail: str) -> GrooveNotFound:
-        return GrooveNotFound("ambiguous", detail, row.points)
-
-    for side, count, share in zip(settings.model.sides, fitted.counts, fitted.shares, strict=True):
+def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | None:
+    """Why the points do not bear a fit out; None if they do."""
+    fitted, model = found.fitted, found.model
+    for side, count, share in zip(model.sides, fitted.counts, fitted.shares, strict=True):
         if share < settings.inlier_share or count < FEWEST:
-            raise doubt(
-                f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
-            )
-    for turned, allowed in zip(_turns(fitted), settings.model.turns, strict=True):
+            return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
+    for turned, allowed in zip(_turns(fitted), model.turns, strict=True):
         if not allowed.least - SLACK <= turned <= allowed.most + SLACK:
-            raise doubt(f"a corner turns by {degrees(turned):.0f}°, which no such groove does")
-    for rival in candidates:
-        apart = float(np.abs(rival.fitted.corners - fitted.corners).max())
-        if apart > DISTINCT and rival.cost < best.cost + LEAST_LEAD:
-            raise doubt(
-                f"another reading, {1e3 * apart:.1f} mm away, explains the points about as well"
-            )
+            return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:
-        raise doubt(f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them")
+        return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"
+    return None

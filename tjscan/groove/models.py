@@ -62,12 +62,15 @@ class GrooveModel:
         One fewer: from each side to the next.
     across : Turn
         From the first side to the last.
+    alternatives : tuple of GrooveModel
+        What such a groove may look like instead; the points decide.
     """
 
     name: str
     sides: tuple[Side, ...]
     turns: tuple[Turn, ...]
     across: Turn
+    alternatives: tuple[GrooveModel, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
@@ -78,9 +81,14 @@ class GrooveModel:
         """Whether its corners are the five points of a section, which a scan needs."""
         return len(self.sides) == SECTION_SIDES
 
+    @property
+    def has_root(self) -> bool:
+        """Whether the last side but one is the face of a root bead."""
+        return self.sides[-2].bead
+
 
 OPENING_LEAST: Final = radians(20)
-OPENING_MOST: Final = radians(120)
+OPENING_MOST: Final = radians(100)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
 _RIDGE: Final = Turn(-radians(100), -radians(6))
@@ -88,16 +96,40 @@ _HALF_VALLEY: Final = Turn(radians(8), radians(150))
 _VALLEY: Final = Turn(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
 _ROOT: Final = Side("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
+_KNEE: Final = Turn(-radians(16), radians(16))
+_WALL: Final = Side("wall", 4e-3, bend=0.7)
+_BEVEL: Final = Side("bevel", 4e-3, 120e-3, bend=0.25)
+_LEG: Final = Side("leg", 4e-3, bend=5.0, twist=10.0)
+_TEE_ACROSS: Final = Turn(radians(8), radians(150))
+
+TEE_TWO_FACETS: Final = GrooveModel(
+    "tee with two facets",
+    (
+        _WALL,
+        Side("upper bevel", 3e-3, 80e-3),
+        Side("lower bevel", 3e-3, 80e-3),
+        _ROOT,
+        _LEG,
+    ),
+    (_RIDGE, _KNEE, _HALF_VALLEY, _HALF_VALLEY),
+    _TEE_ACROSS,
+)
+"""The same with a bevel ground or cut in two facets."""
+
+TEE_NO_ROOT: Final = GrooveModel(
+    "tee without a root face",
+    (_WALL, _BEVEL, _LEG),
+    (_RIDGE, _VALLEY),
+    _TEE_ACROSS,
+)
+"""The same where no face closes the root, or none is seen."""
+
 TEE: Final = GrooveModel(
     "tee",
-    (
-        Side("wall", 4e-3, bend=0.7),
-        Side("bevel", 4e-3, 120e-3, bend=0.25),
-        _ROOT,
-        Side("leg", 4e-3, bend=5.0, twist=10.0),
-    ),
+    (_WALL, _BEVEL, _ROOT, _LEG),
     (_RIDGE, _HALF_VALLEY, _HALF_VALLEY),
-    Turn(radians(8), radians(150)),
+    _TEE_ACROSS,
+    (TEE_TWO_FACETS, TEE_NO_ROOT),
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""
 

@@ -32,7 +32,7 @@ LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
 SHADOW: Final = 0.7
-"""Behind the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
+"""Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
 
 SHADOW_RUN: Final = 3
 """Outliers that make a run."""
@@ -365,17 +365,20 @@ def corners_of(
 
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Drop points that lead over from the surface to a run of reflections behind it."""
-    behind = np.zeros(len(keep) + 2, dtype=np.bool_)
-    np.greater(scaled, SHADOW, out=behind[1:-1])
-    bounds = (behind[1:] != behind[:-1]).nonzero()[0]
+    """Drop points that lead over from the surface to a run of reflections beside it."""
     outliers = np.zeros(len(keep) + 1, dtype=np.intp)
     np.cumsum(~keep, out=outliers[1:])
-    first, last = bounds[::2], bounds[1::2]
-    ghost = outliers[last] - outliers[first] >= SHADOW_RUN
+    if outliers[-1] < SHADOW_RUN:
+        return keep
     keep = keep.copy()
-    for a, b in zip(first[ghost].tolist(), last[ghost].tolist(), strict=True):
-        keep[a:b] = False
+    for side in (scaled, -scaled):
+        beside = np.zeros(len(keep) + 2, dtype=np.bool_)
+        np.greater(side, SHADOW, out=beside[1:-1])
+        bounds = (beside[1:] != beside[:-1]).nonzero()[0]
+        first, last = bounds[::2], bounds[1::2]
+        ghost = outliers[last] - outliers[first] >= SHADOW_RUN
+        for a, b in zip(first[ghost].tolist(), last[ghost].tolist(), strict=True):
+            keep[a:b] = False
     return keep
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 from typing import Final
 
 import numpy as np
@@ -61,6 +62,15 @@ class GrooveSection:
         Covariance of the angles of `wall_s` and `leg_s` in the laser plane, in rad².
     measure_covariance : ndarray, shape (4, 4)
         Covariance of groove angle, root width, depth and area.
+    model : str
+        The form that explains the points best, such as ``tee`` or ``tee with two facets``.
+    conditions : tuple of str
+        What was found about the groove, such as ``tack``, ``open root`` or ``seam weld beside``.
+    absent : tuple of str
+        Corners, of ``p2``, ``p3`` and ``p4``, that are buried, not there or not seen. What is
+        given for one is where it may be; its covariance says how far it may be from there.
+    root_opening : float
+        Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
     """
 
     points_s: Array
@@ -77,6 +87,10 @@ class GrooveSection:
     covariance_s: Array
     tangent_covariance: Array
     measure_covariance: Array
+    model: str = "tee"
+    conditions: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    root_opening: float = nan
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:

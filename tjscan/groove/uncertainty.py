@@ -20,6 +20,7 @@ from tjscan.groove.refinement import (
     prior_weights,
     spread_of,
 )
+from tjscan.groove.shape import shape_errors
 
 
 def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Array:
@@ -55,7 +56,14 @@ def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Ar
         jacobian[row_] += step @ jacobian[2 * corner : 2 * corner + 2]
     # Sides are fitted apart from each other.
     parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
-    return np.asarray((parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0))
+    covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
+    errors = shape_errors(row, fitted, model.sides, noise)
+    for i, pair in enumerate(errors.tolist()):
+        for j, error in enumerate(pair):
+            if error:
+                moved = error * jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
+                covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += np.outer(moved, moved)
+    return np.asarray(covariance)
 
 
 def _powers(s: float) -> tuple[float, float, float, float]:

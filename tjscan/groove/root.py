@@ -1,0 +1,228 @@
+"""What is at the root of a fitted tee: a bead, a tack, an opening, or nothing that is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, nan, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.curves import Curve
+from tjscan.groove.fit import Candidate
+from tjscan.groove.hypotheses import end_of
+from tjscan.groove.refinement import Row, noise_of
+
+OPEN_ROOT: Final = "open root"
+TACK: Final = "tack"
+WELD_IN_ROOT: Final = "weld in the root"
+ROOT_NOT_SEEN: Final = "root not seen"
+SEAM_BESIDE: Final = "seam weld beside"
+
+TACK_RATIO, TACK_HEIGHT = 0.18, 1.45e-3
+"""Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
+both faces and stands lower; a root bead that bulges is smaller."""
+
+WELD_RATIO: Final = 0.06
+"""Height over its chord, as a share of it, from which a face is that of convex weld metal."""
+
+LEAST_OPENING: Final = 0.8e-3
+"""Distance between the end of a bevel and the leg that makes an open root, in metres."""
+
+MOST_HIDDEN: Final = 4
+"""Columns without a point that may follow the end of a bevel at an open root."""
+
+LEAST_CAP, MOST_CAP = 5e-3, 30e-3
+CAP_HEIGHT: Final = 0.5e-3
+"""Width and least height of a seam weld's cap, in metres."""
+
+CAP_FOOT: Final = 0.5
+"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
+
+CAP_STEP: Final = 0.25
+"""Neighbouring points of a cap differ in height by less than this share of it."""
+
+ALONG: Final = 21
+"""Points by which a face's height over its chord is found."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corners:
+    """The corners of a tee's groove, and what was found about it.
+
+    Parameters
+    ----------
+    points : ndarray, shape (3, 2)
+        p2, p3 and p4, x and z in metres.
+    covariance : ndarray, shape (8, 8)
+        Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
+    places : tuple of float
+        s of p2 on the wall and of p4 on the leg.
+    conditions : tuple of str
+        Named conditions such as `OPEN_ROOT`.
+    absent : tuple of str
+        Corners that are not there or not seen; what is given for them is where they may be.
+    root_opening : float
+        Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
+    """
+
+    points: Array
+    covariance: Array
+    places: tuple[float, float]
+    conditions: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    root_opening: float = nan
+
+
+def corners_at(row: Row, found: Candidate, covariance: Array, tolerance: float) -> Corners:
+    """Name the corners of a fitted tee.
+
+    Parameters
+    ----------
+    row : Row
+    found : Candidate
+        Of any form of a tee.
+    covariance : ndarray, shape (2 k, 2 k)
+        What `corner_covariance` gives for it.
+    tolerance : float
+        Distance within which a point lies on a side, in metres.
+    """
+    seam = (SEAM_BESIDE,) if _seam_beside(found) else ()
+    if found.model.has_root:
+        return _with_root(found, covariance, seam)
+    return _without_root(row, found, covariance, tolerance, seam)
+
+
+def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Corners:
+    """p2 is the first corner, p3 and p4 are the last ones."""
+    fitted = found.fitted
+    last = len(fitted.corners) - 1
+    chosen = [0, last - 1, last]
+    index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
+    root = fitted.curves[-2]
+    start, end = fitted.places[last - 1][1], fitted.places[last][0]
+    bow, chord = _bow(root, start, end)
+    conditions = seam
+    absent: tuple[str, ...] = ()
+    if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
+        conditions, absent = (TACK, *seam), ("p3", "p4")
+    elif bow > WELD_RATIO * chord:
+        conditions = (WELD_IN_ROOT, *seam)
+    return Corners(
+        fitted.corners[chosen],
+        covariance[np.ix_(index, index)],
+        (fitted.places[0][0], fitted.places[-1][1]),
+        conditions,
+        absent,
+    )
+
+
+def _bow(root: Curve, start: float, end: float) -> tuple[float, float]:
+    """Height of a face over its chord, towards the sensor, and length of the chord."""
+    points = np.array([root.at(float(s)) for s in np.linspace(start, end, ALONG)])
+    along = points[-1] - points[0]
+    chord = hypot(*along.tolist())
+    away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
+    return float(-away[np.abs(away).argmax()]), chord
+
+
+def _without_root(
+    row: Row, found: Candidate, covariance: Array, tolerance: float, seam: tuple[str, ...]
+) -> Corners:
+    """p3 and p4 where bevel and leg end, or somewhere between their ends and the apex."""
+    fitted = found.fitted
+    bevel, leg = fitted.curves[-2:]
+    apex_bevel, apex_leg = fitted.places[-1]
+    on_bevel = np.abs(bevel.distances(row.points)) < tolerance
+    on_leg = np.abs(leg.distances(row.points)) < tolerance
+    turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
+    last = max(end_of(on_bevel[:turn]) - 1, 0)
+    while last + 1 < turn and on_bevel[last + 1] and not on_leg[last + 1]:
+        last += 1
+    s_last = bevel.along(*row.points[last].tolist())
+    opening = abs(float(leg.distances(np.array([bevel.at(s_last)]))[0]))
+    height = np.sqrt(_height_variances(row, found))
+    p2 = covariance[:2, :2]
+    total = np.zeros((8, 8))
+    total[:2, :2] = p2
+    total[6:, 6:] = covariance[-2:, -2:]
+    if opening > LEAST_OPENING and _drops(row, last, on_leg, tolerance):
+        step = _step(row, bevel, last, on_bevel)
+        hidden = int(abs(row.columns[last + 1] - row.columns[last]))
+        s3 = s_last + 0.5 * step * hidden
+        p3 = np.array(bevel.at(s3))
+        s4 = leg.along(*p3.tolist())
+        along = step * hidden / sqrt(12)
+        total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
+        total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
+        points = np.array((fitted.corners[0], p3, leg.at(s4)))
+        opening = float(np.linalg.norm(points[1] - points[2]))
+        places = (fitted.places[0][0], s4)
+        return Corners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
+    first = len(row.points) - end_of(on_leg[turn:][::-1])
+    s_first = leg.along(*row.points[min(first, len(row.points) - 1)].tolist())
+    s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
+    reach_3, reach_4 = abs(apex_bevel - s_last), abs(s_first - apex_leg)
+    total[2:4, 2:4] = _spread(bevel, s3, reach_3 / sqrt(12), height[-2])
+    total[4:6, 4:6] = _spread(leg, s4, reach_4 / sqrt(12), height[-1])
+    points = np.array((fitted.corners[0], bevel.at(s3), leg.at(s4)))
+    places = (fitted.places[0][0], s4)
+    return Corners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
+
+
+def _drops(row: Row, last: int, on_leg: NDArray[np.bool_], tolerance: float) -> bool:
+    """Whether the points go on far behind the end of a bevel, with next to no columns between."""
+    after = slice(last + 1, last + 4)
+    points = row.points[after]
+    if len(points) < 3 or row.columns[last + 1] - row.columns[last] > MOST_HIDDEN:
+        hidden = abs(int(row.columns[min(last + 1, len(row.columns) - 1)] - row.columns[last]))
+        if len(points) < 3 or hidden > MOST_HIDDEN:
+            return False
+    behind = points[:, 1] - row.points[last, 1] > LEAST_OPENING
+    beyond = on_leg[last + 1 : last + 30]
+    return bool(behind.mean() > 0.6 and beyond.any())
+
+
+def _step(row: Row, bevel: Curve, last: int, on_bevel: NDArray[np.bool_]) -> float:
+    """Distance along a bevel between neighbouring columns near its end."""
+    index = np.flatnonzero(on_bevel[: last + 1])[-10:]
+    if len(index) < 2:
+        return 0.0
+    s, _ = bevel.local(row.points[index])
+    columns = np.abs(row.columns[index[-1]] - row.columns[index[0]])
+    return float((s[-1] - s[0]) / max(int(columns), 1))
+
+
+def _height_variances(row: Row, found: Candidate) -> Array:
+    """Variance of each side's height at one of its ends, in m², shape (k,)."""
+    noise = found.fitted.noise or noise_of(row, found.fitted)
+    # A line's height at its end is known half as well as in its middle.
+    return np.asarray(
+        found.fitted.sigmas**2 * np.minimum(4 * noise.inflation / found.fitted.counts, 1.0)
+    )
+
+
+def _spread(curve: Curve, s: float, along: float, across: float) -> Array:
+    """Covariance of a point on a side, shape (2, 2)."""
+    t = np.array(curve.tangent(s))
+    n = np.array((t[1], -t[0]))
+    return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
+
+
+def _seam_beside(found: Candidate) -> bool:
+    """Whether a bump that a weld's cap may be stands on the leg."""
+    fitted = found.fitted
+    own = fitted.owner == len(fitted.curves) - 1
+    s, d = fitted.along[own], -fitted.residuals[own]
+    raised = np.concatenate(([False], d > 0.3 * CAP_HEIGHT, [False]))
+    bounds = (raised[1:] != raised[:-1]).nonzero()[0]
+    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+        width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
+        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
+            continue
+        steps = np.abs(np.diff(d[a:b]))
+        if min(d[a], d[b - 1]) < CAP_FOOT * height and steps.max() < CAP_STEP * height:
+            return True
+    return False
