@@ -13,7 +13,7 @@ from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
 from tjscan.groove.root import Corners, corners_at
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.settings import DEFAULT, GrooveSettings
-from tjscan.groove.uncertainty import corner_covariance
+from tjscan.groove.uncertainty import corner_estimates
 from tjscan.laser.profile import Profile
 
 LEAST_DEPTH: Final = 4e-3
@@ -43,7 +43,8 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     if not settings.model.has_section:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row, found = locate(profile, settings)
-    covariance = corner_covariance(row, found.fitted, found.model)
+    corners_s, covariance = corner_estimates(row, found.fitted, found.model)
+    found = replace(found, fitted=replace(found.fitted, corners=corners_s))
     corners = corners_at(row, found, covariance, settings.tolerance)
     spreads = [corners.covariance[k : k + 2, k : k + 2] for k in (0, 2, 4)]
     # Without the root's corners or with one more nothing else bears out that this is a groove.

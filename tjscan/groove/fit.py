@@ -8,6 +8,7 @@ from math import atan2, degrees, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.groove.bead import with_bead, with_root
@@ -25,7 +26,8 @@ from tjscan.groove.models import LEAST_SIDES, GrooveModel, Turn
 from tjscan.groove.refinement import FittedProfile, Row, refine
 from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
-from tjscan.groove.uncertainty import corner_covariance
+from tjscan.groove.shape import undulations
+from tjscan.groove.uncertainty import corner_estimates
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 4
@@ -37,6 +39,9 @@ LEAST_LEAD: Final = 3.0
 PARTLY: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
+SHORTER: Final = 0.8
+"""A fitted side may be shorter than the model's shortest by this factor."""
+
 SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
 
@@ -47,8 +52,20 @@ SIDE_COST: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
-CONVINCING: Final = 0.12
-"""A fit that leaves no greater share of the points unexplained needs no other one."""
+LEFT_OUT: Final = (0.3, 0.45, 1.0)
+"""Share of the points that a fit may leave unexplained for each budget and need no other one."""
+
+ATTACHED: Final = 1.5e-3
+"""Points of both sides lie this near a corner that is seen, in metres."""
+
+FEWEST_ATTACHED: Final = 2
+"""Points of a side that show its corner."""
+
+SEEN_SHARE: Final = 0.4
+"""Share of a side's points that must lie on it if no other form is to be tried."""
+
+STRAIGHT: Final = 0.08e-3
+"""A side that undulates by more, in metres, may be two."""
 
 MADE_UP: Final = 0.5
 """Share of the points a hypothesis leaves unexplained that other outer sides may yet explain."""
@@ -80,9 +97,11 @@ def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[R
     side to the last.
     """
     row, found = locate(profile, settings)
-    covariance = corner_covariance(row, found.fitted, found.model)
-    check_certainty(row, float(np.diag(covariance)[:-2].max()), settings)
-    return row, found.fitted
+    corners, covariance = corner_estimates(row, found.fitted, found.model)
+    variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
+    # A root that is not seen well is read as such; a groove has its tops.
+    check_certainty(row, float(variances[[0, -1]].max()), settings)
+    return row, replace(found.fitted, corners=corners)
 
 
 def check_certainty(row: Row, variance: float, settings: GrooveSettings) -> None:
@@ -136,7 +155,7 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
     """Look for a fit, harder until one convinces."""
     found: list[Candidate] = []
     sound: list[Candidate] = []
-    for budget in SEARCH_BUDGETS:
+    for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
         segments = find_segments(row.points, settings.tolerance, budget)
         forms: tuple[GrooveModel, ...] = (settings.model,)
         if budget is not SEARCH_BUDGETS[0]:
@@ -147,9 +166,11 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
         sound = [c for c in found if objection(row, c, settings) is None]
         if sound:
             best = min(sound, key=lambda c: c.cost)
-            least = CONVINCING * len(row.points) + SIDE_COST * len(best.model.sides)
-            if best.cost < least or budget is SEARCH_BUDGETS[-1]:
+            convincing = budget is not SEARCH_BUDGETS[0] or _convincing(best)
+            if convincing and best.cost < left_out * len(row.points):
                 return best
+    if sound:
+        return best
     if found:
         best = min(found, key=lambda c: c.cost)
         raise GrooveNotFound("ambiguous", str(objection(row, best, settings)), row.points)
@@ -290,6 +311,31 @@ def _turns(fitted: FittedProfile) -> list[float]:
     return turns
 
 
+def _convincing(found: Candidate) -> bool:
+    """Whether every side is well seen and straight enough, and every corner is seen."""
+    fitted = found.fitted
+    if fitted.shares.min() < SEEN_SHARE or undulations(fitted).max() > STRAIGHT:
+        return False
+    return bool(attached(fitted).all())
+
+
+def attached(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points beside each corner lie on the side before and on the side after it.
+
+    Returns
+    -------
+    ndarray of bool, shape (k - 1, 2)
+        Reflections seldom reach the surfaces that they seem to meet.
+    """
+    found = np.zeros((len(fitted.corners), 2), dtype=np.bool_)
+    for i, places in enumerate(fitted.places):
+        for j, s in enumerate(places):
+            own = fitted.keep & (fitted.owner == i + j)
+            near = np.count_nonzero(np.abs(fitted.along[own] - s) < ATTACHED)
+            found[i, j] = near >= FEWEST_ATTACHED
+    return found
+
+
 def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
     fitted, model = found.fitted, found.model
@@ -299,6 +345,12 @@ def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | Non
     for turned, allowed in zip(_turns(fitted), model.turns, strict=True):
         if not allowed.least - SLACK <= turned <= allowed.most + SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
+    lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
+    for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
+        if length < SHORTER * side.shortest:
+            return f"the {side.name} is {1e3 * length:.1f} mm long only"
+    if model.has_root and not attached(fitted)[-2:].all(axis=1).any():
+        return "the root's face meets neither the bevel nor the leg: it may be a reflection"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:
         return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"

@@ -235,7 +235,7 @@ def refine(
             noise = noise_of(row, fitted)
             inflation = noise.inflation
             straight = _evidence(row, fitted, noise, spread)
-            curved = curved & (straight < CLEARLY)
+            curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
     return None if fitted is None else replace(fitted, noise=noise, straight=straight)
 
 

@@ -8,6 +8,7 @@ their corners.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import hypot, sqrt
 from typing import Final
 
@@ -16,7 +17,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.models import Side
 from tjscan.groove.noise import Correlation
-from tjscan.groove.refinement import FittedProfile, Row, noise_variances
+from tjscan.groove.refinement import FittedProfile, Row, noise_of, noise_variances
 
 BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
@@ -39,41 +40,68 @@ FEWEST_BESIDE: Final = 4
 JUMP: Final = 0.4e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
 
+LEAST_SQUARE: Final = 0.2
+"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
+
 _MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean
 
 
-def shape_errors(
-    row: Row, fitted: FittedProfile, model: tuple[Side, ...], noise: Correlation
-) -> Array:
-    """Standard deviation of the sides' heights at their corners beyond noise, in metres.
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeErrors:
+    """What the heights of k sides at their corners may be off by, in metres.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (k - 1, 2)
+        For each corner of the side before and of the side after it: how far the surface is
+        likely to lie behind the fitted side.
+    sigma : ndarray, shape (k - 1, 2)
+        Standard deviation about that, beyond what noise explains.
+    """
+
+    shift: Array
+    sigma: Array
+
+
+def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> ShapeErrors:
+    """Estimate what the sides' shapes add to the errors of their corners.
+
+    Where points beside a corner leave a side together, either the surface does, and the corner
+    lies there, or something hides it, and the corner lies where the sides meet. The middle
+    between both is off by half the departure either way.
 
     Parameters
     ----------
     row : Row
     fitted : FittedProfile
-        k sides.
+        k sides, whose noise is known.
     model : tuple of Side
         What they are like.
-    noise : Correlation
-        Of the columns' noise.
-
-    Returns
-    -------
-    ndarray, shape (k - 1, 2)
-        For each corner of the side before and of the side after it.
     """
+    noise = fitted.noise or noise_of(row, fitted)
     sigmas = np.sqrt(noise_variances(fitted, noise))
-    slow = _undulations(fitted, noise, sigmas)
-    departures = _departures(row, fitted, noise, sigmas)
-    errors = np.hypot(np.abs(departures), np.column_stack((slow[:-1], slow[1:])))
+    slow = undulations(fitted)
+    departures = _departures(fitted, noise, sigmas)
+    shift = 0.5 * departures
     for k, side in enumerate(model):
         if side.bead:
-            errors[k - 1 : k + 1] = _with_pull(row, fitted, k, departures, errors)
-    return np.asarray(errors)
+            shift[k - 1 : k + 1] += _pulled(fitted, k, departures)
+    undulating = np.column_stack((slow[:-1], slow[1:]))
+    return ShapeErrors(shift, np.hypot(np.abs(shift), undulating))
 
 
-def _undulations(fitted: FittedProfile, noise: Correlation, sigmas: Array) -> Array:
-    """Standard deviation of the slow part of each side's residuals beyond noise, shape (k,)."""
+def undulations(fitted: FittedProfile) -> Array:
+    """Standard deviation of the slow part of each side's residuals beyond noise, (k,), metres.
+
+    Parameters
+    ----------
+    fitted : FittedProfile
+        Whose noise is known.
+    """
+    noise = fitted.noise
+    if noise is None:
+        return np.zeros(len(fitted.curves))
+    sigmas = np.sqrt(noise_variances(fitted, noise))
     found = np.zeros(len(fitted.curves))
     lags = noise.lags[:BLOCK]
     # Variance of a mean of correlated points, over that of one.
@@ -93,7 +121,7 @@ def _undulations(fitted: FittedProfile, noise: Correlation, sigmas: Array) -> Ar
     return found
 
 
-def _departures(row: Row, fitted: FittedProfile, noise: Correlation, sigmas: Array) -> Array:
+def _departures(fitted: FittedProfile, noise: Correlation, sigmas: Array) -> Array:
     """How far the points beside each corner leave its sides, shape (k - 1, 2), in metres."""
     found = np.zeros((len(fitted.corners), 2))
     edges = np.searchsorted(fitted.owner, np.arange(len(fitted.curves) + 1)).tolist()
@@ -124,21 +152,22 @@ def _jumps(residuals: Array) -> bool:
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > JUMP)
 
 
-def _with_pull(row: Row, fitted: FittedProfile, k: int, departures: Array, errors: Array) -> Array:
-    """Errors at both corners of a bead, shape (2, 2), where its neighbours are pulled in.
+def _pulled(fitted: FittedProfile, k: int, departures: Array) -> Array:
+    """Shifts of a bead's heights, shape (2, 2), where its neighbours are pulled in beside it.
 
-    Where light between the faces of a notch moves the points of its flanks, it moves those of its
-    bottom along the rays by as much, and nothing in them shows it.
+    Light between the faces of a notch moves the points of its flanks, smoothly, towards the
+    sensor, and those of its bottom along their rays by as much; nothing in these shows it. Where
+    it is a fillet of steel instead, they lie where they are seen.
     """
-    found = errors[k - 1 : k + 1].copy()
+    found = np.zeros((2, 2))
     pull = 0.0
     for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1)):
         x, z = fitted.corners[i].tolist()
         tx, tz = fitted.curves[side].tangent(fitted.places[i][j])
         square = abs(x * tz - z * tx) / hypot(x, z)
-        pull = max(pull, -departures[i, j] / max(square, 0.2))
+        pull = max(pull, -departures[i, j] / max(square, LEAST_SQUARE))
     for i in (0, 1):
         x, z = fitted.corners[k - 1 + i].tolist()
         tx, tz = fitted.curves[k].tangent(fitted.places[k - 1 + i][1 - i])
-        found[i, 1 - i] = hypot(found[i, 1 - i], pull * abs(x * tz - z * tx) / hypot(x, z))
+        found[i, 1 - i] = 0.5 * pull * abs(x * tz - z * tx) / hypot(x, z)
     return found

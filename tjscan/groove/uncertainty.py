@@ -26,8 +26,32 @@ from tjscan.groove.shape import shape_errors
 def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Array:
     """Covariance of corners and of both end tangents' angles, shape (2 k, 2 k) for k sides.
 
+    Parameters are those of `corner_estimates`.
+    """
+    return corner_estimates(row, fitted, model)[1]
+
+
+def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tuple[Array, Array]:
+    """Corners, and the covariance of them and of both end tangents' angles.
+
     Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
     normal there and b the derivatives of its height by its coefficients c.
+
+    Parameters
+    ----------
+    row : Row
+    fitted : FittedProfile
+        k sides.
+    model : GrooveModel
+        What they are like.
+
+    Returns
+    -------
+    ndarray, shape (k - 1, 2)
+        x and z of the corners, in metres: where the sides meet, moved to where the points beside
+        them show the surface to be.
+    ndarray, shape (2 k, 2 k)
+        Of their coordinates and of the angles of the first and the last side's tangents.
     """
     noise = fitted.noise or noise_of(row, fitted)
     spread = _coefficient_covariances(row, fitted, noise, spread_of(model.sides))
@@ -57,13 +81,14 @@ def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Ar
     # Sides are fitted apart from each other.
     parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
     covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
-    errors = shape_errors(row, fitted, model.sides, noise)
-    for i, pair in enumerate(errors.tolist()):
-        for j, error in enumerate(pair):
-            if error:
-                moved = error * jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
-                covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += np.outer(moved, moved)
-    return np.asarray(covariance)
+    errors = shape_errors(row, fitted, model.sides)
+    corners = fitted.corners.copy()
+    for i, j in zip(*errors.sigma.nonzero(), strict=True):
+        moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
+        corners[i] += errors.shift[i, j] * moves
+        own = slice(2 * i, 2 * i + 2)
+        covariance[own, own] += errors.sigma[i, j] ** 2 * np.outer(moves, moves)
+    return corners, np.asarray(covariance)
 
 
 def _powers(s: float) -> tuple[float, float, float, float]:
