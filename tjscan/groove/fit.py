@@ -349,8 +349,6 @@ def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | Non
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
         if length < SHORTER * side.shortest:
             return f"the {side.name} is {1e3 * length:.1f} mm long only"
-    if model.has_root and not attached(fitted)[-2:].all(axis=1).any():
-        return "the root's face meets neither the bevel nor the leg: it may be a reflection"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:
         return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"

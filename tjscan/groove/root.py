@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import Curve
-from tjscan.groove.fit import Candidate
+from tjscan.groove.curves import Curve, meet
+from tjscan.groove.fit import Candidate, attached
 from tjscan.groove.hypotheses import end_of
-from tjscan.groove.refinement import Row, noise_of
+from tjscan.groove.refinement import FittedProfile, Row, noise_of
 
 OPEN_ROOT: Final = "open root"
 TACK: Final = "tack"
@@ -43,6 +43,12 @@ CAP_FOOT: Final = 0.5
 
 CAP_STEP: Final = 0.25
 """Neighbouring points of a cap differ in height by less than this share of it."""
+
+REFLECTED: Final = 0.2
+"""Probability that a root's face is a reflection if it meets no side where this is seen."""
+
+FARTHEST: Final = 20e-3
+"""Metres along bevel or leg in which the root lies."""
 
 ALONG: Final = 21
 """Points by which a face's height over its chord is found."""
@@ -104,6 +110,9 @@ def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Co
     root = fitted.curves[-2]
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
+    spread = covariance[np.ix_(index, index)]
+    if not attached(fitted)[-2:].all(axis=1).any():
+        spread[2:6, 2:6] += _if_reflected(fitted)
     conditions = seam
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
@@ -112,11 +121,29 @@ def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Co
         conditions = (WELD_IN_ROOT, *seam)
     return Corners(
         fitted.corners[chosen],
-        covariance[np.ix_(index, index)],
+        spread,
         (fitted.places[0][0], fitted.places[-1][1]),
         conditions,
         absent,
     )
+
+
+def _if_reflected(fitted: FittedProfile) -> Array:
+    """What it adds to the covariance of p3 and p4, shape (4, 4), that a face is a reflection.
+
+    One that meets neither the bevel nor the leg where these are seen may be one. Then the corners
+    lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    """
+    found = np.zeros((4, 4))
+    bevel, leg = fitted.curves[-3], fitted.curves[-1]
+    met = meet(bevel, leg, fitted.places[-2][0])
+    for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
+        own = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) + side)]
+        place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
+        reach = FARTHEST if met is None else abs(met[0 if k == 0 else 1] - float(end(own)))
+        along = sqrt(REFLECTED / 12) * min(reach, FARTHEST)
+        found[k : k + 2, k : k + 2] = _spread(curve, place, along, 0.0)
+    return found
 
 
 def _bow(root: Curve, start: float, end: float) -> tuple[float, float]:
