@@ -65,7 +65,6 @@ class ReadingOptions:
 def settings_of(file: Path, options: ReadingOptions | None) -> GrooveSettings:
     """The settings for a file: options before the job of a run directory before the defaults."""
     from tjscan.core.config import validate, written
-    from tjscan.groove.settings import GrooveSettings
     from tjscan.job import read_job
     from tjscan.result.directory import JOB
 
