@@ -25,7 +25,7 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
 from tjscan.calibration.topics import Line, Passed, Touch, read_entries
 from tjscan.cli.overrides import parse_overrides
-from tjscan.comparison.sidecar import Told
+from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.config import validate
 from tjscan.groove.find import DEFAULT
 from tjscan.job import read_calibration_job, read_job
@@ -200,7 +200,7 @@ def _studies(folder: Path) -> Iterator[Reader]:
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:
-    read = partial(read_shape, told=Told("mm", "j"))
+    read = partial(read_shape, options=ShapeOptions("mm", "j"))
     box = trimesh.creation.box((10.0, 20.0, 30.0))
     cloud = trimesh.PointCloud(box.vertices)
     ascii_ply = box.export(file_type="ply", encoding="ascii")

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from tjscan.calibration.advice import Board, PoseGrid, candidate_poses, suggest_pose
 from tjscan.calibration.closed_form import bundle, rotation_matrix_A, solve_closed_form
-from tjscan.calibration.design import Reachable, expected, foresee
+from tjscan.calibration.design import Reachable, expected, expected_lines
 from tjscan.calibration.hand_eye import calibrate
 from tjscan.calibration.motion import check_condition
 from tjscan.calibration.plucker import transform_plane
@@ -166,4 +166,4 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
             suggest_pose(candidates, [], T_F_S, TARGET, WINDOW, NOISE)
-    assert foresee(away[None], T_F_S, TARGET, WINDOW, NOISE).information.max() == 0
+    assert expected_lines(away[None], T_F_S, TARGET, WINDOW, NOISE).information.max() == 0

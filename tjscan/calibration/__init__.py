@@ -1,1 +1,1 @@
-"""Where the laser sits on the hand."""
+"""Hand-eye calibration: where the laser sits on the flange."""

@@ -16,7 +16,7 @@ from tjscan.calibration.design import (
     Uncertainty,
     choose,
     expected,
-    foresee,
+    expected_lines,
     known_before,
 )
 from tjscan.calibration.noise import NoiseModel
@@ -94,8 +94,8 @@ class PoseGrid:
     Parameters
     ----------
     tilts : tuple of float
-        Between central ray and the board's normal. Wide tilts tell most; beyond some 60° of
-        incidence shiny steel shows no line.
+        Between central ray and the board's normal. Wide tilts give most information;
+        beyond some 60° of incidence shiny steel shows no line.
     azimuths : int
         Directions to tilt towards, evenly spaced.
     yaws : tuple of float
@@ -178,7 +178,7 @@ def candidate_poses(
     T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
     T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
     T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse(T_f_s)
-    seen = foresee(T_b_f, T_f_s, target, window, NoiseModel())
+    seen = expected_lines(T_b_f, T_f_s, target, window, NoiseModel())
     good = (seen.span >= SHORTEST) & board.holds(seen.ends_b, MARGIN).all(axis=1)
     return np.asarray(T_b_f[good])
 
@@ -218,7 +218,7 @@ def suggest_pose(
         What lines and poses err by.
     reachable : callable, optional
         Says whether the arm can take its flange to T_b_f without touching anything. It is asked
-        about the poses that tell most, not about all.
+        about the poses with most information, not about all.
 
     Raises
     ------
@@ -231,8 +231,10 @@ def suggest_pose(
     if len(poses):
         known = known_before(target)
         if len(so_far):
-            known = known + foresee(so_far, T_f_s, target, window, noise).information.sum(axis=0)
-        seen = foresee(poses, T_f_s, target, window, noise)
+            known = known + expected_lines(so_far, T_f_s, target, window, noise).information.sum(
+                axis=0
+            )
+        seen = expected_lines(poses, T_f_s, target, window, noise)
         chosen = choose(poses, seen.information, known, reachable)
     if chosen is None:
         raise CalibrationRefused(

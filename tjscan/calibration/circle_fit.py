@@ -30,7 +30,7 @@ SHARE: Final = 0.15
 """At least this share of a profile's points lies on the arc: a ball fills less of it than a
 board does."""
 NARROWEST: Final = float(np.radians(30.0))
-"""Radians; a shorter arc hardly tells its radius from its centre."""
+"""Radians; on a shorter arc radius and centre hardly come apart."""
 LARGEST: Final = 1.0
 """Metres; a larger circle is a straight line."""
 
@@ -163,7 +163,7 @@ def _describe(
         raise CalibrationRefused(
             "no arc seen",
             f"the arc spans {np.degrees(np.ptp(angle)):.0f}° of a circle of "
-            f"{1e3 * circle[2]:.1f} mm, too little to tell its centre; "
+            f"{1e3 * circle[2]:.1f} mm, too little to fix its centre; "
             f"{np.degrees(NARROWEST):.0f}° are needed",
         )
     J = jacobian(circle)

@@ -1,4 +1,4 @@
-"""Which poses tell most about the sensor's place: D-optimal choice among candidates."""
+"""Poses that reduce the sensor's uncertainty most: D-optimal choice among candidates."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class Uncertainty:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Foresight:
-    """What a line from each of n poses would tell, before it is taken.
+class ExpectedLines:
+    """Lines expected from n poses, and their information, before they are taken.
 
     Parameters
     ----------
@@ -71,10 +71,10 @@ class Foresight:
     span: Array
 
 
-def foresee(
+def expected_lines(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
-) -> Foresight:
-    """Foresee the lines that a sensor takes of a plane.
+) -> ExpectedLines:
+    """Lines that a sensor is expected to take of a plane.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def foresee(
     J = np.concatenate((found.by_pose, found.by_target), axis=2)
     information = J.transpose(0, 2, 1) @ np.linalg.solve(found.covariance, J)
     ends_b = np.einsum("nij,nkj->nki", T_b_s[:, :3, :3], seen.ends_s) + T_b_s[:, None, :3, 3]
-    return Foresight(np.where(there[:, None, None], information, 0.0), ends_b, seen.span)
+    return ExpectedLines(np.where(there[:, None, None], information, 0.0), ends_b, seen.span)
 
 
 def known_before(target: PlaneTarget) -> Array:
@@ -143,7 +143,9 @@ def expected(
     """
     information = known_before(target)
     if len(T_b_f):
-        information = information + foresee(T_b_f, T_f_s, target, window, noise).information.sum(0)
+        information = information + expected_lines(
+            T_b_f, T_f_s, target, window, noise
+        ).information.sum(0)
     return Uncertainty(inverse_information(information)[:6, :6])
 
 
@@ -165,18 +167,18 @@ def gain(before: Array, information: Array) -> Array:
 def choose(
     candidates: Array, information: Array, before: Array, reachable: Reachable | None = None
 ) -> int | None:
-    """Index of the reachable candidate that tells most; none where no line is seen or reached.
+    """Index of the reachable candidate with most information; None where no line is seen.
 
     Parameters
     ----------
     candidates : ndarray, shape (n, 4, 4)
         Flange poses.
     information : ndarray, shape (n, 9, 9)
-        What a line from each tells.
+        Of a line from each.
     before : ndarray, shape (9, 9)
         What is known already.
     reachable : callable, optional
-        Is asked about the most telling ones until it says yes.
+        Whether the arm reaches a flange pose.
     """
     score = gain(before, information)
     score[np.abs(information).max(axis=(1, 2)) == 0] = -np.inf

@@ -45,7 +45,7 @@ WORST_SELECTED: Final = 2.0
 they are, and which ones are bad is itself in doubt."""
 LOOSEST_POSITION: Final = 5e-3
 LOOSEST_ROTATION: Final = float(np.radians(1.0))
-"""Metres and radians RMS; a drawing of the bracket tells more than a calibration less certain."""
+"""Metres and radians RMS; a drawing of the bracket is better than a calibration less certain."""
 FINE_POSITION: Final = 0.5e-3
 FINE_ROTATION: Final = float(np.radians(0.1))
 """Metres and radians RMS; what a weld groove is to be measured to."""
@@ -379,7 +379,7 @@ def _accept(
     radius: float | None = None,
     closed_form: ClosedForm | None = None,
 ) -> HandEye:
-    """Report what was found, unless the residuals or their lack of certainty speak against it."""
+    """The result; refused where it is too uncertain or its residuals are too large."""
     residuals = _residuals([sample.name for sample in samples], estimate)
     sigma_scale = _sigma_scale(estimate, residuals)
     covariance = sigma_scale**2 * estimate.covariance

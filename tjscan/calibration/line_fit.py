@@ -20,7 +20,7 @@ FEWEST: Final = 20
 SHARE: Final = 0.3
 """At least this share of a profile's points lies on the line; else what the line is, is a guess."""
 SHORTEST: Final = 5e-3
-"""Metres; a shorter line tells nothing about its own direction."""
+"""Metres; a shorter line has no direction to speak of."""
 GRAZING: Final = 0.3
 """However steep a line is in the sensor, its points err sideways by this share of the range noise.
 

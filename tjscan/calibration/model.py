@@ -1,4 +1,4 @@
-"""What every target tells the refinement: residuals, their derivatives and their errors."""
+"""What the refinement needs of every target: residuals, their derivatives and their errors."""
 
 from __future__ import annotations
 

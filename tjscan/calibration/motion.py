@@ -1,4 +1,4 @@
-"""Whether the arm moved enough to tell where the sensor sits, and which motion is missing."""
+"""Whether the arm moved enough to find where the sensor sits, and which motion is missing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ARBITRARY: Final = 1e4
 
 
 def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
-    """Refuse poses that can't fix a hand-eye transform whatever the lines say.
+    """Refuse poses that can't fix a hand-eye transform whatever the lines are.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
     u_b : ndarray, shape (3,), optional
         Normal of the board, where it is known.
     R_f_s : ndarray, shape (3, 3), optional
-        About how the sensor sits on the flange: lets the advice speak of the sensor's axes
+        About how the sensor sits on the flange: lets the advice name the sensor's axes
         instead of the flange's.
 
     Raises
@@ -93,7 +93,7 @@ def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
 def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
     """Refuse normals on one cone: with the plane unknown, its height is then free.
 
-    All poses tilted alike can't tell a board farther away from a sensor further out.
+    From poses tilted alike, a board farther away and a sensor further out look the same.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class Operator(Protocol):
         ...
 
     def show(self, progress: Progress) -> None:
-        """See how far the calibration has come, after each line."""
+        """Show how far the calibration has come, after each line."""
         ...
 
 
@@ -61,4 +61,4 @@ class Nobody:
         """Let it pass."""
 
     def show(self, progress: Progress) -> None:
-        """Let it pass."""
+        """Show nothing."""

@@ -122,7 +122,7 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
         if len(profiles) != len(poses.T_b_f):
             raise ConfigurationError(
                 f"holds {len(poses.T_b_f)} poses for {len(profiles)} profiles, and no column "
-                f"({', '.join(GROUPS)}) that tells which belongs to which",
+                f"({', '.join(GROUPS)}) that shows which belongs to which",
                 file=file,
             )
         keys = list(poses.T_b_f)

@@ -68,7 +68,7 @@ class Deletion:
     ----------
     chi2 : ndarray, shape (n,)
         By how much the weighted sum of squares would fall; for an unused profile, by how much
-        it misses what the others foretell. Chi-square with k degrees of dof if the profile
+        it misses what the others predict. Chi-square with k degrees of freedom if the profile
         is as good as stated; zero where the others can't check it.
     step : ndarray, shape (n, 6)
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
@@ -138,10 +138,10 @@ def deletions(estimate: Estimate) -> Deletion:
     lin, used = estimate.linearised, estimate.used
     J = np.concatenate((lin.by_pose, lin.by_target), axis=2)
     JC = J @ estimate.covariance
-    foretold = JC @ J.transpose(0, 2, 1)
+    predicted = JC @ J.transpose(0, 2, 1)
     # What the residual would scatter by, were it as good as stated: smaller than its own errors
     # where it took part in the fit, larger where it did not.
-    left = lin.covariance + np.where(used, -1.0, 1.0)[:, None, None] * foretold
+    left = lin.covariance + np.where(used, -1.0, 1.0)[:, None, None] * predicted
     whiten = _whitening(lin.covariance)
     values, vectors = np.linalg.eigh(whiten @ left @ whiten.transpose(0, 2, 1))
     checked = values > INDISPENSABLE

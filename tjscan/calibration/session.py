@@ -82,7 +82,7 @@ class Progress:
     wanted : int
         Lines to take.
     expected : Uncertainty
-        As the geometry of the poses foretells it, from the first line on.
+        As the geometry of the poses predicts it, from the first line on.
     result : HandEye or None
         What the lines give.
     refusal : CalibrationRefused or None
@@ -97,7 +97,7 @@ class Progress:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """As the result claims it; before there is one, as the geometry foretells it."""
+        """Of the result; before there is one, as the geometry predicts it."""
         return self.expected if self.result is None else self.result.uncertainty
 
 
@@ -222,8 +222,8 @@ def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress
         refusal = refused
     T_f_s = task.T_f_s if result is None else result.T_f_s
     taken = np.array([sample.T_b_f for sample in samples]).reshape(-1, 4, 4)
-    foretold = expected(taken, T_f_s, target, task.window, task.noise)
-    return Progress(tuple(samples), task.lines, foretold, result, refusal)
+    predicted = expected(taken, T_f_s, target, task.window, task.noise)
+    return Progress(tuple(samples), task.lines, predicted, result, refusal)
 
 
 def next_pose(

@@ -24,7 +24,7 @@ class SimulatedProbe:
     tip_f : ndarray, shape (3,)
         The tip in frame f, in metres.
     T_b_board : ndarray, shape (4, 4)
-        Where the board is believed to be: the tip comes down square to it.
+        About where the board is: the tip comes down square to it.
     plane : Plane
         Where it truly is, frame b.
     sigma : float

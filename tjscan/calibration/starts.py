@@ -47,7 +47,7 @@ def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
     found = []
     for g, k in zip(*np.unravel_index(order, cost.shape[:2]), strict=True):
         plane = Plane(u[g], solution[g, k, 3])
-        # A sensor behind the board that its hand stands before is a mirror image.
+        # A sensor and a flange on different sides of the board are a mirror image.
         if in_front(lines, plane, solution[g, k, :3]) > 0.5:
             found.append((pose(both[g, k], solution[g, k, :3]), plane))
         if len(found) == count:

@@ -1,4 +1,4 @@
-"""What the laser looks at while it is calibrated: a plane, touched or unknown, or a sphere."""
+"""Calibration targets: a plane, touched or unknown, or a sphere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One more line, taken to see whether a calibration foretells it."""
+"""A calibration verified with a line that it does not rest on."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Verification:
 
     @property
     def agrees(self) -> bool:
-        """Whether the line is as the calibration foretells."""
+        """Whether the line is as the calibration predicts."""
         return self.misfit <= self.limit
 
 

@@ -221,13 +221,13 @@ class Wizard:
         return self.operator.confirm(Question("Take one more line?", True))
 
     def _take(self, target: PlaneTarget, board: Board, progress: Progress, *, fresh: bool) -> None:
-        """Go to the pose that tells most and take its line; pass over a pose that shows none."""
+        """Take the line of the pose with most information; pass over a pose that shows none."""
         if self.measured.blind >= MOST_BLIND:
             raise CalibrationRefused(
                 "no line to be had",
                 f"{MOST_BLIND} poses in a row were passed over, the last because of: "
                 f"{self.measured.passed[-1].reason}. Check where the job says that the board is, "
-                "and how the laser sits on the hand",
+                "and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)

@@ -50,14 +50,14 @@ def compare(
     from tjscan.cli.console import say
     from tjscan.comparison.compare import compare as compare_shapes
     from tjscan.comparison.maps import check_map, write_map
-    from tjscan.comparison.sidecar import Told
+    from tjscan.comparison.sidecar import ShapeOptions
     from tjscan.result.shapes import read_shape
 
     if plot is not None:
         check_map(plot)
     comparison = compare_shapes(
-        read_shape(measured, Told(units, frame)),
-        read_shape(reference, Told(reference_units or units, frame)),
+        read_shape(measured, ShapeOptions(units, frame)),
+        read_shape(reference, ShapeOptions(reference_units or units, frame)),
         align,
         None if tolerance_mm is None else 1e-3 * tolerance_mm,
     )

@@ -30,8 +30,8 @@ def report(
         Frame of a reference that states none: j for the joint's own, or any name.
     """
     from tjscan.cli.console import say
-    from tjscan.comparison.sidecar import Told
+    from tjscan.comparison.sidecar import ShapeOptions
     from tjscan.report.write import write_report
 
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    say(f"written to {write_report(run, reference, tolerance, Told(units, frame))}")
+    say(f"written to {write_report(run, reference, tolerance, ShapeOptions(units, frame))}")

@@ -15,7 +15,7 @@ from tjscan.core.frames import Array, pose, readonly, rotation_angle, transform
 from tjscan.core.robust import TUKEY, mad_sigma
 
 MOST_POINTS: Final = 30_000
-"""Points that are aligned; more would tell no more about six numbers."""
+"""Points that are aligned; more would not make six numbers surer."""
 
 MOST_ROUNDS: Final = 100
 STILL: Final = 1e-7
@@ -96,7 +96,7 @@ def on_cloud(points: Array) -> Partner:
     Raises
     ------
     ComparisonRefused
-        If the points lie on separate lines, where neighbours tell no normal.
+        If the points lie on separate lines, where neighbours give no normal.
     """
     import open3d as o3d
 
@@ -107,7 +107,7 @@ def on_cloud(points: Array) -> Partner:
     spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
     if np.median(spread[:, 1]) < LINE * np.median(spread[:, 2]):
         raise ComparisonRefused(
-            "the reference's points lie on separate lines, which tell no direction across: align "
+            "the reference's points lie on separate lines, which give no direction across: align "
             "to a mesh or to a denser cloud"
         )
     cloud.estimate_normals(nearest)

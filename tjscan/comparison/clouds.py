@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.comparison.pcd import read_pcd
 from tjscan.comparison.shapes import Mesh, Shape, Stated
-from tjscan.comparison.sidecar import Told, read_sidecar, sidecar_of, state
+from tjscan.comparison.sidecar import ShapeOptions, read_sidecar, sidecar_of, state
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array, readonly
@@ -32,14 +32,14 @@ Content = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, s
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape(path: Path, told: Told | None = None) -> Shape:
+def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
     """Read a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
     ----------
     path : Path
         PLY, PCD, XYZ, CSV, STL, OBJ, 3MF; STEP and E57 where their extras are installed.
-    told : Told, optional
+    options : ShapeOptions, optional
         Unit and frame of a file that does not state them.
 
     Raises
@@ -47,7 +47,7 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
     ConfigurationError
         If it is missing, damaged or empty, or nobody states its unit or its frame.
     """
-    told = told or Told()
+    options = options or ShapeOptions()
     kind = path.suffix.lower()
     if kind == ".toml":
         return _joint_shape(read_joint(path), Stated("mm", "the joint's file", "j"))
@@ -72,10 +72,10 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
     except ConfigurationError:
         raise
     except Exception as error:  # parsers raise whatever they stumble on
-        told_by = f"{type(error).__name__}: {error}".strip(": ")
-        raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {told_by}", file=path) from None
+        reason = f"{type(error).__name__}: {error}".strip(": ")
+        raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {reason}", file=path) from None
     sidecar = sidecar_of(path)
-    stated = state(path, told, sidecar, own)
+    stated = state(path, options, sidecar, own)
     scaled = UNITS[stated.unit] * points
     if triangles is not None and len(triangles):
         _check_triangles(path, scaled, triangles)

@@ -24,10 +24,10 @@ from tjscan.core.frames import Array, readonly
 Align = Literal["none", "joint", "icp"]
 
 SMALLEST, LARGEST = 20e-3, 100.0
-"""Diagonals of a reference in metres between which its units are believed."""
+"""Diagonals of a reference in metres between which its units are accepted."""
 
 LEAST_SHARE, LARGEST_SHARE = 3e-3, 30.0
-"""Size of what was measured over that of the reference between which units are believed: a
+"""Size of what was measured over that of the reference between which units are accepted: a
 mistaken unit is off by 1000."""
 
 
@@ -192,16 +192,17 @@ def check_units(measured: Shape, reference: Shape) -> None:
         Millimetres given as metres, or the reverse, end here.
     """
     ours, theirs = measured.extent, reference.extent
-    told = "; ".join(
+    sizes = "; ".join(
         f"{shape.name} is {_size(shape.extent)} across in {shape.stated.unit}, "
         f"as {shape.stated.unit_by} says"
         for shape in (measured, reference)
     )
     if not SMALLEST <= theirs <= LARGEST:
-        raise ConfigurationError(f"a reference of such a size is no joint: {told}", key="units")
+        raise ConfigurationError(f"a reference of such a size is no joint: {sizes}", key="units")
     if not LEAST_SHARE <= ours / theirs <= LARGEST_SHARE:
         raise ConfigurationError(
-            f"one of the two has the wrong unit, or they don't belong together: {told}", key="units"
+            f"one of the two has the wrong unit, or they don't belong together: {sizes}",
+            key="units",
         )
 
 
@@ -255,7 +256,7 @@ def _deviations(
 def _warnings(measured: Shape, reference: Shape, surface: SurfaceDistance | None) -> Iterator[str]:
     if surface is not None and not surface.watertight:
         yield (
-            f"{reference.name} is not watertight: a sign tells the side of the nearest triangle, "
+            f"{reference.name} is not watertight: a sign shows the side of the nearest triangle, "
             "and outside is where its normal points"
         )
     for shape in (measured, reference):

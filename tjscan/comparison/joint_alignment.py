@@ -30,14 +30,14 @@ MOST_APART: Final = 5e-3
 CLEARLY: Final = 0.8
 """Ratio of residuals below which one of two turns is the right one."""
 
-JUDGES: Final = 20_000
-"""Points that a turn is judged by."""
+SAMPLE: Final = 20_000
+"""Points that decide between both turns."""
 
 
 def align_joints(measured: Shape, reference: Shape, surface: SurfaceDistance | None) -> Alignment:
     """Find the pose that brings the measured joint's own frame onto the reference's.
 
-    An upright brace does not tell which way x points along the leg. Both are tried and that with
+    An upright brace leaves open which way x points along the leg. Both are tried and that with
     the smaller residual is taken; where they are alike, the one that turns less.
 
     Parameters
@@ -61,10 +61,10 @@ def align_joints(measured: Shape, reference: Shape, surface: SurfaceDistance | N
     ours, theirs = _frame_of(measured), _frame_of(reference)
     _check_sizes(measured, ours, reference, theirs)
     T_m, T_r = (np.eye(4) if frame is None else frame.T for frame in (ours, theirs))
-    judges = points[:: max(1, len(points) // JUDGES)]
+    sample = points[:: max(1, len(points) // SAMPLE)]
     far = _distances(reference, surface)
     turns = [T_r @ pose(rot_z(angle)) @ inverse(T_m) for angle in (0.0, np.pi)]
-    off = [np.abs(far(transform(T, judges))) for T in turns]
+    off = [np.abs(far(transform(T, sample))) for T in turns]
     # Medians: ghosts and flyers must not decide.
     medians = [float(np.median(distances)) for distances in off]
     less = int(np.argmin([rotation_angle(np.eye(4), T) for T in turns]))
@@ -140,7 +140,7 @@ def _check_sizes(
 
 
 def _distances(reference: Shape, surface: SurfaceDistance | None) -> Callable[[Array], Array]:
-    """What tells how far points are from the reference."""
+    """Distances of points from the reference."""
     if surface is not None:
         return surface.signed
     if (points := reference.points) is not None:

@@ -39,7 +39,7 @@ class _Head:
 def read_pcd(path: Path) -> Array:
     """Points of a cloud, shape (n, 3), in the file's unit.
 
-    The header is held against the size of the file before anything is believed of it.
+    The header is checked against the size of the file before it is used.
 
     Raises
     ------

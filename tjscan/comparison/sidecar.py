@@ -19,7 +19,7 @@ MOST_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ShapeOptions:
     """What the user states for files that don't state it themselves.
 
     Parameters
@@ -89,7 +89,7 @@ def sidecar_of(file: Path) -> Sidecar | None:
 
 
 def state(
-    file: Path, told: Told, sidecar: Sidecar | None, own: tuple[str, str] | None = None
+    file: Path, options: ShapeOptions, sidecar: Sidecar | None, own: tuple[str, str] | None = None
 ) -> Stated:
     """Unit and frame of a file.
 
@@ -97,7 +97,7 @@ def state(
     ----------
     file : Path
         The file.
-    told : Told
+    options : ShapeOptions
         What the user states.
     sidecar : Sidecar or None
         What stands beside the file.
@@ -116,7 +116,7 @@ def state(
         raise ConfigurationError(
             f"{own[1]} says {own[0]}, {beside[1]} says {beside[0]}", file=file, key="units"
         )
-    asked = None if told.units is None else (told.units, "--units")
+    asked = None if options.units is None else (options.units, "--units")
     unit = own or beside or asked
     if unit is None:
         raise ConfigurationError(
@@ -124,7 +124,7 @@ def state(
             f'{file.stem}.json with "units"',
             file=file,
         )
-    frame = (sidecar.frame if sidecar is not None else None) or told.frame
+    frame = (sidecar.frame if sidecar is not None else None) or options.frame
     if frame is None:
         raise ConfigurationError(
             "does not say in which frame it is: --frame NAME (j for the joint's own), or a sidecar "

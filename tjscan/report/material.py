@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.calibration.file import CalibrationFile, read_calibration
 from tjscan.comparison.compare import Align, Comparison, check_tolerance, compare
 from tjscan.comparison.shapes import Shape
-from tjscan.comparison.sidecar import Told
+from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
@@ -119,7 +119,7 @@ def gather(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    told: Told | None = None,
+    options: ShapeOptions | None = None,
 ) -> Material:
     """Read a finished run.
 
@@ -131,7 +131,7 @@ def gather(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
-    told : Told, optional
+    options : ShapeOptions, optional
         Unit and frame of a reference that does not state them.
 
     Raises
@@ -146,7 +146,7 @@ def gather(
     stitching = read_stitching(directory)
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
-    other = None if reference is None else read_shape(reference, told)
+    other = None if reference is None else read_shape(reference, options)
     comparison, caveats = _compared(shape, file, other, tolerance)
     return Material(
         directory,

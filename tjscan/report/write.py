@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tjscan.comparison.sidecar import Told
+from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.files import atomic_directory
 from tjscan.report.material import gather
 from tjscan.report.page import render
@@ -17,7 +17,7 @@ def write_report(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    told: Told | None = None,
+    options: ShapeOptions | None = None,
 ) -> Path:
     """Write ``report.html`` into a run directory, and return it.
 
@@ -29,7 +29,7 @@ def write_report(
         What to compare it with, in place of the joint that the run names.
     tolerance : float, optional
         Of that comparison, metres.
-    told : Told, optional
+    options : ShapeOptions, optional
         Unit and frame of a reference that does not state them.
 
     Raises
@@ -41,7 +41,7 @@ def write_report(
     RecordingError
         If a recording is damaged, or the report can't be written.
     """
-    page = render(gather(directory, reference, tolerance, told))
+    page = render(gather(directory, reference, tolerance, options))
     with atomic_directory(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

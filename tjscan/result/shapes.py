@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.comparison.clouds import read_shape as read_file
 from tjscan.comparison.shapes import Shape, Stated
-from tjscan.comparison.sidecar import Told
+from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_inside
 from tjscan.core.frames import readonly
@@ -18,14 +18,14 @@ from tjscan.result.summary import Summary, read_summary
 from tjscan.result.table import read_sections
 
 
-def read_shape(path: Path, told: Told | None = None) -> Shape:
+def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
     """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
 
     Parameters
     ----------
     path : Path
         The directory or file.
-    told : Told, optional
+    options : ShapeOptions, optional
         Unit and frame of a file that does not state them.
 
     Raises
@@ -37,9 +37,9 @@ def read_shape(path: Path, told: Told | None = None) -> Shape:
         return read_run_shape(path)
     if path.name == CLOUD and (path.parent / SUMMARY).is_file():
         frame = read_summary(path.parent / SUMMARY).frame
-        shape = read_file(path, Told("mm", frame))
+        shape = read_file(path, ShapeOptions("mm", frame))
         return replace(shape, stated=Stated("mm", f"the {SUMMARY} beside it", frame))
-    return read_file(path, told)
+    return read_file(path, options)
 
 
 def finished_summary(directory: Path) -> Summary:
@@ -72,7 +72,7 @@ def read_run_shape(directory: Path) -> Shape:
     sections = read_sections(directory / SECTIONS)
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS)
-    cloud = read_file(directory / CLOUD, Told("mm", frame))
+    cloud = read_file(directory / CLOUD, ShapeOptions("mm", frame))
     return Shape(
         directory.resolve().name,
         Stated("mm", "the run", frame),

@@ -1,4 +1,4 @@
-"""What is known of a stitching so far: what its pictures and its refusals show."""
+"""Intermediate results of a stitching, for its pictures and refusals."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Draft:
     overlaps: tuple[Overlap, ...]
     registrations: tuple[Registration, ...] = ()
 
-    def words(self, overlap: Overlap) -> str:
-        """An overlap in words."""
+    def describe(self, overlap: Overlap) -> str:
+        """Text on an overlap: its stations, azimuth, length and sections."""
         a, b = self.names[overlap.first], self.names[overlap.second]
         one, other = overlap.sections
         return (
@@ -42,7 +42,7 @@ class Draft:
         )
 
     def reach(self) -> str:
-        """What each station reaches over, in words."""
+        """Text on the azimuths that each station covers."""
         arcs = [arc_of(azimuths) for azimuths in self.azimuths]
         return ", ".join(
             f"{name} reaches from {np.degrees(arc.start):.0f}° to {np.degrees(arc.end):.0f}°"

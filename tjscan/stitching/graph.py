@@ -1,9 +1,9 @@
 """All stations placed together, so that the way round the brace closes.
 
-Nodes are the joint and the stations. The joint tells every station where frame j is, as that
-station found it by itself; every overlap tells two stations how they lie to each other; each with
-its covariance. SciPy solves it and not Open3D's pose graph: that gives no covariance, and its
-nodes are poses alone, while here the tubes' radii, angle and offset belong to the joint, too.
+Nodes are the joint and the stations. Edges are frame j as every station found it by itself, and
+the pose between two stations as their overlap gives it; each with its covariance. SciPy solves it
+and not Open3D's pose graph: that gives no covariance, and its nodes are poses alone, while here
+the tubes' radii, angle and offset belong to the joint, too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Placement:
     shape_covariance : ndarray, shape (4, 4)
         Of its numbers.
     reduced_chi2 : float
-        Chi-squared per degree of freedom of all that stations and overlaps tell.
+        Chi-squared per degree of freedom of all stations and overlaps.
     """
 
     T: Array
@@ -52,7 +52,7 @@ class Placement:
 
 
 def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -> Placement:
-    """Weigh what every station and every overlap tells.
+    """Place all stations by least squares: the joint as each found it, and all overlaps.
 
     Parameters
     ----------
@@ -68,15 +68,15 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
 
     def residuals(x: Array) -> Array:
         T, shape = [lie.exp(v) for v in x[: 6 * k].reshape(k, 6)], x[6 * k :] + origin
-        told = [
+        white = [
             # The station takes its own frame for j: it finds j at the identity.
             W @ np.concatenate((lie.log(inverse(T_own)), shape - frame.shape.array))
             for W, T_own, frame in zip(by_frame, T, frames, strict=True)
         ]
         for W, edge in zip(by_overlap, registrations, strict=True):
             between = inverse(T[edge.overlap.first]) @ T[edge.overlap.second]
-            told.append(W @ (lie.log(between) - lie.log(edge.T)))
-        return np.concatenate(told)
+            white.append(W @ (lie.log(between) - lie.log(edge.T)))
+        return np.concatenate(white)
 
     found = least_squares(
         residuals, np.zeros(6 * k + 4), jac="3-point", x_scale=1e-4, xtol=1e-15, ftol=1e-15
@@ -106,9 +106,9 @@ def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
         Maps each station's own frame j into the common one.
     """
     first, second = T[edge.overlap.first], T[edge.overlap.second]
-    # The overlap says that edge.T @ p of the second is what the first sees.
-    told = transform(edge.T @ inverse(second) @ first, edge.centre)
-    return float(np.linalg.norm(np.cross(told - edge.centre, edge.along)))
+    # By the overlap, edge.T @ p of the second is what the first sees.
+    expected = transform(edge.T @ inverse(second) @ first, edge.centre)
+    return float(np.linalg.norm(np.cross(expected - edge.centre, edge.along)))
 
 
 def spanning_tree_poses(

@@ -29,8 +29,8 @@ def draw_stitching(draft: Draft) -> Figure:
     _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
     if not draft.registrations:
         beside = figure.add_subplot(grid[1])
-        told = [draft.words(overlap) for overlap in draft.overlaps] or [draft.reach()]
-        beside.text(0.0, 0.5, "\n".join(told).replace(" overlap at", "\noverlap at"), wrap=True)
+        lines = [draft.describe(overlap) for overlap in draft.overlaps] or [draft.reach()]
+        beside.text(0.0, 0.5, "\n".join(lines).replace(" overlap at", "\noverlap at"), wrap=True)
         beside.set_axis_off()
         return figure
     rows = grid[1].subgridspec(len(draft.registrations), 1)

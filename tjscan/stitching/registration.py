@@ -1,4 +1,4 @@
-"""One station laid on another by what both saw.
+"""One station registered to another by what both saw.
 
 Views of the shared stretch are taken for views of one smooth groove whose shape is not known: a
 Gaussian process over the azimuth, with a generous spread. What is left is generalised least
@@ -30,7 +30,7 @@ SECTION: Final = PeriodicKernel(5e-3, SMOOTH)
 """How that shape may change over the azimuth, in metres."""
 
 BEYOND: Final = radians(25.0)
-"""Azimuth on either side of the overlap whose views help to tell the shape."""
+"""Azimuth on either side of the overlap whose views help to find the shape."""
 
 ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
@@ -40,12 +40,12 @@ FREE: Final = 1.0
 """Square metres and square radians: the variances of a pose of which nothing is known."""
 
 LEAST_STEP: Final = 5e-3
-"""Metres between views that tell which way the groove runs."""
+"""Metres between views that show which way the groove runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """How one station lies against another, as an overlap tells it.
+    """Pose of one station against another, found from their overlap.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Registration:
     residual : ndarray, shape (n, 6)
         What is left of its corners' outward and upward places, metres.
     of_second, counted : ndarray, shape (n,)
-        Which views are the second station's, and which the robust kernel listened to.
+        Which views are the second station's, and to which the robust kernel gave weight.
     """
 
     overlap: Overlap

@@ -15,12 +15,12 @@ class StitchSettings:
     Parameters
     ----------
     repeatability : Repeatability
-        How well the arm says where it stands; it weighs views against points.
+        How exactly the arm reports where it stands; it weighs views against points.
     out_of_round : float
         How far a tube's wall may bulge from a circle, metres: what each station finds of the
-        joint's frame is trusted no further than that.
+        joint's frame is taken to be no surer than that.
     most_out_of_round : float
-        How far it may be found to, where stations' sights of the tubes disagree with their
+        How far it may be found to, where the tubes as stations found them disagree with their
         overlaps.
     least_overlap : float
         Azimuth that two stations must share, radians.
@@ -31,7 +31,7 @@ class StitchSettings:
     largest_reduced_chi2 : float
         Chi-squared per degree of freedom that the overlap's residuals may have.
     least_counted : float
-        Share of the overlap's views that the robust kernel must listen to.
+        Share of the overlap's views to which the robust kernel must give weight.
     """
 
     repeatability: Repeatability = field(default_factory=Repeatability)

@@ -1,4 +1,4 @@
-"""What a station hands in, and what its arm saw from there."""
+"""Stations: their sections and views, and the tubes fitted to them."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
 along ±x, else +y, else +z."""
 
 MOST_TURNED = radians(30.0)
-"""By which nominal poses may disagree; at 90° they would tell no more which side is which."""
+"""By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
 FEWEST = 4
-"""Sections that tell roughly where the tubes are."""
+"""Sections needed to start the fit of the tubes."""
 
 SAME_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
@@ -157,15 +157,15 @@ def fit_stations(stations: Sequence[Station], settings: StitchSettings) -> list[
 
 
 def _check_nominal(first: StationFit, other: StationFit) -> None:
-    """Refuse nominal poses too far off to tell from which side a station looked."""
+    """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
     if (turned := rotation_angle(a, b)) > MOST_TURNED:
         raise StitchingRefused(
             "nominal poses disagree",
             f"by where their bases were meant to stand, stations {first.station.name} and "
             f"{other.station.name} see the joint turned by {np.degrees(turned):.0f}°, "
-            f"{np.degrees(MOST_TURNED):.0f}° are allowed: which side of it each looked at can't be "
-            "told. Put euler_zyx_deg of their [[station]] right in job.toml, and stitch again",
+            f"{np.degrees(MOST_TURNED):.0f}° are allowed: which side of it each saw stays open. "
+            "Put euler_zyx_deg of their [[station]] right in job.toml, and stitch again",
         )
 
 

@@ -1,4 +1,4 @@
-"""Stations made one: each finds the joint, overlaps tie them, the loop closes."""
+"""Stitching: each station finds the joint, overlaps register stations, the loop closes."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class PlacedStation:
     arc : Arc
         What it saw.
     views : int
-        That tell where it stands.
+        Number of views that its place rests on.
     tubes_reduced_chi2, tubes_rms : float
         How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
     """
@@ -134,7 +134,7 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
     stations : sequence of Station
         Two or more, in any order.
     settings : StitchSettings
-        What is taken for granted, and asked for.
+        Assumptions and limits.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def place_stations(
     """Place stations, and find how far tubes must be out of round for all to agree.
 
     A station can't see that the half of a tube before it is not round: it finds frame j a little
-    elsewhere. Overlaps do not mind. Where the two disagree, tubes are trusted less.
+    elsewhere. Overlaps are not affected. Where the two disagree, tubes weigh less.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
 
     held = [overlap for overlap in draft.overlaps if enough(overlap)]
     small = [overlap for overlap in draft.overlaps if not enough(overlap)]
-    asked = (
+    needed = (
         f"{np.degrees(settings.least_overlap):.0f}° and {settings.fewest_sections} sections of "
         "each are needed. Teach the stations' poses so that they overlap by 20° or more, and scan "
         "again"
@@ -290,7 +290,7 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
             abs(float(arc.offset(np.array(overlap.arc.middle)))) < 0.5 * arc.length
             for arc in bridged
         ):
-            raise StitchingRefused("overlap too small", f"{draft.words(overlap)}; {asked}")
+            raise StitchingRefused("overlap too small", f"{draft.describe(overlap)}; {needed}")
     count = len(draft.names)
     pairs = [(overlap.first, overlap.second) for overlap in held]
     links = coo_array(
@@ -299,19 +299,21 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
     _, part_of = connected_components(links, directed=False)
     parts = [np.flatnonzero(part_of == part) for part in range(part_of.max() + 1)]
     if len(parts) > 1:
-        told = " | ".join(", ".join(draft.names[k] for k in part) for part in parts)
-        raise StitchingRefused("not connected", f"no overlap ties {told}; {draft.reach()}; {asked}")
+        apart = " | ".join(", ".join(draft.names[k] for k in part) for part in parts)
+        raise StitchingRefused(
+            "not connected", f"no overlap ties {apart}; {draft.reach()}; {needed}"
+        )
     return held
 
 
 def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
-        words = draft.words(edge.overlap)
+        described = draft.describe(edge.overlap)
         if edge.reduced_chi2 > settings.largest_reduced_chi2 or edge.share < settings.least_counted:
             raise StitchingRefused(
                 "overlap contradicts itself",
-                f"{words}: {100 * edge.share:.0f} % of its views fit each other, "
+                f"{described}: {100 * edge.share:.0f} % of its views fit each other, "
                 f"{100 * settings.least_counted:.0f} % must; of these {1e3 * edge.rms:.3f} mm rms "
                 f"are left, {np.sqrt(edge.reduced_chi2):.1f} times what the errors of arm and "
                 f"laser explain, {np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed. "
@@ -321,14 +323,14 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
         if edge.sigma > settings.largest_sigma:
             raise StitchingRefused(
                 "overlap too small",
-                f"{words}: it leaves the second station's place uncertain by "
+                f"{described}: it leaves the second station's place uncertain by "
                 f"{1e3 * edge.sigma:.2f} mm, {1e3 * settings.largest_sigma:.2f} mm are allowed. "
                 "Teach the stations' poses so that they overlap by more, and scan again",
             )
 
 
 def _check_placement(draft: Draft, placement: Placement, settings: StitchSettings) -> None:
-    """Refuse stations whose own sight of the joint does not agree with how they overlap."""
+    """Refuse stations that find the tubes elsewhere than their overlaps put them."""
     if placement.reduced_chi2 > settings.largest_reduced_chi2:
         worst = max(draft.registrations, key=lambda edge: gap(edge, placement.T))
         raise StitchingRefused(
@@ -336,8 +338,8 @@ def _check_placement(draft: Draft, placement: Placement, settings: StitchSetting
             f"where stations see leg and brace does not fit how they overlap, "
             f"{np.sqrt(placement.reduced_chi2):.1f} times farther off than errors explain, "
             f"{np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed; "
-            f"{draft.words(worst.overlap)}, where {1e3 * gap(worst, placement.T):.2f} mm would be "
-            f"left between them. A base or the joint moved during a scan, or tubes are out of "
+            f"{draft.describe(worst.overlap)}, where {1e3 * gap(worst, placement.T):.2f} mm would "
+            f"be left between them. A base or the joint moved during a scan, or tubes are out of "
             f"round by more than {1e3 * settings.most_out_of_round:g} mm",
         )
 

@@ -11,7 +11,7 @@ from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, readonly, transform, unit
 
 LEAST_TURN: Final = 0.05
-"""Least singular value, as a share of the largest, by which normals tell an axis: about 10° round
+"""Least singular value, as a share of the largest, by which normals fix an axis: about 10° round
 the tube."""
 
 
@@ -56,7 +56,7 @@ class Cylinder:
         return Cylinder(self.point + along * self.axis, self.axis, self.radius)
 
     def boxplus(self, step: Array) -> Cylinder:
-        """A cylinder near this one, by the five numbers that tell one.
+        """A cylinder near this one, a small step away.
 
         Parameters
         ----------
@@ -100,14 +100,14 @@ def cylinder_through(points: Array, normals: Array) -> Cylinder:
     Raises
     ------
     TubesNotFound
-        If the normals turn too little to tell an axis.
+        If the normals turn too little to fix an axis.
     """
     if len(points) < 3:
         raise TubesNotFound(f"{len(points)} places on a wall are too few for a cylinder")
     _, spread, rows = np.linalg.svd(normals, full_matrices=False)
     if spread[1] < LEAST_TURN * spread[0]:
         raise TubesNotFound(
-            "the wall was seen over too little of its circumference to tell where its axis lies: "
+            "the wall was seen over too little of its circumference to show where its axis lies: "
             "scan farther round"
         )
     axis = rows[2]

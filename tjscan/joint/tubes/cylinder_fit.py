@@ -17,7 +17,7 @@ FLOOR: Final = 10e-6
 """Metres; points are never taken for more certain than this."""
 
 REACH: Final = 6.0
-"""Standard deviations within which the spread is judged anew."""
+"""Standard deviations within which the spread is estimated anew."""
 
 MOST_ROUNDS: Final = 100
 STILL: Final = 1e-8

@@ -1,9 +1,9 @@
 """Leg and brace found in a cloud of which nothing else is known.
 
-Places to look are triples of neighbouring points: their plane tells a normal, also where the
-cloud consists of scan lines, whose neighbours across are far. Two such places make a cylinder,
-many are tried, those that explain most points are refined and the best is kept; the second tube
-is sought in what the first leaves over.
+A normal comes from a triple of neighbouring points, also where the cloud consists of scan lines,
+whose neighbours across are far. Two points with normals make a cylinder; many are tried, those
+that explain most points are refined and the best is kept. The second tube is sought in the points
+that the first one leaves over.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tjscan.joint.tubes.fit import Tubes
 from tjscan.joint.tubes.frame import LEAST_ANGLE
 
 VOXELS: Final = 70
-"""Voxels along the cloud's diagonal, of each of which one point is looked at."""
+"""Voxels along the cloud's diagonal, of each of which one point is used."""
 
 NEIGHBOURS: Final = 24
 TRIALS: Final = 4000
@@ -31,7 +31,7 @@ REFINED: Final = 24
 """How many of the best trials are refined."""
 
 MOST_POLISHED: Final = 30_000
-"""Points that the tubes are settled on in the end; more would tell no more about ten numbers."""
+"""Points that the tubes are settled on in the end; more would not make ten numbers surer."""
 
 REACH: Final = 0.02
 """Share of the radius within which points count for a trial."""
@@ -92,9 +92,9 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE:
         raise TubesNotFound(
-            f"both tubes are {2e3 * leg.radius:.1f} mm wide: which is the leg can't be told"
+            f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
         )
-    return _told(brace, leg, thin)
+    return _with_covariance(brace, leg, thin)
 
 
 def _best(
@@ -110,8 +110,8 @@ def _best(
         centres, axes, radii = centres[crossing], axes[crossing], radii[crossing]
     if not len(radii):
         raise TubesNotFound(f"no {which} tube is to be seen in the cloud")
-    judges = points[rng.permutation(len(points))[:400]]
-    q = judges[None] - centres[:, None]
+    sample = points[rng.permutation(len(points))[:400]]
+    q = sample[None] - centres[:, None]
     along = np.einsum("tpk,tk->tp", q, axes)
     off = np.sqrt(np.maximum(np.einsum("tpk,tpk->tp", q, q) - along**2, 0)) - radii[:, None]
     votes = np.maximum(1 - (off / (REACH * radii[:, None])) ** 2, 0).sum(axis=1)
@@ -192,7 +192,7 @@ def _refined(start: Cylinder, points: Array) -> tuple[Cylinder, bool]:
     return tube.boxplus(found.x).beside(points), bool(found.success)
 
 
-def _told(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
+def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
     """Both tubes with the covariance that independent points give."""
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):

@@ -48,14 +48,14 @@ class JointShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFrame:
-    """Where frame j stands, as tubes tell it.
+    """Frame j as fitted tubes define it.
 
     Parameters
     ----------
     T : ndarray, shape (4, 4)
         Frame j in the frame of the tubes.
     shape : JointShape
-        What else they tell.
+        Radii, angle and offset of the tubes.
     covariance : ndarray, shape (10, 10)
         Of the pose, as translation and rotation vector in j (metres, radians), then of the
         shape's four numbers.
@@ -79,7 +79,7 @@ def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
         Brace and leg; the brace's `point` lies on the brace's side of the leg.
     towards : ndarray, shape (3,)
         For an upright brace: x points along the leg to the side that this vector points to. Half
-        a turn about the brace changes nothing else. A leaning brace has a heel to tell.
+        a turn about the brace changes nothing else. A leaning brace has a heel, which decides.
 
     Raises
     ------

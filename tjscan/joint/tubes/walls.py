@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, readonly
 
 @dataclass(frozen=True, slots=True)
 class Repeatability:
-    """How well an arm says where it stands; every point of a view shares that error.
+    """How exactly an arm reports where it stands; all points of a view share that error.
 
     The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
 
@@ -20,7 +20,7 @@ class Repeatability:
     ----------
     position, angle : float
         Root mean square of the distance (metres) and of the angle (radians) between where the
-        flange is and where the arm says it is.
+        flange is and where the arm reports it.
     """
 
     position: float = 5e-5
@@ -34,12 +34,12 @@ class Repeatability:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallPoints:
-    """Points on brace and leg, seen in views whose poses are not quite what the arm says.
+    """Points on brace and leg, seen in views whose poses are not quite what the arm reports.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        Metres, in the frame in which the arm tells its poses.
+        Metres, in the frame of the arm's poses.
     on_brace : ndarray, shape (n,)
         True on the brace, False on the leg.
     sigma : ndarray, shape (n,)
