@@ -19,7 +19,8 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import in_j
 from tjscan.joint.mesh import build_mesh
-from tjscan.joint.tubes.cylinder import Cylinder, cylinder_through
+from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.cylinder_fit import cylinder_through
 from tjscan.joint.tubes.find import find_tubes
 from tjscan.joint.tubes.fit import fit_tubes
 from tjscan.joint.tubes.frame import joint_frame, place

@@ -11,7 +11,8 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
 from tjscan.core.frames import Array, readonly, rotation_angle, unit
 from tjscan.groove.section import GrooveSection
-from tjscan.joint.tubes.cylinder import Cylinder, cylinder_through
+from tjscan.joint.tubes.cylinder import Cylinder
+from tjscan.joint.tubes.cylinder_fit import cylinder_through
 from tjscan.joint.tubes.fit import Tubes, fit_tubes
 from tjscan.joint.tubes.frame import JointFrame, joint_frame
 from tjscan.laser.profile import Profile

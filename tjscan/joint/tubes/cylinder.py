@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, readonly, transform, unit
-
-LEAST_TURN: Final = 0.05
-"""Least singular value, as a share of the largest, by which normals fix an axis: about 10° round
-the tube."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,39 +78,3 @@ def square_to(axis: Array) -> Array:
     """Two unit vectors, rows of shape (2, 3), square to each other and to a unit vector."""
     first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
     return np.array((first, np.cross(axis, first)))
-
-
-def cylinder_through(points: Array, normals: Array) -> Cylinder:
-    """Rough cylinder of points and normals, to start a fit from.
-
-    The axis is what all normals are square to; seen along it, ``p = centre + radius n`` is
-    linear in the rest.
-
-    Parameters
-    ----------
-    points, normals : ndarray, shape (n, 3)
-        On the wall, and outward there; n is 3 or more.
-
-    Raises
-    ------
-    TubesNotFound
-        If the normals turn too little to fix an axis.
-    """
-    if len(points) < 3:
-        raise TubesNotFound(f"{len(points)} places on a wall are too few for a cylinder")
-    _, spread, rows = np.linalg.svd(normals, full_matrices=False)
-    if spread[1] < LEAST_TURN * spread[0]:
-        raise TubesNotFound(
-            "the wall was seen over too little of its circumference to show where its axis lies: "
-            "scan farther round"
-        )
-    axis = rows[2]
-    plane = square_to(axis)
-    p, n = points @ plane.T, normals @ plane.T
-    system = np.concatenate(
-        [np.column_stack((np.tile(np.eye(2)[k], (len(p), 1)), n[:, k])) for k in (0, 1)]
-    )
-    (*centre, radius), *_ = np.linalg.lstsq(system, p.T.ravel(), rcond=None)
-    if radius < 0:  # the normals pointed inwards
-        radius = -radius
-    return Cylinder(np.array(centre) @ plane, axis, float(radius)).beside(points)

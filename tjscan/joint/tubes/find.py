@@ -12,13 +12,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial import KDTree
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import refine_robust
+from tjscan.joint.tubes.cylinder_fit import fit_cylinder, refine_robust
 from tjscan.joint.tubes.fit import Tubes
 from tjscan.joint.tubes.frame import LEAST_ANGLE
 
@@ -38,6 +37,9 @@ REACH: Final = 0.02
 
 ON_TUBE: Final = 1.5e-3
 """Metres from a tube within which points lie on it, in the end: allows for a tube out of round."""
+
+SCALE: Final = 0.2 * ON_TUBE
+"""Metres from a tube beyond which points lose weight while it is sought."""
 
 LEAST_SHARE: Final = 0.08
 """Of the cloud, that has to lie on either tube."""
@@ -85,8 +87,8 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     second = _best(rest, thin, rng, first)
     # Each again on the points that are its own.
     apart = np.abs(np.stack((first.distance(thin), second.distance(thin))))
-    first, _ = _refined(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)])
-    second, _ = _refined(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)])
+    first, _ = fit_cylinder(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)], SCALE)
+    second, _ = fit_cylinder(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)], SCALE)
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
     first, second = refine_robust(first, chosen), refine_robust(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
@@ -119,7 +121,7 @@ def _best(
     for trial in np.argsort(-votes, kind="stable")[:REFINED]:
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
         near = points[np.abs(rough.distance(points)) < 2 * REACH * rough.radius]
-        refined, held = _refined(rough, near)
+        refined, held = fit_cylinder(rough, near, SCALE)
         held = held and (other is None or bool(_cross(refined.axis, other)))
         supporters = int((np.abs(refined.distance(points)) < ON_TUBE).sum()) if held else 0
         if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
@@ -166,30 +168,6 @@ def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Arra
 def _cross(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
     """Whether axes, shape (..., 3), are far from parallel to that of another tube."""
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_ANGLE))
-
-
-def _refined(start: Cylinder, points: Array) -> tuple[Cylinder, bool]:
-    """Least-squares cylinder with a robust loss, and whether the points hold it."""
-    if len(points) < 12:
-        return start, False
-    tube = start.beside(points)
-
-    def distance(step: Array) -> Array:
-        return tube.boxplus(step).distance(points)
-
-    def jacobian(step: Array) -> Array:
-        return tube.boxplus(step).jacobian(points)
-
-    found = least_squares(
-        distance,
-        np.zeros(5),
-        jac=jacobian,
-        loss="cauchy",
-        f_scale=0.2 * ON_TUBE,
-        x_scale=(0.1, 0.1, 1.0, 1.0, 0.1),
-        max_nfev=40,
-    )
-    return tube.boxplus(found.x).beside(points), bool(found.success)
 
 
 def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
