@@ -283,13 +283,13 @@ def compare(
         If the points do not determine an alignment.
     """
     from tjscan.comparison.compare import compare as compare_shapes
-    from tjscan.comparison.sidecar import Told
+    from tjscan.comparison.sidecar import ShapeOptions
     from tjscan.result.shapes import read_shape
 
     first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
     return compare_shapes(
-        read_shape(first, Told(units, frame)),
-        read_shape(second, Told(reference_units or units, frame)),
+        read_shape(first, ShapeOptions(units, frame)),
+        read_shape(second, ShapeOptions(reference_units or units, frame)),
         align,
         tolerance,
     )
