@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.laser.files import UNITS, ProfileFormat, read_profiles
+from tjscan.laser.files import UNITS, ProfileFormat, read_profiles, upside_down
 
 ROUNDING = 1e-12
 """Metres: a few roundings of decimal numbers."""
@@ -112,6 +112,164 @@ def test_a_mistaken_unit_is_caught(tmp_path: Path, unit: str, scale: float) -> N
         read_profiles(write(tmp_path, f"x_{unit},z_{unit}\n{rows}\n"), ProfileFormat())
 
 
-def test_other_separators_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="separate columns by commas"):
-        read_profiles(write(tmp_path, "x_mm;z_mm\n1;2\n"), ProfileFormat())
+@pytest.mark.parametrize("mark", [";", "\t", ", ", " ; ", " "])
+@pytest.mark.parametrize("comma", [False, True], ids=["point", "comma"])
+def test_separators_comments_and_decimal_commas_make_no_difference(
+    tmp_path: Path, mark: str, comma: bool
+) -> None:
+    if comma and mark == ", ":
+        pytest.skip("a comma can't be both")
+    lines = ["# made by hand", f"x_mm{mark}z_mm"]
+    for x, z in zip(X_MM.tolist(), Z_MM.tolist(), strict=True):
+        cells = ["nan" if np.isnan(x) else repr(x), "nan" if np.isnan(z) else repr(z)]
+        line = mark.join(cells)
+        lines += [line.replace(".", ",") if comma else line, "", "  # between"]
+    file = write(tmp_path, "\n".join(lines) + "\n", "profile.txt")
+    (profile,) = read_profiles(file, ProfileFormat()).profiles.values()
+    assert_expected(profile.x_s, profile.z_s)
+
+
+MATRIX = ProfileFormat(unit="mm", pitch=2.0)
+HEIGHTS = "200,201.5,,203.25,204"
+
+
+@pytest.mark.parametrize("header", ["0,1,2,3,4", "1,2,3,4,5", "# a comment\n0,1,2,3,4"])
+def test_a_line_of_column_numbers_is_no_profile(tmp_path: Path, header: str) -> None:
+    table = read_profiles(write(tmp_path, f"{header}\n{HEIGHTS}\n{HEIGHTS}\n"), MATRIX)
+    assert list(table.profiles) == ["row 1", "row 2"]
+    for profile in table.profiles.values():
+        assert_expected(profile.x_s, profile.z_s)
+
+
+def test_a_column_of_row_numbers_is_no_height(tmp_path: Path) -> None:
+    table = read_profiles(write(tmp_path, f",0,1,2,3,4\n0,{HEIGHTS}\n1,{HEIGHTS}\n"), MATRIX)
+    assert list(table.profiles) == ["row 1", "row 2"]
+    assert_expected(table.profiles["row 2"].x_s, table.profiles["row 2"].z_s)
+
+
+def test_zero_is_no_point_among_distances(tmp_path: Path) -> None:
+    table = read_profiles(write(tmp_path, "200,201.5,0,203.25,204\n"), MATRIX)
+    assert_expected(table.profiles["row 1"].x_s, table.profiles["row 1"].z_s)
+    assert table.notes == []
+
+
+def test_zero_is_a_height_among_heights_of_either_sign(tmp_path: Path) -> None:
+    file = write(tmp_path, "-2,-1,0,1,2\n")
+    table = read_profiles(file, MATRIX)
+    z = table.profiles["row 1"].z_s
+    assert np.isfinite(z).all()
+    assert (z > 0).all()
+    np.testing.assert_allclose(np.diff(z), 1e-3)
+    assert any("--invalid 0" in note for note in table.notes)
+    assert any("--z-offset" in note for note in table.notes)
+    stated = read_profiles(file, ProfileFormat(unit="mm", pitch=2.0, invalid=(0.0,)))
+    assert np.isnan(stated.profiles["row 1"].z_s[2])
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (ProfileFormat(unit="mm", pitch=2.0, z_offset=200.0), "0,1.5,nan,3.25,4"),
+        (ProfileFormat(unit="mm", pitch=2.0, z_offset=240.0, z_scale=-1.0), "40,38.5,,36.75,36"),
+        (ProfileFormat(unit="mm", pitch=2.0, z_scale=0.01), "20000,20150,0,20325,20400"),
+        (ProfileFormat(unit="um", pitch=2000.0, z_offset=2e5), "0,1500,,3250,4000"),
+    ],
+)
+def test_heights_have_a_sign_a_scale_and_an_offset(
+    tmp_path: Path, form: ProfileFormat, text: str
+) -> None:
+    table = read_profiles(write(tmp_path, f"{text}\n"), form)
+    assert_expected(table.profiles["row 1"].x_s, table.profiles["row 1"].z_s)
+    assert not any("--z-offset" in note for note in table.notes)
+
+
+def test_points_without_an_x_lie_a_pitch_apart(tmp_path: Path) -> None:
+    text = "z_mm\n200\n201.5\nnan\n203.25\n204\n"
+    table = read_profiles(write(tmp_path, text), ProfileFormat(unit="mm", pitch=2.0))
+    (profile,) = table.profiles.values()
+    assert_expected(profile.x_s, profile.z_s)
+
+
+def test_arrays_are_read_like_tables(tmp_path: Path) -> None:
+    file = tmp_path / "profiles.npy"
+    np.save(file, np.array([Z_MM, Z_MM]))
+    assert list(read_profiles(file, MATRIX).profiles) == ["row 1", "row 2"]
+    for array in (Z_MM, np.array([Z_MM]), np.column_stack((X_MM, Z_MM))):
+        np.save(file, array)
+        (profile,) = read_profiles(file, MATRIX).profiles.values()
+        assert_expected(profile.x_s, profile.z_s)
+    np.save(file, np.stack([np.column_stack((X_MM, Z_MM))] * 3))
+    assert len(read_profiles(file, MATRIX).profiles) == 3
+    np.save(file, np.array(["a"]))
+    with pytest.raises(ConfigurationError, match="no array of numbers"):
+        read_profiles(file, MATRIX)
+    np.save(file, np.array([{}]), allow_pickle=True)
+    with pytest.raises(ConfigurationError, match="no array of numbers"):
+        read_profiles(file, MATRIX)
+
+
+def test_a_folder_holds_the_profiles_of_its_files(tmp_path: Path) -> None:
+    write(tmp_path, f"{HEIGHTS}\n{HEIGHTS}\n", "b.csv")
+    np.save(tmp_path / "a.npy", Z_MM)
+    write(tmp_path, "no table", "broken.csv")
+    write(tmp_path, "for the reader", "README")
+    table = read_profiles(tmp_path, MATRIX)
+    assert list(table.profiles) == ["a.npy", "b.csv row 1", "b.csv row 2"]
+    assert [bad.split(":")[0] for bad in table.bad] == ["broken.csv"]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigurationError, match="holds no profile"):
+        read_profiles(tmp_path / "empty", MATRIX)
+
+
+GOCATOR = """Info
+CSV Version,Sensor Count
+1.0,1
+
+DeviceInfo
+ID,Model
+0,2350
+
+{section}
+Frame Count,Column Count,X Offset,Y Offset,Z Offset
+2,5,0,0,0
+
+Frame,Source,Time,Encoder,Z Encoder,Inputs,Exposure,Y,Axis,{header}
+{rows}
+End
+"""
+
+
+def test_a_gocators_even_profiles_are_read(tmp_path: Path) -> None:
+    heights = ",".join("" if np.isnan(z) else repr(240 - z) for z in Z_MM.tolist())
+    rows = [f"{k},0,1,2,3,0,100,0,{axis},{heights}" for k in (7, 8) for axis in "ZI"]
+    text = GOCATOR.format(section="Profile", header="-4,-2,0,2,4", rows="\n".join(rows))
+    table = read_profiles(write(tmp_path, text), ProfileFormat())
+    assert list(table.profiles) == ["frame 7", "frame 8"]
+    assert table.bad == []
+    for profile in table.profiles.values():
+        assert_expected(profile.x_s, profile.z_s)
+
+
+def test_a_gocators_raw_profiles_are_read(tmp_path: Path) -> None:
+    x = ",".join("" if np.isnan(v) else repr(v) for v in X_MM.tolist())
+    heights = ",".join("" if np.isnan(z) else repr(240 - z) for z in Z_MM.tolist())
+    rows = "\n".join(f"3,0,1,2,3,0,100,0,{axis},{row}" for axis, row in (("X", x), ("Z", heights)))
+    text = GOCATOR.format(section="RawProfile", header="0,1,2,3,4", rows=rows)
+    table = read_profiles(write(tmp_path, text), ProfileFormat())
+    (profile,) = table.profiles.values()
+    assert_expected(profile.x_s, profile.z_s)
+
+
+def test_a_mistaken_scale_is_caught(tmp_path: Path) -> None:
+    row = ",".join(str(2000 + 10 * i) for i in range(60))
+    with pytest.raises(ConfigurationError, match="--z-scale"):
+        read_profiles(write(tmp_path, f"{row}\n"), ProfileFormat(unit="mm", pitch=0.1))
+    fine = ProfileFormat(unit="mm", pitch=0.1, z_scale=0.01)
+    assert read_profiles(write(tmp_path, f"{row}\n"), fine).profiles
+
+
+def test_turned_upside_down_twice_a_profile_is_itself(tmp_path: Path) -> None:
+    (profile,) = read_profiles(write(tmp_path, f"{HEIGHTS}\n"), MATRIX).profiles.values()
+    turned = upside_down(profile)
+    assert np.nanargmax(turned.z_s) == np.nanargmin(profile.z_s)
+    np.testing.assert_allclose(upside_down(turned).z_s, profile.z_s, atol=ROUNDING)

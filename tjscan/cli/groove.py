@@ -23,14 +23,15 @@ def groove(
     Parameters
     ----------
     file
-        CSV with columns x and z, CSV with a profile per row, PLY, or a run directory.
+        Text with columns x and z or a profile per row, NPY, PLY, a Gocator's exported
+        recording, a folder of such files, or a run directory.
     plot
         Draw the profiles with their fits into this PNG.
     json
         Print the readings as JSON on stdout.
     """
     from tjscan.cli.groove_options import profiles_of, settings_of
-    from tjscan.cli.groove_output import check_plot, draw, print_readings
+    from tjscan.cli.groove_output import check_plot, draw, print_readings, suggest_sign
     from tjscan.result.readings import read_all
 
     check_plot(plot)
@@ -41,4 +42,5 @@ def groove(
     if plot is not None:
         draw(plot, readings)
     if all(reading.refusal is not None for reading in readings):
+        suggest_sign(table.profiles, settings)
         raise SystemExit(1)

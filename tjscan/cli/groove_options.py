@@ -23,14 +23,29 @@ class FileOptions:
     units
         Unit of length, where the names of the columns do not state it.
     pitch
-        Distance of the columns of a matrix, in that unit.
+        Distance of the columns of a matrix, or of points without an x, in that unit.
     invalid
-        A value that stands for no point, beside NaN and an empty cell.
+        A value that stands for no point, beside NaN, an empty cell, and 0 where it lies far from
+        all other heights.
+    z_scale
+        What one of the heights' numbers is in that unit; 1. Negative where heights grow towards
+        the sensor.
+    z_offset
+        Distance from the sensor, in that unit, where the file's height is 0. Where left out,
+        heights of either sign count from a mid-range 240 mm from the sensor.
     """
 
     units: Literal["mm", "um", "m"] | None = None
     pitch: float | None = None
     invalid: list[float] | None = None
+    z_scale: float = 1.0
+    z_offset: float | None = None
+
+    @property
+    def form(self) -> ProfileFormat:
+        """The same for the reader of files."""
+        invalid = tuple(self.invalid or ())
+        return ProfileFormat(self.units, self.pitch, invalid, self.z_scale, self.z_offset)
 
 
 @Parameter(name="*")
@@ -76,23 +91,25 @@ def settings_of(file: Path, options: ReadingOptions | None) -> GrooveSettings:
 
 
 def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:
-    """The profiles of a file or a run directory; prints which of its rows can't be read.
+    """The profiles of a file, a folder or a run directory; prints what of it can't be read.
 
     Raises
     ------
     ConfigurationError
         If there are none.
     """
+    from tjscan.cli.console import say
     from tjscan.cli.groove_output import print_bad_rows
     from tjscan.laser.files import read_profiles
+    from tjscan.result.directory import JOB
     from tjscan.scanning.reader import read_profiles as read_recorded
 
     o = options or FileOptions()
-    if file.is_dir():
-        table = ProfileTable(read_recorded(file))
-    else:
-        table = read_profiles(file, ProfileFormat(o.units, o.pitch, tuple(o.invalid or ())))
+    is_run = (file / JOB).is_file()
+    table = ProfileTable(read_recorded(file)) if is_run else read_profiles(file, o.form)
     print_bad_rows(file, table.bad)
+    for note in table.notes:
+        say(f"{file}: {note}")
     if not table.profiles:
         raise ConfigurationError("holds no profile that can be read", file=file)
     return table

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import islice
 from json import dumps
 from pathlib import Path
 from typing import Final
@@ -10,10 +11,16 @@ from typing import Final
 from tjscan.cli.console import say
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
-from tjscan.result.readings import Reading, measures, to_dict
+from tjscan.groove.settings import GrooveSettings
+from tjscan.laser.files import upside_down
+from tjscan.laser.profile import Profile
+from tjscan.result.readings import Reading, measures, read_all, to_dict
 
 LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
+
+TRIED_TURNED: Final = 10
+"""Profiles that are read with heights turned round, where none shows a groove."""
 
 
 def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
@@ -37,6 +44,18 @@ def print_readings(readings: Sequence[Reading], bad: Sequence[str], *, json: boo
         values = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in found]
         corners = "  ".join(f"({x:.3f}, {z:.3f})" for x, _, z in 1e3 * reading.points_s)
         print(f"{reading.name}: {', '.join([*values, f'x, z in mm {corners}'])}")
+
+
+def suggest_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
+    """Print on stderr whether profiles that show no groove show one with heights turned round."""
+    few = dict(islice(profiles.items(), TRIED_TURNED))
+    turned = {name: upside_down(p) for name, p in few.items() if p.valid.any()}
+    found = sum(reading.refusal is None for reading in read_all(turned, settings))
+    if 2 * found > len(turned):
+        say(
+            f"{found} of {len(turned)} profiles show a groove with heights the other way round: "
+            "they seem to grow towards the sensor; give --z-scale the other sign"
+        )
 
 
 def check_plot(plot: Path | None) -> None:

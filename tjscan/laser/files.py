@@ -1,4 +1,4 @@
-"""Profiles from files of other makes: columns, a matrix with a profile per row, or a PLY."""
+"""Profiles from files of other makes: columns, a profile per row, NPY, PLY, Gocator's export."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.files import check_size
 from tjscan.core.frames import Array
+from tjscan.laser.gocator import is_gocator, read_gocator
 from tjscan.laser.profile import Profile
+from tjscan.laser.text import TextTable, is_count, read_text
 
 UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 """Metres in each unit of length."""
@@ -23,33 +25,54 @@ UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 GROUPS: Final = ("profile", "frame", "index")
 """Names of a column that tells profiles in one table apart."""
 
+SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
+"""Files of a folder that are read."""
+
 MOST_BYTES: Final = 100_000_000
 """A larger file is no profile; it would fill the memory."""
 
 SMALLEST, LARGEST = 2e-4, 10.0
 """Metres that a profile spans: less or more is a mistaken unit."""
 
+STEEPEST: Final = 5.0
+"""Range of heights over width of a profile: more is a mistaken scale or pitch."""
+
 PLANE: Final = 1e-6
 """Metres that a point of a profile may lie off the laser plane."""
+
+MIDDLE: Final = 0.240
+"""Distance of mid-range from the sensor where nothing is stated, in metres (assumption)."""
+
+MANY_ZEROS: Final = 0.02
+"""Share of heights that are exactly zero, among others near it, that is worth a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileFormat:
-    """What a file does not say of itself.
+    """What a file does not state.
 
     Parameters
     ----------
     unit : str, optional
-        One of `UNITS`, where the names of the columns don't tell it.
+        One of `UNITS`, where the names of the columns don't state it.
     pitch : float, optional
-        Distance of neighbouring columns of a matrix, in that unit.
+        Distance of neighbouring columns of a matrix, or of points without an x, in that unit.
     invalid : tuple of float
-        Values that stand for no point, beside NaN and nothing.
+        Values that stand for no point, beside NaN and nothing. Zero does, too, where it lies far
+        from all other heights.
+    z_scale : float
+        What one of the file's numbers is in that unit; negative where heights grow towards the
+        sensor.
+    z_offset : float, optional
+        Distance from the sensor, in that unit, where the file's height is zero. Without it
+        heights of either sign count from `MIDDLE`.
     """
 
     unit: str | None = None
     pitch: float | None = None
     invalid: tuple[float, ...] = ()
+    z_scale: float = 1.0
+    z_offset: float | None = None
 
 
 @dataclass(slots=True)
@@ -59,41 +82,90 @@ class ProfileTable:
     Parameters
     ----------
     profiles : dict of str to Profile
-        By name: ``row 3``, ``profile 12``, or the file's name.
+        By name: ``row 3``, counted from the first row of data, ``profile 12``, or the file's
+        name.
     bad : list of str
         What could not be read, and why.
+    notes : list of str
+        What was taken for granted.
     """
 
     profiles: dict[str, Profile] = field(default_factory=dict)
     bad: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
-    """Read every profile in a file; what is bad is named and left out.
+    """Read every profile in a file, or in the files of a folder; what is bad is named.
 
     Parameters
     ----------
     file : Path
-        CSV with a header that names columns x and z (and profile, where there are many); CSV
-        without a header, a profile per row; or PLY with points in the x-z plane.
+        Text whose first line names columns x and z (and profile, where there are many); text
+        with a profile per row, with or without a line of column numbers; NPY with either; PLY
+        with points in the x-z plane; or a Gocator's exported recording. Text is separated by
+        commas, semicolons, tabs or blanks.
     form : ProfileFormat
-        What the file does not say of itself.
+        What the file does not state.
 
     Raises
     ------
     ConfigurationError
-        If the file is missing, too large, not text, or lacks a unit, a pitch or a column.
+        If the file is missing, too large, not text, or lacks a unit, a pitch or a column; or if
+        its numbers can only be of another unit.
     """
     if form.unit is not None and form.unit not in UNITS:
         known = ", ".join(UNITS)
         raise ConfigurationError(f"unknown unit {form.unit!r}; one of {known}", key="units")
+    for key, value in (("--z-scale", form.z_scale), ("--z-offset", form.z_offset or 0.0)):
+        if not math.isfinite(value) or (key == "--z-scale" and value == 0):
+            raise ConfigurationError(f"must be a number (found {value})", key=key)
+    if file.is_dir():
+        return _read_folder(file, form)
+    table = _read_file(file, form)
+    _check_unit(file, table.profiles.values())
+    _check_scale(file, table.profiles.values())
+    return table
+
+
+def upside_down(profile: Profile) -> Profile:
+    """The profile that heights of the other sign would have given, as far from the sensor."""
+    low, high = np.nanmin(profile.z_s), np.nanmax(profile.z_s)
+    return Profile(profile.x_s, low + high - profile.z_s, profile.intensity, profile.time)
+
+
+def _read_folder(folder: Path, form: ProfileFormat) -> ProfileTable:
+    """The profiles of all files in a folder, by name."""
+    together = ProfileTable()
+    for file in sorted(folder.iterdir()):
+        if file.suffix.lower() not in SUFFIXES:
+            continue
+        try:
+            table = read_profiles(file, form)
+        except ConfigurationError as error:
+            together.bad.append(f"{file.name}: {error.message}")
+            continue
+        for name, profile in table.profiles.items():
+            own = file.name if name == file.name else f"{file.name} {name}"
+            together.profiles[own] = profile
+        together.bad += [f"{file.name}: {bad}" for bad in table.bad]
+        together.notes += [note for note in table.notes if note not in together.notes]
+    if not together.profiles:
+        known = ", ".join(SUFFIXES)
+        why = f" ({together.bad[0]})" if together.bad else ""
+        raise ConfigurationError(f"holds no profile in a file {known}{why}", file=folder)
+    return together
+
+
+def _read_file(file: Path, form: ProfileFormat) -> ProfileTable:
     try:
         check_size(file, MOST_BYTES, "profiles")
-        if file.suffix.lower() == ".ply":
-            table = _read_ply(file, form)
-        else:
-            with file.open(newline="", encoding="utf-8-sig") as stream:
-                table = _read_text(file, csv.reader(stream), form)
+        suffix = file.suffix.lower()
+        if suffix == ".ply":
+            return _read_ply(file, form)
+        if suffix == ".npy":
+            return _read_npy(file, form)
+        return _read_text(file, read_text(file), form)
     except FileNotFoundError:
         near = nearest(file.name, [f.name for f in file.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None
@@ -101,75 +173,147 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    _check_unit(file, table.profiles.values())
+
+
+def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
+    if not text.rows:
+        raise ConfigurationError("is empty", file=file)
+    if is_gocator(text):
+        return _read_gocator(text, form)
+    first = text.numbers(text.rows[0][1])
+    if None not in first:
+        return _read_rows(file, text, form)
+    return _read_columns(file, text, form)
+
+
+def _read_gocator(text: TextTable, form: ProfileFormat) -> ProfileTable:
+    """Z grows towards the sensor, from mid-range, in millimetres, unless the options differ."""
+    found, bad = read_gocator(text)
+    offset = MIDDLE if form.z_offset is None else form.z_offset * UNITS[form.unit or "mm"]
+    sign = -form.z_scale
+    profiles = {
+        name: _profile(x, offset + sign * _without(height, form.invalid))
+        for name, (x, height) in found.items()
+    }
+    return ProfileTable(profiles, bad, [] if form.z_offset is not None else [_MIDDLE_TAKEN])
+
+
+_MIDDLE_TAKEN: Final = (
+    f"heights count from mid-range, which is taken to be {1e3 * MIDDLE:g} mm from the sensor; "
+    "--z-offset states it"
+)
+
+
+def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
+    """A profile per row, below a line of column numbers or none."""
+    first = text.numbers(text.rows[0][1])
+    indexed = len(first) > 2 and math.isnan(first[0] or 0.0) and is_count(first[1:])
+    counted = indexed or (len(text.rows) > 1 and is_count(first))
+    rows = text.rows[1:] if counted else text.rows
+    start, width = rows[0][0], len(text.rows[0][1])
+    table, names, heights = ProfileTable(), list[str](), list[list[float]]()
+    for line, row in rows:
+        name = f"row {line - start + 1}"
+        values = text.numbers(row)
+        if len(row) != width:
+            table.bad.append(f"{name}: {len(row)} columns, the first row has {width}")
+        elif None in values:
+            table.bad.append(f"{name}: {row[values.index(None)]!r} is no number")
+        else:
+            names.append(name)
+            heights.append([v for v in values if v is not None][1 if indexed else 0 :])
+    if heights:
+        _add_matrix(file, table, names, np.array(heights), form)
     return table
 
 
-def _read_text(file: Path, rows: Iterable[list[str]], form: ProfileFormat) -> ProfileTable:
-    # A row of empty cells is a missing point; an empty line is nothing.
-    numbered = ((i, row) for i, row in enumerate(rows, start=1) if row[1:] or "".join(row).strip())
-    first = next(numbered, None)
-    if first is None:
-        raise ConfigurationError("is empty", file=file)
-    number, row = first
-    if all(_number(cell) is not None for cell in row):
-        return _read_matrix(file, [(number, row), *numbered], form)
-    return _read_columns(file, [cell.strip().lower() for cell in row], numbered, form)
-
-
-def _read_matrix(
-    file: Path, rows: Sequence[tuple[int, list[str]]], form: ProfileFormat
-) -> ProfileTable:
-    """A profile per row: z at columns a pitch apart, x = 0 in the middle."""
+def _add_matrix(
+    file: Path, table: ProfileTable, names: Sequence[str], heights: Array, form: ProfileFormat
+) -> None:
+    """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle."""
     scale = _scale(file, form.unit, "a matrix of profiles")
+    x = scale * _pitched(file, heights.shape[1], form, "a matrix of profiles")
+    z = _heights(heights, scale, form, table)
+    for name, row in zip(names, z, strict=True):
+        table.profiles[name] = _profile(x, row)
+
+
+def _pitched(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
+    """X of columns a pitch apart, in the file's unit."""
     if form.pitch is None:
         raise ConfigurationError(
-            "a matrix of profiles needs the distance of its columns: --pitch. If its rows are "
-            "points, name the columns in a first line: x_mm,z_mm",
+            f"{what} needs the distance of its columns: --pitch. If its rows are points, name "
+            "the columns in a first line: x_mm,z_mm",
             file=file,
         )
     if not 0 < form.pitch < math.inf:
         raise ConfigurationError(f"must be a positive number (found {form.pitch})", key="--pitch")
-    table, width = ProfileTable(), len(rows[0][1])
-    x = scale * form.pitch * (np.arange(width) - (width - 1) / 2)
-    for number, row in rows:
-        values = [_number(cell) for cell in row]
-        if len(row) != width:
-            table.bad.append(f"row {number}: {len(row)} columns, the first row has {width}")
-        elif None in values:
-            word = row[values.index(None)].strip()
-            table.bad.append(f"row {number}: {word!r} is no number")
-        else:
-            z = _without(np.array(values, dtype=float), form.invalid) * scale
-            table.profiles[f"row {number}"] = Profile(np.where(np.isnan(z), np.nan, x), z)
+    return np.asarray(form.pitch * (np.arange(count) - (count - 1) / 2))
+
+
+def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
+    """A point per row, in columns x and z; a column `GROUPS` tells profiles apart."""
+    (header, first), *rows = text.rows
+    names = [cell.lower() for cell in first]
+    z_at, z_unit = _column(file, names, "z")
+    pitched = form.pitch is not None and not any(_is_axis(name, "x") for name in names)
+    x_at, x_unit = (z_at, z_unit) if pitched else _column(file, names, "x")
+    x_scale, z_scale = (
+        _scale(file, unit or form.unit, "a column without a unit in its name")
+        for unit in (x_unit, z_unit)
+    )
+    group_at = next((names.index(name) for name in GROUPS if name in names), None)
+    table, points = ProfileTable(), dict[str, list[tuple[float, float]]]()
+    for line, row in rows:
+        name = f"row {line - header + 1}"
+        if len(row) != len(names):
+            table.bad.append(f"{name}: {len(row)} columns, the header has {len(names)}")
+            continue
+        x, z = text.number(row[x_at]), text.number(row[z_at])
+        if x is None or z is None:
+            table.bad.append(f"{name}: {row[x_at if x is None else z_at]!r} is no number")
+            continue
+        group = file.name if group_at is None else f"{names[group_at]} {row[group_at]}"
+        points.setdefault(group, []).append((x, z))
+    if not points:
+        return table
+    together = np.concatenate([np.array(values) for values in points.values()])
+    together[:, 0] = _without(together[:, 0], form.invalid)
+    z_s = _heights(together[:, 1], z_scale, form, table)
+    ends = np.cumsum([len(values) for values in points.values()])
+    for name, end, values in zip(points, ends, points.values(), strict=True):
+        part = slice(end - len(values), end)
+        x_s = together[part, 0]
+        if pitched:
+            x_s = _pitched(file, len(values), form, "a table without a column x")
+        table.profiles[name] = _profile(x_scale * x_s, z_s[part])
     return table
 
 
-def _read_columns(
-    file: Path, names: list[str], rows: Iterable[tuple[int, list[str]]], form: ProfileFormat
-) -> ProfileTable:
-    """A point per row, in columns x and z; a column `GROUPS` tells profiles apart."""
-    (x_at, x_unit), (z_at, z_unit) = (_column(file, names, axis) for axis in "xz")
-    scales = [
-        _scale(file, unit or form.unit, "a column without a unit in its name")
-        for unit in (x_unit, z_unit)
-    ]
-    group_at = next((names.index(name) for name in GROUPS if name in names), None)
-    table, points = ProfileTable(), dict[str, list[tuple[float, float]]]()
-    for number, row in rows:
-        if len(row) != len(names):
-            table.bad.append(f"row {number}: {len(row)} columns, the header has {len(names)}")
-            continue
-        x, z = _number(row[x_at]), _number(row[z_at])
-        if x is None or z is None:
-            word = row[x_at if x is None else z_at].strip()
-            table.bad.append(f"row {number}: {word!r} is no number")
-            continue
-        name = file.name if group_at is None else f"{names[group_at]} {row[group_at].strip()}"
-        points.setdefault(name, []).append((x, z))
-    for name, values in points.items():
-        xz = _without(np.array(values), form.invalid) * scales
-        table.profiles[name] = Profile(xz[:, 0], xz[:, 1])
+def _read_npy(file: Path, form: ProfileFormat) -> ProfileTable:
+    """Heights, shape (n,) or (m, n), or points x and z, shape (n, 2) or (m, n, 2)."""
+    try:
+        found = np.load(file, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ConfigurationError(f"is no array of numbers: {error}", file=file) from None
+    if not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf" or found.size == 0:
+        raise ConfigurationError("is no array of numbers", file=file)
+    values, table = found.astype(float), ProfileTable()
+    values[np.isinf(values)] = np.nan
+    names = [f"row {i + 1}" for i in range(len(values))]
+    if values.ndim == 1:
+        _add_matrix(file, table, [file.name], values[None], form)
+    elif values.ndim == 2 and values.shape[1] != 2:
+        _add_matrix(file, table, names, values, form)
+    elif values.ndim in (2, 3) and values.shape[-1] == 2:
+        scale = _scale(file, form.unit, "an array")
+        several = values if values.ndim == 3 else values[None]
+        z = _heights(several[..., 1], scale, form, table)
+        x = scale * _without(several[..., 0], form.invalid)
+        for i, name in enumerate(names if values.ndim == 3 else [file.name]):
+            table.profiles[name] = _profile(x[i], z[i])
+    else:
+        raise ConfigurationError(f"an array of shape {values.shape} is no profile", file=file)
     return table
 
 
@@ -178,25 +322,72 @@ def _read_ply(file: Path, form: ProfileFormat) -> ProfileTable:
 
     scale = _scale(file, form.unit, "a PLY")
     try:
-        points = np.asarray(trimesh.load(file, process=False).vertices, dtype=float) * scale
+        points = np.asarray(trimesh.load(file, process=False).vertices, dtype=float)
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
-    if len(points) and not np.nanmax(np.abs(points[:, 1])) <= PLANE:
+    if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= PLANE:
         raise ConfigurationError(
             "its points lie off the plane y = 0, so it is no profile in a sensor's frame", file=file
         )
-    return ProfileTable({file.name: Profile(points[:, 0], points[:, 2])})
+    table = ProfileTable()
+    z_s = _heights(points[:, 2], scale, form, table)
+    table.profiles[file.name] = _profile(scale * points[:, 0], z_s)
+    return table
+
+
+def _profile(x_s: Array, z_s: Array) -> Profile:
+    """A profile whose points have both coordinates or neither."""
+    gone = np.isnan(x_s) | np.isnan(z_s)
+    return Profile(np.where(gone, np.nan, x_s), np.where(gone, np.nan, z_s))
+
+
+def _heights(values: Array, scale: float, form: ProfileFormat, table: ProfileTable) -> Array:
+    """Distances from the sensor in metres of a file's numbers, NaN for no point.
+
+    Heights of either sign count from mid-range. A zero among them is a height; far from all
+    others it is what sensors write where they see nothing.
+    """
+    z = _without(values, form.invalid)
+    zero = z == 0
+    others = z[~zero & np.isfinite(z)]
+    if _is_apart(others):
+        z = np.where(zero, np.nan, z)
+    elif zero.mean() > MANY_ZEROS:
+        table.notes.append(
+            f"{100 * zero.mean():.0f} % of the heights are exactly 0; if that means no point, "
+            "state --invalid 0"
+        )
+    z = scale * form.z_scale * z
+    if form.z_offset is not None:
+        return np.asarray(z + scale * form.z_offset)
+    if np.nanmin(z, initial=np.inf) > 0:
+        return z
+    table.notes.append(_MIDDLE_TAKEN)
+    # Nothing lies behind the sensor, however long its range.
+    return np.asarray(z + max(MIDDLE, -1.2 * float(np.nanmin(z))))
+
+
+def _is_apart(others: Array) -> bool:
+    """Whether zero is farther from numbers, a few strays aside, than they are from each other."""
+    if not len(others):
+        return False
+    low, high = np.percentile(others, (5, 95))
+    return bool(min(abs(low), abs(high)) > high - low and low * high > 0)
 
 
 def _column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:
     """Place of a column such as x, x_s or x_mm, and the unit in its name."""
     for i, name in enumerate(names):
-        match = re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({'|'.join(UNITS)})[\])]?)?", name)
+        match = _is_axis(name, axis)
         if match:
             return i, match[1]
     found = ", ".join(names[:12])
-    hint = "; separate columns by commas" if any(mark in found for mark in ";\t") else ""
-    raise ConfigurationError(f"has no column {axis} (found: {found[:200]!r}){hint}", file=file)
+    raise ConfigurationError(f"has no column {axis} (found: {found[:200]!r})", file=file)
+
+
+def _is_axis(name: str, axis: str) -> re.Match[str] | None:
+    units = "|".join(UNITS)
+    return re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
 
 
 def _check_unit(file: Path, profiles: Iterable[Profile]) -> None:
@@ -210,22 +401,27 @@ def _check_unit(file: Path, profiles: Iterable[Profile]) -> None:
         )
 
 
+def _check_scale(file: Path, profiles: Iterable[Profile]) -> None:
+    """Refuse heights that only a mistaken scale, or a mistaken pitch, explains."""
+    steep = []
+    for profile in profiles:
+        points = profile.points_s
+        if len(points) > 2:
+            low, high = np.percentile(points[:, 2], (5, 95))
+            steep.append((high - low) / max(np.ptp(points[:, 0]), 1e-12))
+    if steep and (ratio := float(np.median(steep))) > STEEPEST:
+        raise ConfigurationError(
+            f"heights span {ratio:.3g} times the width of the profiles: are their units the "
+            "same? --pitch states the distance of columns, --z-scale what one of the heights' "
+            "numbers is",
+            file=file,
+        )
+
+
 def _scale(file: Path, unit: str | None, what: str) -> float:
     if unit is None:
         raise ConfigurationError(f"{what} needs its unit: --units mm, um or m", file=file)
     return UNITS[unit]
-
-
-def _number(cell: str) -> float | None:
-    """A finite number, NaN for nothing, None for anything else."""
-    text = cell.strip()
-    if not text:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return math.nan if math.isinf(value) else value
 
 
 def _without(values: Array, invalid: Sequence[float]) -> Array:

@@ -1,0 +1,62 @@
+"""``tjscan groove`` on the files that people have."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+from grooves import MM, Groove, Noise, draw
+
+NOISE = Noise(sigma=0.03 * MM)
+
+
+def heights(folder: Path, *, sign: int, header: bool = True) -> Path:
+    """Three profiles, heights in hundredths of a millimetre from mid-range, 0.1 mm apart."""
+    x = np.arange(-450, 451) * 0.1 * MM
+    rows = [",".join(str(i) for i in range(len(x)))] if header else []
+    for seed in range(3):
+        seen = draw(Groove(), NOISE, seed)
+        order = np.argsort(seen.x_s)
+        good = order[np.isfinite(seen.x_s[order])]
+        z = np.interp(x, seen.x_s[good], seen.z_s[good])
+        rows.append(",".join(f"{v:.0f}" for v in sign * 1e5 * (z - 0.24)))
+    file = folder / "heights.csv"
+    file.write_text("# from the shop\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return file
+
+
+OPTIONS = ("--units", "mm", "--pitch", "0.1")
+
+
+def test_heights_about_mid_range_are_read_and_said_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = heights(tmp_path, sign=1)
+    assert tjscan("groove", file, *OPTIONS, "--z-scale", "0.01") == 0
+    printed = capsys.readouterr()
+    assert [line.split(":")[0] for line in printed.out.splitlines()] == ["row 1", "row 2", "row 3"]
+    assert "--z-offset" in printed.err
+    assert tjscan("groove", file, *OPTIONS, "--z-scale", "0.01", "--z-offset", "240") == 0
+    assert "--z-offset" not in capsys.readouterr().err
+
+
+def test_heights_of_the_wrong_sign_are_found_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = heights(tmp_path, sign=-1)
+    assert tjscan("groove", file, *OPTIONS, "--z-scale", "0.01") == 1
+    assert "--z-scale the other sign" in capsys.readouterr().err
+    assert tjscan("groove", file, *OPTIONS, "--z-scale", "-0.01") == 0
+
+
+def test_a_scale_of_the_wrong_size_is_found_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("groove", heights(tmp_path, sign=1), *OPTIONS) == 2
+    assert "--z-scale" in capsys.readouterr().err
+
+
+def test_a_folder_is_read_file_by_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    heights(tmp_path, sign=1)
+    assert tjscan("groove", tmp_path, *OPTIONS, "--z-scale", "0.01") == 0
+    assert "heights.csv row 2" in capsys.readouterr().out

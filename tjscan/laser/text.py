@@ -1,0 +1,105 @@
+"""Tables of numbers in text files: separators, decimal commas, comments and headers."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+COMMENT: Final = "#"
+
+SAMPLE: Final = 50
+"""Lines that the separator is found from."""
+
+FEWEST_FROM_ONE: Final = 5
+"""Shorter rows 1, 2, 3 are heights."""
+
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """Rows of cells.
+
+    Parameters
+    ----------
+    rows : tuple of (int, list of str)
+        Number of the line in the file, from 1, and its cells, stripped.
+    decimal_comma : bool
+        Whether numbers are written with a comma.
+    """
+
+    rows: tuple[tuple[int, list[str]], ...]
+    decimal_comma: bool = False
+
+    def number(self, cell: str) -> float | None:
+        """A finite number, NaN for an empty cell or infinity, None for anything else."""
+        if not cell:
+            return math.nan
+        try:
+            value = float(cell.replace(",", ".") if self.decimal_comma else cell)
+        except ValueError:
+            return None
+        return math.nan if math.isinf(value) else value
+
+    def numbers(self, cells: list[str]) -> list[float | None]:
+        """`number` of each cell."""
+        return [self.number(cell) for cell in cells]
+
+
+def read_text(file: Path) -> TextTable:
+    """Read a table: cells between commas, semicolons, tabs or blanks; ``#`` begins a comment.
+
+    Raises
+    ------
+    UnicodeDecodeError, csv.Error, OSError
+        If it is no text, or can't be read.
+    """
+    lines = [
+        (number, line.split(COMMENT, 1)[0])
+        for number, line in enumerate(file.read_text(encoding="utf-8-sig").splitlines(), start=1)
+        if not line.lstrip().startswith(COMMENT)
+    ]
+    lines = [(number, line) for number, line in lines if line.strip(" ")]
+    separator = _separator([line for _, line in lines[:SAMPLE]])
+    rows = tuple(_cells(lines, separator))
+    commas = separator != "," and any(
+        _DECIMAL_COMMA.fullmatch(cell) for _, row in rows[:SAMPLE] for cell in row
+    )
+    return TextTable(rows, commas)
+
+
+def _separator(lines: list[str]) -> str | None:
+    """What stands between cells; None for blanks."""
+    for mark in (";", "\t"):
+        if any(mark in line for line in lines):
+            return mark
+    # Between blanks a comma may be the decimal one.
+    with_comma = [line for line in lines if "," in line]
+    return None if all(_all_decimal(line) for line in with_comma) else ","
+
+
+def _all_decimal(line: str) -> bool:
+    """Whether every word of several is a number with a decimal comma."""
+    words = line.split()
+    return len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words)
+
+
+def _cells(lines: list[tuple[int, str]], separator: str | None) -> Iterator[tuple[int, list[str]]]:
+    for number, line in lines:
+        if separator is None:
+            yield number, line.split()
+        else:
+            (row,) = csv.reader([line], delimiter=separator)
+            yield number, [cell.strip() for cell in row]
+
+
+def is_count(values: list[float | None]) -> bool:
+    """Whether numbers count columns: 0, 1, 2 … or 1, 2, 3 …, which a few heights may, too."""
+    from_zero = values == [float(i) for i in range(len(values))]
+    from_one = values == [float(i) for i in range(1, len(values) + 1)]
+    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_FROM_ONE)
