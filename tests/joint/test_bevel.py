@@ -13,7 +13,7 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import in_j
 
 CAD = Path(__file__).parents[2] / "cad"
-JOINTS = sorted(CAD.glob("*.toml"))
+JOINTS = sorted(CAD.glob("?joint-*.toml"))
 EXACT = 1e-12
 
 PHI = np.linspace(0, 2 * np.pi, 73)

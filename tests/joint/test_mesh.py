@@ -22,7 +22,7 @@ from tjscan.joint.geometry import in_j
 from tjscan.joint.mesh import CHORD_ERROR, TriangleMesh, build_mesh, chord_error, mesh_azimuths
 
 CAD = Path(__file__).parents[2] / "cad"
-JOINTS = sorted(CAD.glob("*.toml"))
+JOINTS = sorted(CAD.glob("?joint-*.toml"))
 PAPER = CAD / "tjoint-600x457.toml"
 
 ACCURACY = 5e-6

@@ -29,7 +29,7 @@ from tjscan.result.frame import ResultFrame
 from tjscan.runs.results import groove_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
-JOINTS = [read_joint(file) for file in sorted(CAD.glob("*.toml"))]
+JOINTS = [read_joint(file) for file in sorted(CAD.glob("?joint-*.toml"))]
 EXACT = 1e-9
 """Metres: rounding in lengths of a few metres."""
 

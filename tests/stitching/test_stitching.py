@@ -25,7 +25,7 @@ from tjscan.stitching.stations import Station
 from tjscan.stitching.stitch import Stitched, stitch
 from tjscan.stitching.told import tell
 
-NAMES = sorted(file.stem for file in CAD.glob("*.toml"))
+NAMES = sorted(file.stem for file in CAD.glob("?joint-*.toml"))
 PAPERS = "tjoint-600x457"
 HALF_TURN = np.diag((-1.0, -1.0, 1.0, 1.0))
 EXACT = 1e-6

@@ -67,6 +67,8 @@ def tack_solid(definition: JointDefinition, tack: Tack, span: Array) -> manifold
     outward = chord[:, ::-1] * (1, -1)
     t = np.linspace(0, 1, _FACE)[:, None, None]
     face = on_leg + t * chord + BOW * 4 * t * (1 - t) * outward
+    # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
+    face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]
     into_leg = -DIP * root_normal(definition.leg, phi, rho)
     into_brace = DIP * s.bevel[:, ::-1] * (-1, 1)
     up = np.array((0.0, DIP))

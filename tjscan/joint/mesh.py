@@ -201,16 +201,18 @@ def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
     root = definition.imperfections.root
     if root.is_open:
         return []
-    foot_outer, foot_inner = _feet(definition, s)
-    if root.bead_height == (0.0,):
-        face = np.linspace(foot_outer, s.p3, BEAD_STRIPS, endpoint=False)
-        return [foot_inner, *face]
-    share = np.linspace(0, 1, BOWED_STRIPS, endpoint=False)[:, None, None]
-    height = round_joint(root.bead_height, s.phi)[:, None]
-    chord = s.p3 - s.p4
-    outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
-    face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
-    return [foot_inner, foot_outer, *face]
+    # From p4, where the face begins on the leg, up to below p3.
+    face = np.array((s.p4, s.p3))
+    if root.bead_height != (0.0,):
+        share = np.linspace(0, 1, BOWED_STRIPS + 1)[:, None, None]
+        height = round_joint(root.bead_height, s.phi)[:, None]
+        chord = s.p3 - s.p4
+        outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
+        face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
+    foot_outer, foot_inner = _feet(definition, s, face[1])
+    if len(face) == 2:
+        return [foot_inner, *np.linspace(foot_outer, s.p3, BEAD_STRIPS, endpoint=False)]
+    return [foot_inner, foot_outer, *face[1:-1]]
 
 
 def _bevel(definition: JointDefinition, s: BevelSections) -> Array:
@@ -228,14 +230,14 @@ def _bevel(definition: JointDefinition, s: BevelSections) -> Array:
     return np.asarray(s.p3 + share * along + height * knee * outward)
 
 
-def _feet(d: JointDefinition, s: BevelSections) -> tuple[Array, Array]:
-    """Where the bead's face and back end inside the leg's wall, each (n, 2).
+def _feet(d: JointDefinition, s: BevelSections, above: Array) -> tuple[Array, Array]:
+    """Where the bead's face, from a point above p4, and its back end inside the leg, each (n, 2).
 
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
     p4 however finely the leg is cut into faces.
     """
     sunk = d.leg.offset(-min(SUNK, d.leg_wall / 2, 0.02 * d.leg_radius))
-    outer = sunk.meet(s.phi, s.p3, s.p4 - s.p3)
+    outer = sunk.meet(s.phi, above, s.p4 - above)
     gapped = d.leg.offset(d.root_opening(s.phi))
     back = -root_normal(gapped, s.phi, s.land_inner[:, 0])
     return outer, sunk.meet(s.phi, s.land_inner, back)
