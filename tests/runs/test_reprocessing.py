@@ -38,6 +38,7 @@ def corners(run: Path) -> np.ndarray:
 def test_the_same_settings_give_the_same_to_the_last_digit(run: Path, tmp_path: Path) -> None:
     before, out = files(run), tmp_path / "again"
     assert tjscan("reprocess", run, "--out", out) == 0
+    assert (out / "report.html").is_file()
     assert files(run) == before
     for name in ("sections.csv", "groove.ply", "scan.mcap", "joint.toml"):
         assert (out / name).read_bytes() == before[name]

@@ -68,6 +68,7 @@ def test_a_scan_cut_anywhere_ends_as_the_whole_one(
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
     np.testing.assert_allclose(corners(run), corners(whole), atol=1.1e-4)  # four decimals
     assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["sections"] == 16
+    assert (run / "report.html").is_file()
 
 
 def test_the_smooth_case_and_adaptive_steps_go_on_as_if_nothing_had_happened(

@@ -215,6 +215,8 @@ def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
     assert "Station right is not finished" in told
     assert f"--resume {out}" in told
     assert read_summary(out / "left" / "summary.json").complete
+    assert (out / "left" / "report.html").is_file()
+    assert not (out / "right" / "report.html").exists()
     # What was recorded before the first section is of no use to what follows, and is kept.
     job = out / "job.toml"
     data = read_toml(job)
