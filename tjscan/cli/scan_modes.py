@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict
-from json import dumps
 from pathlib import Path
 from typing import Any
+
+from pydantic_core import to_json
 
 from tjscan.calibration.operator import Nobody
 from tjscan.cli.console import say
@@ -117,8 +117,8 @@ def _end_stations(
 def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:
     """Print what was scanned so far, where that is not all."""
     if json:
-        summaries = {one.name: one.summary and asdict(one.summary) for one in scans}
-        print(dumps({"stations": summaries}, indent=2))
+        summaries = {one.name: one.summary for one in scans}
+        print(to_json({"stations": summaries}, indent=2).decode())
         return
     for one in scans:
         say(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
