@@ -21,6 +21,7 @@ from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from scipy.spatial.transform import Rotation
+from written import content
 
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.logbook import Logbook, Measured
@@ -216,7 +217,7 @@ def test_a_scan_keeps_the_calibration_it_was_made_with(calibrated: Path, tmp_pat
     assert "was not calibrated" not in told
     again = tmp_path / "again"
     assert tjscan("scan", out / "job.toml", "--out", again) == 0
-    assert (again / "sections.csv").read_bytes() == (out / "sections.csv").read_bytes()
+    assert content(again / "sections.csv") == content(out / "sections.csv")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cells import PAPER
 from command import tjscan
+from written import content
 
 from tjscan.core.errors import LaserFault, ViewNotRecorded
 from tjscan.core.frames import Array, from_euler_zyx
@@ -93,7 +94,7 @@ def test_a_replay_that_is_cut_goes_on(run: Path, tmp_path: Path) -> None:
 
 def test_other_settings_of_the_groove_find_about_the_same(run: Path, tmp_path: Path) -> None:
     assert replay(run, tmp_path / "again", "--groove.noise-mm", "0.07") == 0
-    assert len((tmp_path / "again" / "sections.csv").read_text().splitlines()) == 1 + SECTIONS
+    assert len(content(tmp_path / "again" / "sections.csv")) == 1 + SECTIONS
 
 
 def test_views_that_were_not_recorded_end_a_replay_in_words(run: Path, tmp_path: Path) -> None:

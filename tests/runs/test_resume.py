@@ -37,7 +37,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def corners(run: Path) -> np.ndarray:
     with (run / "sections.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     return np.array([[float(v) for k, v in row.items() if k.startswith("p")] for row in rows])
 
 

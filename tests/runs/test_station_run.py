@@ -15,6 +15,7 @@ import tomli_w
 from cells import Notes
 from command import tjscan
 from station_jobs import QUICK, WHOLE, data_of, written
+from written import content
 
 from tjscan.calibration.operator import Question
 from tjscan.core.config import read_toml
@@ -137,16 +138,15 @@ def test_each_station_leaves_a_run_directory_of_its_own(whole: Path) -> None:
 
 def test_the_directory_of_a_station_can_be_run_again(whole: Path, tmp_path: Path) -> None:
     assert tjscan("scan", whole / "right" / "job.toml", "--out", tmp_path / "again") == 0
-    again = (tmp_path / "again" / "sections.csv").read_text(encoding="utf-8")
-    assert again == (whole / "right" / "sections.csv").read_text(encoding="utf-8")
+    again = content(tmp_path / "again" / "sections.csv")
+    assert again == content(whole / "right" / "sections.csv")
 
 
 def test_one_station_alone_is_a_run_like_any_other(whole: Path, tmp_path: Path) -> None:
     out = tmp_path / "right"
     assert tjscan("scan", WHOLE, "--station", "right", "--out", out, *QUICK) == 0
     assert {file.name for file in out.iterdir()} == STATION_FILES
-    same = (whole / "right" / "sections.csv").read_text(encoding="utf-8")
-    assert (out / "sections.csv").read_text(encoding="utf-8") == same
+    assert content(out / "sections.csv") == content(whole / "right" / "sections.csv")
 
 
 def test_between_stations_somebody_is_asked(story: Story) -> None:
