@@ -22,18 +22,18 @@ from tjscan.report.design import designed_measures
 from tjscan.report.findings import findings
 from tjscan.report.material import gather
 from tjscan.report.page import render
-from tjscan.report.stations import read_stitching
 from tjscan.report.write import write_report
 from tjscan.result.section import MEASURES
+from tjscan.result.stitching import (
+    OverlapReport,
+    StationReport,
+    StitchingReport,
+    read_stitching,
+    write_stitching,
+)
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
 from tjscan.result.table import read_sections, write_sections
 from tjscan.scanning.reader import read_scan
-from tjscan.stitching.told import (
-    ToldOverlap,
-    ToldStation,
-    ToldStitching,
-    write_stations,
-)
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 
@@ -221,7 +221,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     single = read_summary(run / "summary.json")
     parts = {"left & <b>": single, "right": single}
     write_summary(directory / "summary.json", summarise_stations(parts, sections, "j"))
-    station = ToldStation(
+    station = StationReport(
         name="left & <b>",
         source="left & <b>",
         position_mm=(1.0, 2.0, 3.0),
@@ -237,7 +237,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         walls_rms_mm=0.033,
         walls_misfit=1.0,
     )
-    overlap = ToldOverlap(
+    overlap = OverlapReport(
         stations=("left & <b>", "right"),
         azimuth_deg=12.0,
         arc_deg=34.0,
@@ -250,7 +250,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         covariance=((0.0,) * 6,) * 6,
         gap_mm=0.0061,
     )
-    told = ToldStitching(
+    told = StitchingReport(
         frame="j",
         covered_deg=340.0,
         brace_diameter_mm=457.19,
@@ -267,7 +267,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         stations=(station, replace(station, name="right", source="right")),
         overlaps=(overlap,),
     )
-    write_stations(directory / "stations.json", told)
+    write_stitching(directory / "stations.json", told)
     return directory
 
 
@@ -292,7 +292,7 @@ def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
 def test_a_loop_that_no_overlap_closes_is_told(stitched: Path) -> None:
     told = read_stitching(stitched)
     assert told is not None
-    write_stations(
+    write_stitching(
         stitched / "stations.json",
         replace(told, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
     )

@@ -18,12 +18,12 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, rotation_angle
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.tubes.walls import Repeatability
+from tjscan.runs.stitching_report import report_stitching
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.stations import Station
 from tjscan.stitching.stitch import Stitched, stitch
-from tjscan.stitching.told import tell
 
 NAMES = sorted(file.stem for file in CAD.glob("?joint-*.toml"))
 PAPERS = "tjoint-600x457"
@@ -239,7 +239,7 @@ def test_sections_come_by_azimuth_each_place_once_and_fused_ones_are_surer() -> 
 
 def test_what_is_told_is_in_millimetres_and_degrees() -> None:
     stitched, _ = simulated(PAPERS, LEFT_RIGHT)
-    told = tell(stitched, {"left": "left"})
+    told = report_stitching(stitched, {"left": "left"})
     assert told.brace_diameter_mm == pytest.approx(457.2, abs=0.3)
     assert told.angle_deg == pytest.approx(90, abs=0.05)
     left, right = told.stations

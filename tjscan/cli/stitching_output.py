@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
-from json import dumps
 from pathlib import Path
 
+from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.console import say, stderr
+from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import Summary
 from tjscan.runs.stitch import StitchedRun
-from tjscan.stitching.told import LOOP_OPEN, ToldStitching
 
 NOTED_MM = 0.05
 """Tubes less out of round than this are not reported."""
@@ -21,18 +20,19 @@ NOTED_MM = 0.05
 def print_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
     """Print a stitched groove on stderr: stations, overlaps, totals; or JSON on stdout."""
     if json:
-        print(dumps({"summary": asdict(done.summary), "stitching": asdict(done.told)}, indent=2))
+        found = {"summary": done.summary, "stitching": done.report}
+        print(to_json(found, indent=2).decode())
         return
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _lines(done.summary, done.told):
+    for name, value in _lines(done.summary, done.report):
         table.add_row(name, value)
     stderr.print(table)
     say(f"written to {directory}; see report.html, and stations.json for how it was stitched")
 
 
-def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
-    first = told.stations[0]
-    for one in told.stations:
+def _lines(summary: Summary, report: StitchingReport) -> Iterator[tuple[str, str]]:
+    first = report.stations[0]
+    for one in report.stations:
         start, end = one.azimuth_deg
         off = (
             ""
@@ -45,29 +45,29 @@ def _lines(summary: Summary, told: ToldStitching) -> Iterator[tuple[str, str]]:
             f"{one.sections} sections from {start:.0f}° to {end:.0f}°, groove placed to "
             f"{one.sigma_groove_mm:.3f} mm{off}",
         )
-    for edge in told.overlaps:
+    for edge in report.overlaps:
         yield (
             f"overlap {' + '.join(edge.stations)}",
             f"{edge.arc_deg:.0f}° at {edge.azimuth_deg:.0f}°: residuals {edge.residual_rms_mm:.3f} "
             f"mm, gap {edge.gap_mm:.3f} mm",
         )
-    if told.loop_gap_before_mm is not None and told.loop_gap_after_mm is not None:
+    if report.loop_gap_before_mm is not None and report.loop_gap_after_mm is not None:
         yield (
             "loop gap",
-            f"{told.loop_gap_before_mm:.3f} mm, closed {told.loop_gap_after_mm:.3f} mm",
+            f"{report.loop_gap_before_mm:.3f} mm, closed {report.loop_gap_after_mm:.3f} mm",
         )
     else:
         yield "loop", LOOP_OPEN
-    yield "covered", f"{told.covered_deg:.0f}°, {summary.sections} sections"
+    yield "covered", f"{report.covered_deg:.0f}°, {summary.sections} sections"
     yield (
         "diameters",
-        f"brace {told.brace_diameter_mm:.2f} ± {told.sigma_brace_diameter_mm:.2f} mm, "
-        f"leg {told.leg_diameter_mm:.2f} ± {told.sigma_leg_diameter_mm:.2f} mm",
+        f"brace {report.brace_diameter_mm:.2f} ± {report.sigma_brace_diameter_mm:.2f} mm, "
+        f"leg {report.leg_diameter_mm:.2f} ± {report.sigma_leg_diameter_mm:.2f} mm",
     )
-    if told.out_of_round_mm > NOTED_MM:
+    if report.out_of_round_mm > NOTED_MM:
         yield (
             "out of round",
-            f"tubes bulge by some {told.out_of_round_mm:.2f} mm: frame j is that uncertain, the "
+            f"tubes bulge by some {report.out_of_round_mm:.2f} mm: frame j is that uncertain, the "
             "overlaps hold the stations together",
         )
     if (error := summary.corner_error_mm) is not None:

@@ -19,14 +19,14 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.report.stations import read_stitching, station_folders
+from tjscan.report.stations import station_folders
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, SECTIONS, SUMMARY
 from tjscan.result.shapes import read_run_shape, read_shape
+from tjscan.result.stitching import StitchingReport, read_stitching
 from tjscan.result.summary import Summary, check_recorded, read_summary
 from tjscan.result.table import read_sections
 from tjscan.scanning.reader import read_scan
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.stitching.told import ToldStitching
 
 RECORDING: Final = "scan.mcap"
 
@@ -79,7 +79,7 @@ class Material:
         The joint as designed, where the run names one and stands in its frame.
     comparison : Comparison or None
         With the joint as designed, or with another reference.
-    stitching : ToldStitching or None
+    stitching : StitchingReport or None
         How its stations were stitched; None for a scan from one place.
     caveats : tuple of str
         What could not be done.
@@ -92,7 +92,7 @@ class Material:
     places: tuple[Place, ...]
     joint: JointDefinition | None
     comparison: Comparison | None
-    stitching: ToldStitching | None
+    stitching: StitchingReport | None
     caveats: tuple[str, ...]
 
     @property

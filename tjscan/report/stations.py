@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.report.picture import Picture
-from tjscan.stitching.told import LOOP_OPEN, ToldStitching
+from tjscan.result.directory import STATIONS_PICTURE
+from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 
-STATIONS: Final = "stations.json"
-PICTURE: Final = "stitch.png"
 MOST_BYTES: Final = 1_000_000
 """A larger picture would make the report too large to send."""
 
@@ -23,33 +20,14 @@ UNFIT: Final = 9.0
 """Chi-squared per degree of freedom of an overlap that is worth a word: three times the errors."""
 
 
-def read_stitching(directory: Path) -> ToldStitching | None:
-    """How a run was stitched; None where it was not.
-
-    Raises
-    ------
-    ConfigurationError
-        If ``stations.json`` is damaged.
-    """
-    file = directory / STATIONS
-    if not file.is_file():
-        return None
-    try:
-        return TypeAdapter(ToldStitching).validate_json(file.read_bytes())
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(f"is damaged: {first['msg']}", file=file, key=key) from None
-
-
-def station_folders(directory: Path, told: ToldStitching | None) -> dict[str, Path]:
+def station_folders(directory: Path, told: StitchingReport | None) -> dict[str, Path]:
     """Where the recordings of the stations are, wherever the result was moved to."""
     if told is None:
         return {}
     return {station.name: directory / station.source for station in told.stations}
 
 
-def found_rows(told: ToldStitching) -> Iterator[tuple[str, str]]:
+def found_rows(told: StitchingReport) -> Iterator[tuple[str, str]]:
     """What the tubes are like, as the data tell it."""
     for name, value, sigma in (
         ("leg", told.leg_diameter_mm, told.sigma_leg_diameter_mm),
@@ -69,7 +47,7 @@ def found_rows(told: ToldStitching) -> Iterator[tuple[str, str]]:
         )
 
 
-def station_rows(told: ToldStitching) -> list[tuple[str, ...]]:
+def station_rows(told: StitchingReport) -> list[tuple[str, ...]]:
     """Where each station stands, and how sure that is."""
     return [
         (
@@ -86,7 +64,7 @@ def station_rows(told: ToldStitching) -> list[tuple[str, ...]]:
     ]
 
 
-def overlap_rows(told: ToldStitching) -> list[tuple[str, ...]]:
+def overlap_rows(told: StitchingReport) -> list[tuple[str, ...]]:
     """How stations fit where they overlap."""
     return [
         (
@@ -103,7 +81,7 @@ def overlap_rows(told: ToldStitching) -> list[tuple[str, ...]]:
     ]
 
 
-def stitching_findings(told: ToldStitching) -> Iterator[str]:
+def stitching_findings(told: StitchingReport) -> Iterator[str]:
     """What to know of the stitching."""
     if told.covered_deg < 360 - 0.5:
         yield f"The stations cover {told.covered_deg:.0f}° without a gap, not all of the joint."
@@ -119,7 +97,7 @@ def stitching_findings(told: ToldStitching) -> Iterator[str]:
 
 def stations_picture(directory: Path) -> Picture | None:
     """The picture that the stitching left; None where it is not there."""
-    file = directory / PICTURE
+    file = directory / STATIONS_PICTURE
     if not file.is_file() or file.stat().st_size > MOST_BYTES:
         return None
     data = b64encode(file.read_bytes()).decode("ascii")

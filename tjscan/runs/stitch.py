@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -15,27 +15,27 @@ from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import inverse, transform
+from tjscan.core.provenance import Provenance
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.writer import parts
-from tjscan.result.directory import JOB, JOINT, SUMMARY, job_of
+from tjscan.result.directory import JOB, JOINT, STATIONS, STATIONS_PICTURE, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
+from tjscan.result.stitching import StitchingReport, write_stitching
 from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
 from tjscan.result.write import write_results
 from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.results import groove_points
+from tjscan.runs.stitching_report import report_stitching
 from tjscan.scanning.reader import read_scan
 from tjscan.stitching.draft import Draft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import DEFAULT, StitchSettings
 from tjscan.stitching.stations import Station, station_of
 from tjscan.stitching.stitch import Stitched, stitch
-from tjscan.stitching.told import ToldStitching, tell, write_stations
-
-PICTURE, STATIONS = "stitch.png", "stations.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,14 +68,14 @@ class StitchedRun:
     ----------
     summary : Summary
         The groove in a few numbers.
-    told : ToldStitching
+    report : StitchingReport
         How the stations were stitched.
     stitched : Stitched
         The stations and sections in frame j.
     """
 
     summary: Summary
-    told: ToldStitching
+    report: StitchingReport
     stitched: Stitched
 
 
@@ -116,8 +116,8 @@ def stitch_runs(
     except StitchingRefused as error:
         if isinstance(error.draft, Draft):
             with atomic_directory(directory) as draft:
-                write_picture(draft / PICTURE, draw_stitching(error.draft))
-            error.add_note(f"{directory / PICTURE} shows it")
+                write_picture(draft / STATIONS_PICTURE, draw_stitching(error.draft))
+            error.add_note(f"{directory / STATIONS_PICTURE} shows it")
         raise
     _gather(directory, read)
     done = _write(directory, read, stitched)
@@ -223,7 +223,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         None if joint is None else corner_errors(corners, feature_edges(joint)),
         closed=stitched.closed,
     )
-    told = tell(stitched, {one.station.name: _folder(directory, one) for one in read})
+    report = report_stitching(stitched, {one.station.name: _folder(directory, one) for one in read})
     frames = [ResultFrame(inverse(one.T_j_b)) for one in stitched.stations]
     points = np.concatenate(
         [
@@ -236,7 +236,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         points,
         frame="j",
         title=f"{len(stitched.sections)} sections from {len(stitched.stations)} stations, "
-        f"{told.covered_deg:.0f}° covered",
+        f"{report.covered_deg:.0f}° covered",
         outline=() if joint is None else joint_outline(joint),
         paths=[
             transform(
@@ -245,9 +245,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
             for one in stitched.stations
         ],
     )
-    with atomic_directory(directory) as draft:
-        write_stations(draft / STATIONS, told)
-        write_picture(draft / PICTURE, draw_stitching(stitched.draft))
     job = job_of(directory, *(one.directory for one in read))
+    provenance = Provenance.now(job, "j")
+    report = replace(report, provenance=provenance)
+    with atomic_directory(directory) as draft:
+        write_stitching(draft / STATIONS, report)
+        write_picture(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     summary = write_results(directory, stitched.sections, points, summary, picture, job)
-    return StitchedRun(summary, told, stitched)
+    return StitchedRun(summary, report, stitched)
