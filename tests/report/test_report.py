@@ -18,9 +18,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import transform
 from tjscan.groove.find import find_groove
 from tjscan.joint.file import read_joint
+from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import findings
-from tjscan.report.material import gather
 from tjscan.report.page import render
 from tjscan.report.write import write_report
 from tjscan.result.section import MEASURES
@@ -152,11 +152,11 @@ def test_gaps_and_what_is_over_tolerance_are_told(run: Path, tmp_path: Path) -> 
     shutil.copytree(run, gappy)
     sections = read_sections(run / "sections.csv")
     write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
-    told = list(findings(gather(gappy, CAD, tolerance=1e-9)))
+    told = list(findings(read_report_data(gappy, CAD, tolerance=1e-9)))
     assert any("of groove were not seen, azimuth 3° to 3" in words for words in told)
     assert any("Outside the tolerance" in words for words in told)
     assert any("12 of 12 corners lie farther" in words for words in told)
-    assert not any("not seen" in words for words in findings(gather(run)))
+    assert not any("not seen" in words for words in findings(read_report_data(run)))
 
 
 def test_a_run_without_a_joint_is_told_along_its_groove(run: Path, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_run_without_a_joint_is_told_along_its_groove(run: Path, tmp_path: Pat
         "\n".join([rows[0], *(re.sub(r"^(\d+,[^,]*),[^,]*", r"\1,", row) for row in rows[1:])]),
         encoding="utf-8",
     )
-    found = Page(render(gather(bare)))
+    found = Page(render(read_report_data(bare)))
     assert "azimuths are not known in frame b" in found.text
     assert found.tags.count("img") == 4
     assert "Compared with" not in found.text
@@ -201,7 +201,7 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     assert tjscan("report", again, "--tolerance-mm", "1") == 2  # of which joint?
     assert (again / "report.html").read_bytes() == before
     with pytest.raises(ConfigurationError, match="no finished run"):
-        gather(tmp_path / "none")
+        read_report_data(tmp_path / "none")
 
 
 @pytest.fixture
@@ -303,4 +303,4 @@ def test_a_loop_that_no_overlap_closes_is_told(stitched: Path) -> None:
 def test_a_damaged_stations_file_is_refused(stitched: Path) -> None:
     (stitched / "stations.json").write_text('{"frame": 1}', encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"stations\.json"):
-        gather(stitched)
+        read_report_data(stitched)

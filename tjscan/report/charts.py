@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from itertools import cycle
+from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
-from tjscan.report.material import Material
 from tjscan.report.picture import Picture, inlined, sheet
 from tjscan.result.outline import joint_outline
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_space
 from tjscan.result.section import MEASURES, SIGMAS, lengths
 
 DESIGN: Final = "#d62728"
+COLOURS: Final = tuple(f"C{k}" for k in range(10))
+"""Of stations that are drawn together."""
+
 ABOUT: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
@@ -22,23 +26,23 @@ BAND: Final = 2.0
 """Half width of the bands, in standard deviations."""
 
 
-def draw_view(material: Material) -> Picture:
+def draw_view(data: ReportData) -> Picture:
     """The groove in space."""
     figure = sheet(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    corners = np.array([section.points for section in material.sections]).reshape(-1, 3)
+    corners = np.array([section.points for section in data.sections]).reshape(-1, 3)
     low, high = corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
-    outline = () if material.joint is None else joint_outline(material.joint)
-    points = np.empty((0, 3)) if material.shape.points is None else material.shape.points
+    outline = () if data.joint is None else joint_outline(data.joint)
+    points = np.empty((0, 3)) if data.shape.points is None else data.shape.points
     # A ghost far off would make the groove small.
     points = points[np.flatnonzero(np.all((points > low) & (points < high), axis=1))]
     lines = [_within(line, low, high) for line in outline]
-    draw_space(axes, material.sections, points, material.summary.frame, lines, ())
+    draw_space(axes, data.sections, points, data.summary.frame, lines, ())
     return inlined(
         figure,
         "The scanned groove in space",
         "Blue points are what the laser saw, black and red ones the corners that were read in it"
-        + ("." if material.joint is None else "; grey lines are the joint as designed."),
+        + ("." if data.joint is None else "; grey lines are the joint as designed."),
     )
 
 
@@ -50,18 +54,18 @@ def _within(line: Array, low: Array, high: Array) -> Array:
     return np.where(inside, line, np.nan)
 
 
-def draw_measures(material: Material) -> Picture:
+def draw_measures(data: ReportData) -> Picture:
     """Groove angle, root width, depth and area along the groove, with their uncertainty."""
-    x, label = _along(material)
+    x, label = _along(data)
     order = np.argsort(x)
     design = None
-    if material.joint is not None:
-        design = designed_measures(material.sections, material.joint)
+    if data.joint is not None:
+        design = designed_measures(data.sections, data.joint)
     figure = sheet(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, field, spread) in enumerate(zip(panels.flat, MEASURES, SIGMAS, strict=True)):
-        y = field.values(material.sections)[order]
-        sigma = BAND * spread.values(material.sections)[order]
+        y = field.values(data.sections)[order]
+        sigma = BAND * spread.values(data.sections)[order]
         axes.fill_between(x[order], y - sigma, y + sigma, color=LASER, alpha=0.3, linewidth=0)
         axes.plot(x[order], y, marker="o", markersize=3, linewidth=1, color=LASER, label="measured")
         if design is not None:
@@ -85,52 +89,55 @@ def draw_measures(material: Material) -> Picture:
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
-        f"deviations, as each profile tells them.{designed}",
+        f"deviations, from each profile's own noise.{designed}",
     )
 
 
-def draw_steps(material: Material) -> Picture | None:
-    """Length of every step, and when it was done; None where no recording is there."""
-    if not material.places:
+def draw_course(data: ReportData) -> Picture | None:
+    """How the scan went: the charts of all places, a line for each; None where there are none.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
+    charts = [(place.name, chart) for place in data.places for chart in place.charts]
+    titles = list(dict.fromkeys(chart.title for _, chart in charts))
+    if not titles:
         return None
-    figure = sheet(12, 3)
-    steps, times = figure.subplots(1, 2)
-    for place, colour in zip(material.places, _colours(), strict=False):
-        index = sorted(place.log.sections)
-        found = [place.log.sections[i] for i in index]
-        origins = np.array([section.T_b_g[:3, 3] for section in found])
-        length = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
-        clock = np.array([section.view.time for section in found])
-        steps.plot(index[1:], length, marker="o", markersize=3, color=colour, label=place.name)
-        steps.axhline(1e3 * place.job.scan.step, color=DESIGN, linestyle="--", linewidth=1)
-        times.plot(index, clock - clock[0], marker="o", markersize=3, color=colour)
-    steps.set_ylabel("step / mm")
-    steps.set_ylim(0, 1.1 * steps.get_ylim()[1])
-    times.set_ylabel("arm's clock / s")
-    for axes in (steps, times):
-        axes.set_xlabel("section")
+    figure = sheet(12, 3 * -(-len(titles) // 2))
+    panels = figure.subplots(-(-len(titles) // 2), 2, squeeze=False)
+    for axes, title in zip(panels.flat, titles, strict=False):
+        lines = [(name, chart) for name, chart in charts if chart.title == title]
+        for (name, chart), colour in zip(lines, cycle(COLOURS)):
+            axes.plot(chart.x, chart.y, marker="o", markersize=3, color=colour, label=name)
+            if chart.nominal is not None:
+                axes.axhline(chart.nominal, color=DESIGN, linestyle="--", linewidth=1)
+                axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
+            axes.set_xlabel(chart.x_label)
+            axes.set_ylabel(chart.y_label)
+        axes.set_title(title, fontsize=10)
         axes.grid(alpha=0.3)
-    if len(material.places) > 1:
-        for text in steps.legend(fontsize=8).get_texts():
+    for axes in panels.flat[len(titles) :]:
+        axes.set_axis_off()
+    if len(data.places) > 1:
+        for text in panels.flat[0].legend(fontsize=8).get_texts():
             text.set_parse_math(False)
     return inlined(
-        figure,
-        "How the scan went",
-        "Left, how far each section lies from the one before (dashed: as asked; the first step is "
-        "the taught one); right, when each was finished.",
+        figure, "How the scan went", "Dashed: as asked; the first step is the taught one."
     )
 
 
-def draw_corner_errors(material: Material) -> Picture | None:
+def draw_corner_errors(data: ReportData) -> Picture | None:
     """Distances of the corners from their designed edges; None where these are not known."""
     found = [
         d
-        for d in (() if material.comparison is None else material.comparison.deviations)
+        for d in (() if data.comparison is None else data.comparison.deviations)
         if d.kind == "corners to feature edges"
     ]
-    if not found or material.comparison is None:
+    if not found or data.comparison is None:
         return None
-    x, label = _along(material)
+    x, label = _along(data)
     order = np.argsort(x)
     distances = 1e3 * found[0].distances.reshape(-1, 3)[order]
     figure = sheet(12, 3)
@@ -145,7 +152,7 @@ def draw_corner_errors(material: Material) -> Picture | None:
             color=colour,
             label=f"$p_{k + 2}$",
         )
-    if (tolerance := material.comparison.tolerance) is not None:
+    if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(1e3 * tolerance, color=DESIGN, linestyle="--", linewidth=1, label="tolerance")
     axes.set_ylim(bottom=0)
     axes.set_xlabel(label)
@@ -160,12 +167,8 @@ def draw_corner_errors(material: Material) -> Picture | None:
     )
 
 
-def _along(material: Material) -> tuple[Array, str]:
+def _along(data: ReportData) -> tuple[Array, str]:
     """Where the sections stand on a chart, and what that is called."""
-    if (azimuths := material.azimuths) is not None:
+    if (azimuths := data.azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
-    return 1e3 * lengths(material.sections), "along the groove / mm"
-
-
-def _colours() -> list[Any]:
-    return [f"C{k}" for k in range(10)]
+    return 1e3 * lengths(data.sections), "along the groove / mm"

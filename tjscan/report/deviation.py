@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from tjscan.comparison.maps import draw_map
-from tjscan.report.material import Material
+from tjscan.report.data import ReportData
 from tjscan.report.picture import Picture, inlined
 
 
-def draw_deviation(material: Material) -> Picture | None:
+def draw_deviation(data: ReportData) -> Picture | None:
     """Deviation unwrapped over the azimuth; None where nothing was compared in frame j."""
-    comparison = material.comparison
+    comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
@@ -23,12 +23,12 @@ def draw_deviation(material: Material) -> Picture | None:
     )
 
 
-def deviation_rows(material: Material) -> list[tuple[str, ...]]:
+def deviation_rows(data: ReportData) -> list[tuple[str, ...]]:
     """Kind, number and statistics of every kind of distance, in mm."""
-    if material.comparison is None:
+    if data.comparison is None:
         return []
     rows = []
-    for deviation in material.comparison.deviations:
+    for deviation in data.comparison.deviations:
         s = deviation.statistics
         numbers = (s.mean, s.median, s.rms, s.p95, s.max)
         within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"

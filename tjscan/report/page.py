@@ -10,10 +10,10 @@ from typing import Final
 from jinja2 import Environment, StrictUndefined
 
 from tjscan.core.version import VERSION
-from tjscan.report.charts import draw_corner_errors, draw_measures, draw_steps, draw_view
+from tjscan.report.charts import draw_corner_errors, draw_course, draw_measures, draw_view
+from tjscan.report.data import ReportData
 from tjscan.report.deviation import deviation_rows, draw_deviation
 from tjscan.report.findings import coverage, findings
-from tjscan.report.material import Material
 from tjscan.report.profiles import draw_profiles
 from tjscan.report.stations import overlap_rows, station_rows, stations_picture
 from tjscan.report.tables import event_rows, going_rows, scan_rows
@@ -24,7 +24,7 @@ ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest poin
 """What brought what was measured onto its reference."""
 
 
-def render(material: Material) -> str:
+def render(data: ReportData) -> str:
     """The whole page, pictures inlined.
 
     Everything that comes from files (names, reasons, events) is escaped.
@@ -35,22 +35,22 @@ def render(material: Material) -> str:
         files("tjscan.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
     )
     pictures = {
-        "view": draw_view(material),
-        "deviation": draw_deviation(material),
-        "corners": draw_corner_errors(material),
-        "measures": draw_measures(material),
-        "profiles": draw_profiles(material),
-        "steps": draw_steps(material),
-        "stations": stations_picture(material.directory),
+        "view": draw_view(data),
+        "deviation": draw_deviation(data),
+        "corners": draw_corner_errors(data),
+        "measures": draw_measures(data),
+        "profiles": draw_profiles(data),
+        "steps": draw_course(data),
+        "stations": stations_picture(data.directory),
     }
-    told = material.stitching
-    comparison = material.comparison
+    stitching = data.stitching
+    comparison = data.comparison
     return template.render(
-        name=material.name,
-        summary=material.summary,
-        coverage=coverage(material),
-        scan_rows=list(scan_rows(material)),
-        findings=list(findings(material)),
+        name=data.name,
+        summary=data.summary,
+        coverage=coverage(data),
+        scan_rows=list(scan_rows(data)),
+        findings=list(findings(data)),
         pictures=pictures,
         comparison=comparison,
         compared_with="the joint as designed"
@@ -60,11 +60,11 @@ def render(material: Material) -> str:
         tolerance_mm=None
         if comparison is None or comparison.tolerance is None
         else 1e3 * comparison.tolerance,
-        deviations=deviation_rows(material),
-        going=going_rows(material),
-        events=event_rows(material),
-        stations=[] if told is None else station_rows(told),
-        overlaps=[] if told is None else overlap_rows(told),
+        deviations=deviation_rows(data),
+        going=going_rows(data),
+        events=event_rows(data),
+        stations=[] if stitching is None else station_rows(stitching),
+        overlaps=[] if stitching is None else overlap_rows(stitching),
         version=VERSION,
         written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
     )

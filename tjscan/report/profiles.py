@@ -10,8 +10,9 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.find import fit_profile
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.report.material import Material, Place
+from tjscan.report.data import Place, ReportData
 from tjscan.report.picture import Picture, inlined, sheet
 from tjscan.result.picture import CORNER, LASER, ROOT
 
@@ -26,21 +27,21 @@ ALONG: Final = 40
 """Points by which a fitted side is drawn."""
 
 
-def draw_profiles(material: Material) -> Picture | None:
+def draw_profiles(data: ReportData) -> Picture | None:
     """Profiles with their fits; None where no recording is there."""
-    chosen = _chosen(material)
+    chosen = _chosen(data)
     if not chosen:
         return None
     columns = 3
     rows = -(-len(chosen) // columns)
     figure = sheet(12, 3.7 * rows)
-    for i, (section, place) in enumerate(chosen, start=1):
+    for i, (section, place, profile, settings) in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, i)
         where = "" if np.isnan(section.azimuth) else f", {np.degrees(section.azimuth):.0f}°"
-        at = "" if len(material.places) == 1 else f"{place.name}, "
+        at = "" if len(data.places) == 1 else f"{place.name}, "
         title = f"{at}section {section.index}{where}, rms {1e3 * section.rms:.3f} mm"
         axes.set_title(title, fontsize=10, parse_math=False)
-        _draw(axes, place.log.sections[section.index].view.profile, place)
+        _draw(axes, profile, settings)
         if i == 1:
             axes.legend(loc="best", fontsize=8, markerscale=3)
     return inlined(
@@ -52,26 +53,27 @@ def draw_profiles(material: Material) -> Picture | None:
     )
 
 
-def _chosen(material: Material) -> list[tuple[MeasuredSection, Place]]:
-    """Sections whose profiles are at hand, evenly chosen."""
-    pairs = [(section, material.place_of(section)) for section in material.sections]
-    there = [
-        (s, place) for s, place in pairs if place is not None and s.index in place.log.sections
-    ]
+def _chosen(data: ReportData) -> list[tuple[MeasuredSection, Place, Profile, GrooveSettings]]:
+    """Sections whose profiles are there, evenly chosen."""
+    there = []
+    for section in data.sections:
+        place = data.place_of(section)
+        if place is not None and (found := place.profile(section.index)) is not None:
+            there.append((section, place, *found))
     count = min(SHOWN, len(there))
-    # The ends are taught or cut short: those between tell more of the whole.
+    # The ends are taught or cut short: those between stand better for the whole.
     places = (np.arange(count) + 0.5) * len(there) / max(count, 1)
     return [there[int(k)] for k in places]
 
 
-def _draw(axes: Any, profile: Profile, place: Place) -> None:
+def _draw(axes: Any, profile: Profile, settings: GrooveSettings) -> None:
     axes.set_xlabel("← away from the sensor   $z_s$ / mm", fontsize=8)
     axes.set_ylabel("$x_s$ / mm   up the brace →", fontsize=8)
     axes.tick_params(labelsize=8)
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        row, fitted = fit_profile(profile, place.job.groove)
+        row, fitted = fit_profile(profile, settings)
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")

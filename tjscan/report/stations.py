@@ -17,38 +17,70 @@ MOST_BYTES: Final = 1_000_000
 """A larger picture would make the report too large to send."""
 
 UNFIT: Final = 9.0
-"""Chi-squared per degree of freedom of an overlap that is worth a word: three times the errors."""
+"""Reduced chi-squared of an overlap above which a finding says so: three times the errors."""
 
 
-def station_folders(directory: Path, told: StitchingReport | None) -> dict[str, Path]:
-    """Where the recordings of the stations are, wherever the result was moved to."""
-    if told is None:
+def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:
+    """Run directories of the stations, wherever the result was moved to.
+
+    Parameters
+    ----------
+    directory : Path
+        The stitched run's.
+    report : StitchingReport or None
+        How it was stitched; None for a scan from one place, which has no stations.
+    """
+    if report is None:
         return {}
-    return {station.name: directory / station.source for station in told.stations}
+    return {station.name: directory / station.source for station in report.stations}
 
 
-def found_rows(told: StitchingReport) -> Iterator[tuple[str, str]]:
-    """What the tubes are like, as the data tell it."""
+def found_rows(report: StitchingReport) -> Iterator[tuple[str, str]]:
+    """Diameters, angle and offset of the tubes that stitching found, and how the loop closes.
+
+    Parameters
+    ----------
+    report : StitchingReport
+        How the stations were stitched.
+
+    Yields
+    ------
+    (str, str)
+        What it is, and its value with two standard deviations.
+    """
     for name, value, sigma in (
-        ("leg", told.leg_diameter_mm, told.sigma_leg_diameter_mm),
-        ("brace", told.brace_diameter_mm, told.sigma_brace_diameter_mm),
+        ("leg", report.leg_diameter_mm, report.sigma_leg_diameter_mm),
+        ("brace", report.brace_diameter_mm, report.sigma_brace_diameter_mm),
     ):
         yield f"{name} as found", f"{value:.2f} mm wide (± {2 * sigma:.2f}, two sigma)"
     yield (
         "axes as found",
-        f"{told.angle_deg:.3f}° between them (± {2 * told.sigma_angle_deg:.3f}), "
-        f"{told.offset_mm:.2f} mm apart (± {2 * told.sigma_offset_mm:.2f})",
+        f"{report.angle_deg:.3f}° between them (± {2 * report.sigma_angle_deg:.3f}), "
+        f"{report.offset_mm:.2f} mm apart (± {2 * report.sigma_offset_mm:.2f})",
     )
-    if told.loop_gap_after_mm is not None and told.loop_gap_before_mm is not None:
+    if report.loop_gap_after_mm is not None and report.loop_gap_before_mm is not None:
         yield (
             "loop",
-            f"closes to {told.loop_gap_after_mm:.3f} mm; "
-            f"{told.loop_gap_before_mm:.3f} mm before it was closed",
+            f"closes to {report.loop_gap_after_mm:.3f} mm; "
+            f"{report.loop_gap_before_mm:.3f} mm before it was closed",
         )
 
 
-def station_rows(told: StitchingReport) -> list[tuple[str, ...]]:
-    """Where each station stands, and how sure that is."""
+def station_rows(report: StitchingReport) -> list[tuple[str, ...]]:
+    """A row for each station: where it stands, and how sure that is.
+
+    Parameters
+    ----------
+    report : StitchingReport
+        How the stations were stitched.
+
+    Returns
+    -------
+    list of tuple of str
+        Name, azimuths, sections, position of the base in frame j (mm), its standard deviation at
+        the groove (mm), how far the nominal pose is off (mm, degrees), and rms of the wall points
+        about the tubes (mm).
+    """
     return [
         (
             one.name,
@@ -60,12 +92,24 @@ def station_rows(told: StitchingReport) -> list[tuple[str, ...]]:
             f"{one.nominal_off_deg:.3f}",
             f"{one.walls_rms_mm:.3f}",
         )
-        for one in told.stations
+        for one in report.stations
     ]
 
 
-def overlap_rows(told: StitchingReport) -> list[tuple[str, ...]]:
-    """How stations fit where they overlap."""
+def overlap_rows(report: StitchingReport) -> list[tuple[str, ...]]:
+    """A row for each overlap: how well its stations fit there.
+
+    Parameters
+    ----------
+    report : StitchingReport
+        How the stations were stitched.
+
+    Returns
+    -------
+    list of tuple of str
+        Stations, azimuth of its middle, its length, sections of each station, residual rms (mm),
+        reduced chi-squared, standard deviation (mm) and gap that is left (mm).
+    """
     return [
         (
             " and ".join(one.stations),
@@ -77,17 +121,23 @@ def overlap_rows(told: StitchingReport) -> list[tuple[str, ...]]:
             f"{one.sigma_mm:.3f}",
             f"{one.gap_mm:.3f}",
         )
-        for one in told.overlaps
+        for one in report.overlaps
     ]
 
 
-def stitching_findings(told: StitchingReport) -> Iterator[str]:
-    """What to know of the stitching."""
-    if told.covered_deg < 360 - 0.5:
-        yield f"The stations cover {told.covered_deg:.0f}° without a gap, not all of the joint."
-    elif told.loop_gap_after_mm is None:
+def stitching_findings(report: StitchingReport) -> Iterator[str]:
+    """What a reader has to know of the stitching, a sentence each.
+
+    Parameters
+    ----------
+    report : StitchingReport
+        How the stations were stitched.
+    """
+    if report.covered_deg < 360 - 0.5:
+        yield f"The stations cover {report.covered_deg:.0f}° without a gap, not all of the joint."
+    elif report.loop_gap_after_mm is None:
         yield f"All of it was seen, but {LOOP_OPEN}."
-    for one in told.overlaps:
+    for one in report.overlaps:
         if one.misfit > UNFIT:
             yield (
                 f"Stations {' and '.join(one.stations)} fit at {one.azimuth_deg:.0f}° "

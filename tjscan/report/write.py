@@ -7,7 +7,7 @@ from typing import Final
 
 from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.files import atomic_directory
-from tjscan.report.material import gather
+from tjscan.report.data import read_report_data
 from tjscan.report.page import render
 
 REPORT: Final = "report.html"
@@ -41,7 +41,7 @@ def write_report(
     RecordingError
         If a recording is damaged, or the report can't be written.
     """
-    page = render(gather(directory, reference, tolerance, options))
+    page = render(read_report_data(directory, reference, tolerance, options))
     with atomic_directory(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

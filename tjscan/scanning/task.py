@@ -6,4 +6,4 @@ from typing import Final
 
 from tjscan.core.registry import Task
 
-TASK: Final = Task("scan")
+TASK: Final = Task("scan", report="tjscan.runs.scan_report:chapter")

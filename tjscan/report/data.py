@@ -1,34 +1,31 @@
-"""What a report is made of: all that a run directory holds, of one scan or stitched."""
+"""The data of a report: all that a run directory holds, of one scan or stitched."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.file import CalibrationFile, read_calibration
 from tjscan.comparison.compare import Align, Comparison, check_tolerance, compare
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.registry import TASKS
 from tjscan.groove.measured import MeasuredSection
-from tjscan.job import JobFile, read_job
+from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
+from tjscan.laser.profile import Profile
 from tjscan.report.stations import station_folders
-from tjscan.result.directory import CALIBRATION, JOB, JOINT, SECTIONS, SUMMARY
+from tjscan.result.chapter import Chapter, Chart, Event
+from tjscan.result.directory import JOINT, RECORDING, SECTIONS, SUMMARY
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.stitching import StitchingReport, read_stitching
-from tjscan.result.summary import Summary, check_recorded, read_summary
+from tjscan.result.summary import Summary, read_summary
 from tjscan.result.table import read_sections
-from tjscan.scanning.reader import read_scan
-from tjscan.scanning.recorded import RecordedScan
-
-RECORDING: Final = "scan.mcap"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,29 +36,47 @@ class Place:
     ----------
     name : str
         What sections call it.
-    directory : Path
-        Its run directory.
-    job : JobFile
-        What it was asked.
-    calibration : CalibrationFile or None
-        What it was made with; None where the job itself holds the sensor's pose.
-    log : RecordedScan
-        What happened.
     summary : Summary
-        What came out.
+        What was found there, in a few numbers.
+    chapters : tuple of Chapter
+        What each algorithm has to say of it.
     """
 
     name: str
-    directory: Path
-    job: JobFile
-    calibration: CalibrationFile | None
-    log: RecordedScan
     summary: Summary
+    chapters: tuple[Chapter, ...]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Facts of all chapters, by their names."""
+        return {name: value for chapter in self.chapters for name, value in chapter.facts}
+
+    @property
+    def findings(self) -> list[str]:
+        """Findings of all chapters."""
+        return [finding for chapter in self.chapters for finding in chapter.findings]
+
+    @property
+    def charts(self) -> list[Chart]:
+        """Charts of all chapters."""
+        return [chart for chapter in self.chapters for chart in chapter.charts]
+
+    @property
+    def events(self) -> list[Event]:
+        """Events of all chapters."""
+        return [event for chapter in self.chapters for event in chapter.events]
+
+    def profile(self, index: int) -> tuple[Profile, GrooveSettings] | None:
+        """The profile of a section, and how it was read; None where it is not there."""
+        for chapter in self.chapters:
+            if index in chapter.profiles:
+                return chapter.profiles[index], chapter.settings
+        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Material:
-    """What a report is made of.
+class ReportData:
+    """The data of a report.
 
     Parameters
     ----------
@@ -115,12 +130,12 @@ class Material:
         return next((place for place in self.places if place.name == first), None)
 
 
-def gather(
+def read_report_data(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
     options: ShapeOptions | None = None,
-) -> Material:
+) -> ReportData:
     """Read a finished run.
 
     Parameters
@@ -148,7 +163,7 @@ def gather(
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
     comparison, caveats = _compared(shape, file, other, tolerance)
-    return Material(
+    return ReportData(
         directory,
         summary,
         sections,
@@ -193,9 +208,6 @@ def _compared(
 
 
 def _place(name: str, directory: Path) -> Place:
-    file = directory / CALIBRATION
-    calibration = read_calibration(file) if file.is_file() else None
-    job = read_job(directory / JOB)
-    log, summary = read_scan(directory), read_summary(directory / SUMMARY)
-    check_recorded(directory, summary, len(log.sections))
-    return Place(name, directory, job, calibration, log, summary)
+    tasks = [TASKS.load(task) for task in TASKS.names]
+    chapters = tuple(task.load("report")(directory) for task in tasks if task.report)
+    return Place(name, read_summary(directory / SUMMARY), chapters)

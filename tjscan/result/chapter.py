@@ -1,0 +1,111 @@
+"""What an algorithm has to say of a run in its report: facts, findings, charts, events, profiles.
+
+Each algorithm registers one function that takes a run directory and gives a `Chapter`. The report
+renders chapters, and knows no algorithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
+
+from tjscan.core.frames import Array, readonly
+from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.laser.profile import Profile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """One quantity over another. Charts of one title are drawn together, a line for each station.
+
+    Parameters
+    ----------
+    title : str
+        What it shows.
+    x_label, y_label : str
+        Of the axes, with units.
+    x, y : ndarray, shape (n,)
+        Values in these units.
+    nominal : float or None
+        What was asked for, drawn as a dashed line.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    x: Array
+    y: Array
+    nominal: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something out of the ordinary.
+
+    Parameters
+    ----------
+    time : datetime
+        When, in UTC.
+    name, detail : str
+        What, in a word and in a sentence.
+    """
+
+    time: datetime
+    name: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chapter:
+    """What an algorithm has to say of a run directory.
+
+    Parameters
+    ----------
+    facts : tuple of (str, str)
+        Name and value of what holds for all of it: device, job, calibration.
+    findings : tuple of str
+        What a reader has to know before relying on it, a sentence each.
+    charts : tuple of Chart
+        How it went.
+    events : tuple of Event
+        In their order.
+    profiles : mapping of int to Profile
+        Profile of each finished section, by its number.
+    settings : GrooveSettings
+        How the groove was read in these.
+    """
+
+    facts: tuple[tuple[str, str], ...] = ()
+    findings: tuple[str, ...] = ()
+    charts: tuple[Chart, ...] = ()
+    events: tuple[Event, ...] = ()
+    profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
+    settings: GrooveSettings = DEFAULT
+
+
+class WritesChapter(Protocol):
+    """What a task registers for reports."""
+
+    def __call__(self, directory: Path) -> Chapter:
+        """Give the chapter of a run directory, an empty one where it has nothing to say.
+
+        Parameters
+        ----------
+        directory : Path
+            A finished run.
+
+        Raises
+        ------
+        ConfigurationError
+            If a file in it is wrong.
+        RecordingError
+            If its recording is damaged.
+        """

@@ -1,0 +1,34 @@
+"""What the report of a run shows of its hand-eye calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tjscan.calibration.file import read_calibration
+from tjscan.result.chapter import Chapter
+from tjscan.result.directory import CALIBRATION
+from tjscan.runs.results import calibration_name
+
+
+def chapter(directory: Path) -> Chapter:
+    """The chapter of a calibration, see `tjscan.result.chapter.WritesChapter`."""
+    file = directory / CALIBRATION
+    if not file.is_file():
+        return Chapter(
+            facts=(("calibration", "stated in the job; its uncertainty is not known"),),
+            findings=(
+                "The sensor's pose on the flange is stated in the job and was not calibrated with "
+                "this program: its error is in every point, and is not known.",
+            ),
+        )
+    found = read_calibration(file)
+    return Chapter(
+        facts=(
+            (
+                "calibration",
+                f"{calibration_name(directory)}, {found.lines} lines: the sensor's pose on the "
+                f"flange is known to {found.sigma_position_mm:.3f} mm and "
+                f"{found.sigma_rotation_deg:.4f}° (one standard deviation)",
+            ),
+        )
+    )

@@ -1,0 +1,95 @@
+"""What the report of a run shows of its scan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.devices import Kind
+from tjscan.job import JobFile, read_job
+from tjscan.result.chapter import Chapter, Chart, Event
+from tjscan.result.directory import JOB, RECORDING, SUMMARY
+from tjscan.result.summary import check_recorded, read_summary
+from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.reader import read_scan
+from tjscan.scanning.recorded import RecordedSection
+
+ORDINARY: Final = (ScanEvent.STOP, ScanEvent.RESUMED, "arm")
+"""Events that are no warning."""
+
+COUNTED: Final = (ScanEvent.HALF_STEP,)
+"""Events that the summary counts: the report reads them there."""
+
+
+def chapter(directory: Path) -> Chapter:
+    """The chapter of a scan from one place, see `tjscan.result.chapter.WritesChapter`."""
+    if not (directory / RECORDING).is_file():
+        return Chapter()
+    job, log = read_job(directory / JOB), read_scan(directory)
+    check_recorded(directory, read_summary(directory / SUMMARY), len(log.sections))
+    started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
+    events = tuple(Event(event.time, event.name, event.detail) for event in log.events)
+    return Chapter(
+        facts=(("scanned", started), ("devices", _devices(job)), ("job", _job(job))),
+        findings=tuple(_findings(job, events)),
+        charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
+        events=events,
+        profiles=MappingProxyType({i: one.view.profile for i, one in log.sections.items()}),
+        settings=job.groove,
+    )
+
+
+def _devices(job: JobFile) -> str:
+    arm = f"arm {job.arm.device} ({job.arm.driver})"
+    return f"{arm}, laser {job.laser.device} ({job.laser.driver})"
+
+
+def _job(job: JobFile) -> str:
+    scan = job.scan
+    until = "to the end of the arm's reach"
+    if scan.length is not None:
+        until = f"over {1e3 * scan.length:g} mm"
+    if scan.sections is not None:
+        until = f"{scan.sections} sections"
+    return (
+        f"{scan.direction}, {until}, steps of {1e3 * scan.step:g} mm, pull angle "
+        f"{np.degrees(scan.pull_angle):g}°, stand-off {1e3 * scan.standoff:g} mm"
+    )
+
+
+def _findings(job: JobFile, events: Sequence[Event]) -> Iterator[str]:
+    names = [event.name for event in events if event.name not in (*ORDINARY, *COUNTED)]
+    for name in dict.fromkeys(names):
+        count = names.count(name)
+        times = "" if count == 1 else f", {count} times"
+        yield f"An event was recorded: {name}{times}. See the events."
+    kinds = {job.arm.kind, job.laser.kind}
+    if kinds == {Kind.REPLAYED}:
+        yield "Replayed from a recording: nothing moved."
+    elif Kind.REPLAYED in kinds:
+        yield "The profiles were replayed from a recording while the arm moved."
+    elif Kind.SIMULATED in kinds:
+        yield "Simulated: no real arm and laser saw this groove."
+
+
+def _charts(sections: Sequence[RecordedSection], job: JobFile) -> Iterator[Chart]:
+    """Length of every step, and when each section was finished."""
+    index = np.array([section.view.index for section in sections], dtype=float)
+    origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)
+    steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    clock = np.array([section.view.time for section in sections])
+    yield Chart(
+        "distance from the section before",
+        "section",
+        "step / mm",
+        index[1:],
+        steps,
+        1e3 * job.scan.step,
+    )
+    yield Chart(
+        "time of each section", "section", "arm's clock / s", index, clock - clock[:1].sum()
+    )
