@@ -59,15 +59,20 @@ def findings(data: ReportData) -> Iterator[str]:
 
 
 def coverage(data: ReportData) -> str:
-    """Which part of the groove was scanned, in words."""
+    """Which part of the groove was scanned, in words.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
     azimuths = data.azimuths
-    length = f"{data.summary.groove_length_mm:.0f} mm of groove"
     if azimuths is None:
-        return f"{length}; azimuths are not known in frame {data.summary.frame}"
+        return f"azimuths are not known in frame {data.summary.frame}"
     if _closed(data):
-        return f"all of it, 360°: {length}"
+        return "all of it, 360°"
     low, high = azimuths.min(), azimuths.max()
-    return f"{high - low:.0f}°, from azimuth {low:.0f}° to {high:.0f}°: {length}"
+    return f"{high - low:.0f}°, from azimuth {low:.0f}° to {high:.0f}°"
 
 
 def _closed(data: ReportData) -> bool:

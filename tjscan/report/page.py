@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
 from jinja2 import Environment, StrictUndefined
 
-from tjscan.core.version import VERSION
+from tjscan.core.provenance import Provenance
 from tjscan.report.charts import draw_corner_errors, draw_course, draw_measures, draw_view
 from tjscan.report.data import ReportData
 from tjscan.report.deviation import deviation_rows, draw_deviation
 from tjscan.report.findings import coverage, findings
 from tjscan.report.profiles import draw_profiles
-from tjscan.report.stations import overlap_rows, station_rows, stations_picture
-from tjscan.report.tables import event_rows, going_rows, scan_rows
-from tjscan.result.directory import JOINT
+from tjscan.report.stations import overlap_rows, station_folders, station_rows, stations_picture
+from tjscan.report.tables import event_rows, going_rows, measure_rows, scan_rows
+from tjscan.result.directory import JOINT, job_of
 
 TEMPLATE: Final = "report.html.jinja"
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
@@ -25,9 +24,14 @@ ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest poin
 
 
 def render(data: ReportData) -> str:
-    """The whole page, pictures inlined.
+    """Render the whole page, its pictures inlined.
 
     Everything that comes from files (names, reasons, events) is escaped.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
     """
     # Escaping is on for all of it: names of jobs and joints are text, whatever they hold.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -44,6 +48,7 @@ def render(data: ReportData) -> str:
         "stations": stations_picture(data.directory),
     }
     stitching = data.stitching
+    folders = (data.directory, *station_folders(data.directory, stitching).values())
     comparison = data.comparison
     return template.render(
         name=data.name,
@@ -65,6 +70,6 @@ def render(data: ReportData) -> str:
         events=event_rows(data),
         stations=[] if stitching is None else station_rows(stitching),
         overlaps=[] if stitching is None else overlap_rows(stitching),
-        version=VERSION,
-        written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        measures=measure_rows(data),
+        provenance=Provenance.now(job_of(*folders), data.summary.frame).entries,
     )

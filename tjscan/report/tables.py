@@ -12,6 +12,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.report.data import ReportData
 from tjscan.report.findings import coverage
 from tjscan.report.stations import found_rows
+from tjscan.result.section import MEASURES, SIGMAS
 
 MOST_EVENTS: Final = 200
 """Events that are listed; a run with more has other troubles."""
@@ -24,6 +25,7 @@ def scan_rows(data: ReportData) -> Iterator[tuple[str, str]]:
         yield "joint as designed", _joint(data.joint)
     if data.stitching is not None:
         yield from found_rows(data.stitching)
+    yield "groove", f"{summary.groove_length_mm:.0f} mm long"
     yield "covered", coverage(data)
     yield "sections", f"{summary.sections} from {summary.scans} profiles"
     yield "ended", summary.detail
@@ -35,6 +37,23 @@ def scan_rows(data: ReportData) -> Iterator[tuple[str, str]]:
             yield name, next(iter(values.values()))
         else:
             yield from ((f"{name}, {station}", value) for station, value in values.items())
+
+
+def measure_rows(data: ReportData) -> list[tuple[str, ...]]:
+    """A row for each measure of the groove: smallest, mean, largest, median standard deviation.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
+    table = []
+    for field, sigma in zip(MEASURES, SIGMAS, strict=True):
+        values = field.values(data.sections)
+        spread = np.median(sigma.values(data.sections))
+        numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))
+        table.append((field.title, *numbers, f"{spread:.2g}"))
+    return table
 
 
 def going_rows(data: ReportData) -> list[tuple[str, ...]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -23,6 +23,21 @@ MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
+SUMMED: Final = (
+    "scans",
+    "half_steps",
+    "flange_travel_mm",
+    "flange_rotation_deg",
+    "motion_time_s",
+    "corrections_skipped",
+    "taken_again",
+    "merged",
+    "nudges",
+    "retreats",
+)
+"""Numbers of a stitched groove that are sums over its stations."""
+
+
 @dataclass(frozen=True, slots=True)
 class StepStatistics:
     """Lengths of the steps that the scan found by itself, in millimetres.
@@ -38,6 +53,20 @@ class StepStatistics:
     nominal: float
     mean: float | None
     std: float | None
+
+    @classmethod
+    def of(cls, nominal: float, steps: Array) -> Self:
+        """The statistics of steps, shape (n,) in millimetres.
+
+        Parameters
+        ----------
+        nominal : float
+            As asked, millimetres.
+        steps : ndarray, shape (n,)
+            As measured, millimetres.
+        """
+        mean = float(steps.mean()) if len(steps) else None
+        return cls(nominal, mean, float(steps.std(ddof=1)) if len(steps) > 1 else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +113,12 @@ class Summary:
     corner_error_mm : DistanceStatistics or None
         Distance of p2, p3, p4 to the joint's feature edges; None where no joint is named.
     calibration : str
-        What the sensor's pose on the hand comes from.
+        Where the sensor's pose on the flange comes from.
     stations : tuple of StationSummary
         The places it was scanned from; empty where that was one. Numbers of the whole are then
         sums over them, or hold for the stitched groove.
     scans_per_section : float or None
-        Profiles for each section that no hand taught; None without one.
+        Profiles for each section that was not taught; None without one.
     corrections_skipped : int
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
@@ -145,45 +174,40 @@ def summarise_stations(
     closed : bool
         Whether the way round closes: a step leads from the last section to the first, too.
     """
-    told = list(parts.values())
     steps = np.diff(1e3 * lengths([*sections, *sections[:1]] if closed else sections))
-    complete = all(part.complete for part in told)
-    bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
-    reasons = dict.fromkeys(part.stopped_because for part in told)
+    all_parts = list(parts.values())
     return Summary(
         sections=len(sections),
-        scans=sum(part.scans for part in told),
-        complete=complete,
-        stopped_because=", ".join(reasons),
-        detail="; ".join(bad) or f"{len(told)} stations did what was asked",
+        complete=all(part.complete for part in all_parts),
+        stopped_because=_each_once(part.stopped_because for part in all_parts),
+        detail=_detail(parts),
         frame=frame,
         groove_length_mm=float(steps.sum()),
-        half_steps=sum(part.half_steps for part in told),
-        step_mm=StepStatistics(
-            nominal=told[0].step_mm.nominal,
-            mean=float(steps.mean()) if len(steps) else None,
-            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
-        ),
-        flange_travel_mm=sum(part.flange_travel_mm for part in told),
-        flange_rotation_deg=sum(part.flange_rotation_deg for part in told),
-        motion_time_s=sum(part.motion_time_s for part in told),
+        step_mm=StepStatistics.of(all_parts[0].step_mm.nominal, steps),
         corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
-        calibration=", ".join(dict.fromkeys(part.calibration for part in told)),
+        calibration=_each_once(part.calibration for part in all_parts),
         stations=tuple(_station(name, part) for name, part in parts.items()),
-        scans_per_section=_mean_scans(told),
-        corrections_skipped=sum(part.corrections_skipped for part in told),
-        taken_again=sum(part.taken_again for part in told),
-        merged=sum(part.merged for part in told),
-        nudges=sum(part.nudges for part in told),
-        retreats=sum(part.retreats for part in told),
+        scans_per_section=_mean_scans(all_parts),
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
     )
 
 
+def _each_once(words: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(words))
+
+
+def _detail(parts: Mapping[str, Summary]) -> str:
+    """What each station says that did not do what was asked."""
+    bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
+    return "; ".join(bad) or f"{len(parts)} stations did what was asked"
+
+
 def _mean_scans(parts: Sequence[Summary]) -> float | None:
-    """Profiles for each section that no hand taught, two of each station being taught."""
-    told = [(p.scans_per_section, p.sections - 2) for p in parts if p.scans_per_section is not None]
-    found = sum(sections for _, sections in told)
-    return sum(scans * sections for scans, sections in told) / found if found else None
+    """Profiles for each section that was not taught, two of each station being taught."""
+    found = [p for p in parts if p.scans_per_section is not None]
+    sections = sum(part.sections - 2 for part in found)
+    scans = sum((part.scans_per_section or 0.0) * (part.sections - 2) for part in found)
+    return scans / sections if sections else None
 
 
 def _station(name: str, part: Summary) -> StationSummary:
@@ -218,11 +242,11 @@ def check_recorded(directory: Path, summary: Summary, sections: int) -> None:
     Raises
     ------
     RecordingError
-        If it holds fewer sections than the summary tells of.
+        If it holds fewer sections than the summary says.
     """
     if sections < summary.sections:
         raise RecordingError(
-            f"{directory}: its recording holds {sections} sections, its summary tells of "
+            f"{directory}: its recording holds {sections} sections, its summary "
             f"{summary.sections}: it was cut short or damaged since. Put back a copy of it"
         )
 

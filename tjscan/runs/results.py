@@ -72,7 +72,7 @@ def summarise(
     corner_error: Array | None,
     calibration: str = "",
 ) -> Summary:
-    """Draw the numbers from what a scan found.
+    """Sum up what a scan found.
 
     Parameters
     ----------
@@ -95,11 +95,7 @@ def summarise(
         frame=frame.name,
         groove_length_mm=1e3 * groove_length(result.sections),
         half_steps=result.counts.half_steps,
-        step_mm=StepStatistics(
-            nominal=1e3 * plan.step,
-            mean=float(steps.mean()) if len(steps) else None,
-            std=float(steps.std(ddof=1)) if len(steps) > 1 else None,
-        ),
+        step_mm=StepStatistics.of(1e3 * plan.step, steps),
         flange_travel_mm=1e3
         * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
         flange_rotation_deg=float(
