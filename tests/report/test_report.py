@@ -115,9 +115,9 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
 def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
     odd = tmp_path / "<script>alert(1) & $\\frac$ \"x' <b>"
     shutil.copytree(run, odd)
-    told = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
-    told |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
-    (odd / "summary.json").write_text(json.dumps(told), encoding="utf-8")
+    summary = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
+    summary |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
+    (odd / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     found = Page(write_report(odd).read_text(encoding="utf-8"))
     assert "script" not in found.tags
     assert found.tags.count("img") == 6
@@ -147,25 +147,25 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
     assert [event.name for event in log.events][-1] == "stop"
 
 
-def test_gaps_and_what_is_over_tolerance_are_told(run: Path, tmp_path: Path) -> None:
+def test_gaps_and_what_is_over_tolerance_are_reported(run: Path, tmp_path: Path) -> None:
     gappy = tmp_path / "gappy"
     shutil.copytree(run, gappy)
     sections = read_sections(run / "sections.csv")
     write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
-    told = list(findings(read_report_data(gappy, CAD, tolerance=1e-9)))
-    assert any("of groove were not seen, azimuth 3° to 3" in words for words in told)
-    assert any("Outside the tolerance" in words for words in told)
-    assert any("12 of 12 corners lie farther" in words for words in told)
+    found = list(findings(read_report_data(gappy, CAD, tolerance=1e-9)))
+    assert any("of groove were not seen, azimuth 3° to 3" in words for words in found)
+    assert any("Outside the tolerance" in words for words in found)
+    assert any("12 of 12 corners lie farther" in words for words in found)
     assert not any("not seen" in words for words in findings(read_report_data(run)))
 
 
-def test_a_run_without_a_joint_is_told_along_its_groove(run: Path, tmp_path: Path) -> None:
+def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(run, bare)
     (bare / "joint.toml").unlink()
-    told = json.loads((bare / "summary.json").read_text(encoding="utf-8"))
-    told |= {"frame": "b", "corner_error_mm": None}
-    (bare / "summary.json").write_text(json.dumps(told), encoding="utf-8")
+    summary = json.loads((bare / "summary.json").read_text(encoding="utf-8"))
+    summary |= {"frame": "b", "corner_error_mm": None}
+    (bare / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     rows = (bare / "sections.csv").read_text(encoding="utf-8").splitlines()
     (bare / "sections.csv").write_text(
         "\n".join([rows[0], *(re.sub(r"^(\d+,[^,]*),[^,]*", r"\1,", row) for row in rows[1:])]),
@@ -206,7 +206,7 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
 
 @pytest.fixture
 def stitched(run: Path, tmp_path: Path) -> Path:
-    """A stitched result as its files tell it: the run as its only station, told of an overlap."""
+    """A stitched result as its files have it: the run as its only station, with an overlap."""
     directory = tmp_path / "stitched"
     shutil.copytree(run, directory)
     (directory / "scan.mcap").unlink()
@@ -250,7 +250,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         covariance=((0.0,) * 6,) * 6,
         gap_mm=0.0061,
     )
-    told = StitchingReport(
+    report = StitchingReport(
         frame="j",
         covered_deg=340.0,
         brace_diameter_mm=457.19,
@@ -267,11 +267,11 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         stations=(station, replace(station, name="right", source="right")),
         overlaps=(overlap,),
     )
-    write_stitching(directory / "stations.json", told)
+    write_stitching(directory / "stations.json", report)
     return directory
 
 
-def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
+def test_a_stitched_run_shows_its_stations(stitched: Path) -> None:
     found = Page(write_report(stitched).read_text(encoding="utf-8"))
     for words in (
         "2 stations, stitched",
@@ -289,12 +289,12 @@ def test_a_stitched_run_tells_of_its_stations(stitched: Path) -> None:
     assert found.tags.count("img") == 6
 
 
-def test_a_loop_that_no_overlap_closes_is_told(stitched: Path) -> None:
-    told = read_stitching(stitched)
-    assert told is not None
+def test_a_loop_that_no_overlap_closes_is_reported(stitched: Path) -> None:
+    report = read_stitching(stitched)
+    assert report is not None
     write_stitching(
         stitched / "stations.json",
-        replace(told, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
+        replace(report, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
     )
     text = Page(write_report(stitched).read_text(encoding="utf-8")).text
     assert "no overlap closes the way round" in text

@@ -14,7 +14,7 @@ from tjscan.core.files import atomic_directory
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.files import upside_down
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import Reading, measures, read_all, to_dict
+from tjscan.result.readings import ReadResult, measures, read_all, to_dict
 
 LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
@@ -31,7 +31,7 @@ def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
         say(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
 
 
-def print_readings(readings: Sequence[Reading], bad: Sequence[str], *, json: bool) -> None:
+def print_readings(readings: Sequence[ReadResult], bad: Sequence[str], *, json: bool) -> None:
     """Print a line per profile on stdout: measures with standard deviations, then the corners."""
     if json:
         print(dumps({"readings": [to_dict(r) for r in readings], "bad": list(bad)}, indent=2))
@@ -64,7 +64,7 @@ def check_plot(plot: Path | None) -> None:
         raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")
 
 
-def draw(plot: Path, readings: Sequence[Reading]) -> None:
+def draw(plot: Path, readings: Sequence[ReadResult]) -> None:
     """Draw the profiles with their fitted grooves into a PNG."""
     from tjscan.result.picture import draw_readings, write_picture
 

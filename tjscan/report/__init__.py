@@ -1,1 +1,1 @@
-"""A run for people: one file that tells what was scanned, how well, and what to know of it."""
+"""A run for people: one page that shows what was scanned, how well, and what went wrong."""

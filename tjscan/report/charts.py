@@ -11,9 +11,9 @@ from tjscan.core.frames import Array
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.picture import Picture, inlined, sheet
-from tjscan.result.outline import joint_outline
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_space
 from tjscan.result.section import MEASURES, SIGMAS, lengths
+from tjscan.result.wireframe import joint_wireframe
 
 DESIGN: Final = "#d62728"
 COLOURS: Final = tuple(f"C{k}" for k in range(10))
@@ -32,7 +32,7 @@ def draw_view(data: ReportData) -> Picture:
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     corners = np.array([section.points for section in data.sections]).reshape(-1, 3)
     low, high = corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
-    outline = () if data.joint is None else joint_outline(data.joint)
+    outline = () if data.joint is None else joint_wireframe(data.joint)
     points = np.empty((0, 3)) if data.shape.points is None else data.shape.points
     # A ghost far off would make the groove small.
     points = points[np.flatnonzero(np.all((points > low) & (points < high), axis=1))]

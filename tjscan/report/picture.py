@@ -31,14 +31,28 @@ class Picture:
 
 
 def sheet(width: float, height: float) -> Figure:
-    """An empty figure, in inches."""
+    """An empty figure.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def inlined(figure: Any, title: str, caption: str) -> Picture:
-    """Draw a figure and inline it."""
+    """Draw a figure and inline it.
+
+    Parameters
+    ----------
+    figure : Figure
+        Any of matplotlib's.
+    title, caption : str
+        As of `Picture`.
+    """
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     data = "data:image/png;base64," + b64encode(stream.getvalue()).decode("ascii")

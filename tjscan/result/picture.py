@@ -16,7 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import Reading
+from tjscan.result.readings import ReadResult
 from tjscan.result.section import MEASURES, lengths
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
@@ -38,7 +38,7 @@ def draw_groove(
     title: str,
     outline: Sequence[Array] = (),
     paths: Sequence[Array] = (),
-    example: Reading | None = None,
+    example: ReadResult | None = None,
 ) -> Figure:
     """Draw what was found: the groove in space, one profile, and its measures.
 
@@ -55,8 +55,8 @@ def draw_groove(
     outline : sequence of ndarray, shape (n, 3)
         Lines of the joint, metres, in the same frame; empty where no joint is known.
     paths : sequence of ndarray, shape (n, 3)
-        Ways of the flange, metres, in the same frame, one for each station.
-    example : Reading, optional
+        Paths of the flange, metres, in the same frame, one for each station.
+    example : ReadResult, optional
         A section to show in the laser plane; depth and area are shown where left out.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")
@@ -157,7 +157,7 @@ def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[
     axes.set_title(" and ".join(field.words for field in fields))
 
 
-def draw_readings(readings: Sequence[Reading]) -> Figure:
+def draw_readings(readings: Sequence[ReadResult]) -> Figure:
     """Draw profiles with their fits, at most `MOST_DRAWN`, evenly chosen."""
     chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
     columns = ceil(sqrt(len(chosen)))

@@ -1,4 +1,4 @@
-"""Readings of many profiles: one line each, found or refused."""
+"""What was read in each of many profiles: a groove, or why there is none."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tjscan.result.section import MEASURES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class ReadResult:
     """What was read in one profile.
 
     Parameters
@@ -42,37 +42,57 @@ class Reading:
     refusal: GrooveNotFound | None = None
 
 
-def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Iterator[Reading]:
-    """Read every profile; a refusal is a reading too."""
+def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Iterator[ReadResult]:
+    """Read every profile; one in which no groove is found has a result, too.
+
+    Parameters
+    ----------
+    profiles : mapping of str to Profile
+        By their names.
+    settings : GrooveSettings
+        How to read them.
+    """
     for name, profile in profiles.items():
         try:
             if settings.model is TEE:
                 section = find_groove(profile, settings)
-                yield Reading(name, profile, section.points_s, section)
+                yield ReadResult(name, profile, section.points_s, section)
             else:
                 _, fitted = fit_profile(profile, settings)
                 xz = fitted.corners
-                yield Reading(name, profile, np.insert(xz, 1, 0.0, axis=1))
+                yield ReadResult(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
-            yield Reading(name, profile, np.empty((0, 3)), refusal=refusal)
+            yield ReadResult(name, profile, np.empty((0, 3)), refusal=refusal)
 
 
-def to_dict(reading: Reading) -> dict[str, Any]:
-    """A reading for JSON, in mm and degrees."""
-    told: dict[str, Any] = {"name": reading.name, "found": reading.refusal is None}
+def to_dict(reading: ReadResult) -> dict[str, Any]:
+    """A result for JSON, in millimetres and degrees.
+
+    Parameters
+    ----------
+    reading : ReadResult
+        What was read in one profile.
+    """
+    fields: dict[str, Any] = {"name": reading.name, "found": reading.refusal is None}
     if reading.refusal is not None:
-        return told | {"reason": reading.refusal.reason, "detail": reading.refusal.detail}
-    told["points_mm"] = (1e3 * reading.points_s[:, [0, 2]]).round(5).tolist()
+        return fields | {"reason": reading.refusal.reason, "detail": reading.refusal.detail}
+    fields["points_mm"] = (1e3 * reading.points_s[:, [0, 2]]).round(5).tolist()
     if (section := reading.section) is not None:
-        told["corner_sigma_mm"] = (1e3 * np.sqrt(np.diag(section.covariance_s))).round(5).tolist()
-        told |= {name: [value, sigma] for name, value, sigma in measures(section)}
-        told["work_angle_deg"] = float(np.degrees(section.work_angle))
-        told["rms_mm"] = 1e3 * section.rms
-    return told
+        fields["corner_sigma_mm"] = (1e3 * np.sqrt(np.diag(section.covariance_s))).round(5).tolist()
+        fields |= {name: [value, sigma] for name, value, sigma in measures(section)}
+        fields["work_angle_deg"] = float(np.degrees(section.work_angle))
+        fields["rms_mm"] = 1e3 * section.rms
+    return fields
 
 
 def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
-    """Name, value and standard deviation of each measure, in mm and degrees."""
+    """Name with unit, value and standard deviation of each measure, in millimetres and degrees.
+
+    Parameters
+    ----------
+    section : GrooveSection
+        As it was read.
+    """
     values = (getattr(section, field.name) for field in MEASURES)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [

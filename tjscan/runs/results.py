@@ -16,10 +16,10 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.directory import CALIBRATION, JOB, job_of
 from tjscan.result.frame import ResultFrame
-from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove
-from tjscan.result.readings import Reading
+from tjscan.result.readings import ReadResult
 from tjscan.result.summary import StepStatistics, Summary
+from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_results
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import complete, groove_length, step_lengths
@@ -153,9 +153,9 @@ def write_scan(
         points,
         frame=frame.name,
         title=f"{len(sections)} sections, {result.stop}",
-        outline=() if joint is None else joint_outline(joint),
+        outline=() if joint is None else joint_wireframe(joint),
         paths=[transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=Reading(
+        example=ReadResult(
             f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
         ),
     )

@@ -22,10 +22,10 @@ from tjscan.joint.edges import feature_edges
 from tjscan.recording.writer import parts
 from tjscan.result.directory import JOB, JOINT, STATIONS, STATIONS_PICTURE, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
-from tjscan.result.outline import joint_outline
 from tjscan.result.picture import draw_groove, write_picture
 from tjscan.result.stitching import StitchingReport, write_stitching
 from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
+from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_results
 from tjscan.runs.context import RunContext, reader_of, report_nothing
 from tjscan.runs.results import groove_points
@@ -237,7 +237,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         frame="j",
         title=f"{len(stitched.sections)} sections from {len(stitched.stations)} stations, "
         f"{report.covered_deg:.0f}° covered",
-        outline=() if joint is None else joint_outline(joint),
+        outline=() if joint is None else joint_wireframe(joint),
         paths=[
             transform(
                 one.T_j_b, [view.T_b_f[:3, 3] for view in (s.view for s in one.station.sections)]

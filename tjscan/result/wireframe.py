@@ -1,4 +1,4 @@
-"""A joint as a few lines, to draw the scan on."""
+"""A joint as a wireframe, to draw a scan on."""
 
 from __future__ import annotations
 
@@ -13,10 +13,18 @@ GENERATRICES = 24
 """Straight lines along each tube."""
 
 
-def joint_outline(joint: JointDefinition) -> list[Array]:
-    """Lines of a joint in frame j, metres, each of shape (n, 3).
+def joint_wireframe(joint: JointDefinition) -> list[Array]:
+    """Lines of a joint: feature edges, rings and generatrices of the brace and of the leg near it.
 
-    The feature edges, rings and generatrices of the brace, and those of the leg near it.
+    Parameters
+    ----------
+    joint : JointDefinition
+        As designed.
+
+    Returns
+    -------
+    list of ndarray, shape (n, 3)
+        Polylines in frame j, metres.
     """
     edges = feature_edges(joint, n=360)
     lines = [np.vstack((e.points_j, e.points_j[:1])) for e in (edges.p2, edges.p3, edges.p4)]
