@@ -43,11 +43,12 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan
+from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.scanning.reader import read_scan
 from tjscan.scanning.section import ScannedSection, View
 from tjscan.scanning.topics import scan_recording
 from tjscan.study.file import read_study
-from tjscan.study.grid import tasks_of
+from tjscan.study.grid import trials_of
 from tjscan.study.row import Row
 from tjscan.study.store import PLAN, ROWS, make_study, read_plan, read_rows
 
@@ -191,12 +192,13 @@ def _studies(folder: Path) -> Iterator[Reader]:
         f'job = "{EXAMPLES / "paper.toml"}"\n[grid]\nscan.step_mm = [40.0, 50.0]\n',
         encoding="utf-8",
     )
-    tasks = tasks_of(read_study(file), file)
-    make_study(folder / "study", tasks)
+    trials = trials_of(read_study(file), file)
+    make_study(folder / "study", trials)
     plan = (folder / "study" / PLAN).read_bytes()
     yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_plan(f.parent), 1)
-    rows = b"".join(Row.failed(t, "cut", "short").to_json().encode() + b"\n" for t in tasks)
-    yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, tasks), 1)
+    short = ScanOutcome(False, "cut", "short")
+    rows = b"".join(Row.of(t, short).to_json().encode() + b"\n" for t in trials)
+    yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, trials), 1)
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:

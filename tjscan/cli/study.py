@@ -15,7 +15,7 @@ def study(
     dry_run: bool = False,
     json: bool = False,
 ) -> None:
-    """Run many simulated scans and write their results into one table.
+    """Run many simulated scans and write them in one table.
 
     Parameters
     ----------
@@ -24,15 +24,15 @@ def study(
     out
         The directory to make; ``runs/STUDY-DATE`` where left out.
     resume
-        Go on with a study that was interrupted; scans that are done are not made again.
+        Go on with a study that was interrupted; runs that are done are not made again.
     workers
         Processes on this machine; as many as it has cores where left out.
     scheduler
         Address of a dask scheduler to run on instead, for instance tcp://10.0.0.5:8786.
     dry_run
-        Resolve and check every scan, say how many there are, and run none.
+        Resolve and check every run, print how many there are, and make none.
     json
-        Print how the scans ended as JSON on stdout.
+        Print how the runs ended as JSON on stdout.
     """
     import os
 
@@ -40,11 +40,10 @@ def study(
     from tjscan.cli.study_output import print_study, study_progress
     from tjscan.core.errors import ConfigurationError
     from tjscan.runs.directory import default_directory
-    from tjscan.study.cluster import ClusterScheduler
     from tjscan.study.file import read_study
-    from tjscan.study.grid import tasks_of
-    from tjscan.study.local import LocalScheduler
+    from tjscan.study.grid import trials_of
     from tjscan.study.run import run_study
+    from tjscan.study.schedule import DaskScheduler, check_installed
     from tjscan.study.store import make_study, read_plan
 
     if resume and (out is not None or dry_run):
@@ -52,14 +51,14 @@ def study(
     if workers is not None and (workers < 1 or scheduler is not None):
         raise ConfigurationError("--workers is 1 or more, and not beside --scheduler")
     directory = study if resume else out or default_directory(study)
-    tasks = read_plan(study) if resume else tasks_of(read_study(study), study)
+    trials = read_plan(study) if resume else trials_of(read_study(study), study)
     if dry_run:
-        say(f"{study}: the study is sound; it makes {len(tasks)} scans")
+        say(f"{study}: the study is sound; it makes {len(trials)} runs")
         return
+    check_installed()
     if not resume:
-        make_study(directory, tasks)
-    here = LocalScheduler(workers or os.cpu_count() or 1)
-    where = ClusterScheduler(scheduler) if scheduler else here
-    with study_progress(len(tasks)) as watch:
+        make_study(directory, trials)
+    where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
+    with study_progress(len(trials)) as watch:
         rows = run_study(directory, where, watch)
     print_study(rows, directory, json=json)

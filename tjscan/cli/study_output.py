@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.progress import TimeRemainingColumn
 
@@ -15,30 +16,30 @@ from tjscan.study.row import Row
 
 
 @contextmanager
-def study_progress(total: int) -> Iterator[Callable[[Row], None]]:
+def study_progress(total: int) -> Iterator[Callable[[Row[Any]], None]]:
     """Show a progress bar while the block runs; gives what moves it on by a row."""
     with progress_bars() as progress:
         progress.columns += (TimeRemainingColumn(),)
-        bar = progress.add_task("scans", total=total)
+        bar = progress.add_task("runs", total=total)
 
-        def watch(row: Row) -> None:
+        def watch(row: Row[Any]) -> None:
             progress.advance(bar)
-            if not row.measured.complete:
+            if not row.outcome.complete:
                 where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
-                line = f"row {row.index} ({where}): {row.measured.reason}"
+                line = f"row {row.index} ({where}): {row.outcome.reason}"
                 progress.console.print(line, markup=False)
 
         yield watch
 
 
-def print_study(rows: Sequence[Row], directory: Path, *, json: bool) -> None:
-    """Print how the scans of a study ended, on stderr, or as JSON on stdout."""
-    ended = Counter(row.measured.reason for row in rows)
-    complete = sum(row.measured.complete for row in rows)
+def print_study(rows: Sequence[Row[Any]], directory: Path, *, json: bool) -> None:
+    """Print how the runs of a study ended, on stderr, or as JSON on stdout."""
+    ended = Counter(row.outcome.reason for row in rows)
+    complete = sum(row.outcome.complete for row in rows)
     if json:
         print(json_.dumps({"scans": len(rows), "complete": complete, "reasons": ended}))
         return
-    say(f"{complete} of {len(rows)} scans complete")
+    say(f"{complete} of {len(rows)} runs complete")
     for reason, count in ended.most_common():
         say(f"  {count:6d}  {reason}")
     say(f"written to {directory}: see report.md, and study.csv or study.parquet for the rows")

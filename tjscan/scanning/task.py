@@ -6,4 +6,8 @@ from typing import Final
 
 from tjscan.core.registry import Task
 
-TASK: Final = Task("scan", report="tjscan.runs.scan_report:chapter")
+TASK: Final = Task(
+    "scan",
+    report="tjscan.runs.scan_report:chapter",
+    study="tjscan.runs.scan_study.kind:SCAN_STUDY",
+)

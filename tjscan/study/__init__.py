@@ -1,1 +1,1 @@
-"""Many simulated scans: a grid of jobs, run in parallel, told in one table."""
+"""Many simulated runs: a grid of jobs, run in parallel, in one table."""

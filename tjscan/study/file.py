@@ -10,22 +10,29 @@ from pydantic import Field
 
 from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
+from tjscan.study.kind import kind_of
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
 
-SEED = "simulation.seed"
-"""The key that `StudyFile.seeds` sweeps."""
-
 
 class StudyFile(FileModel):
-    """A study as its TOML file tells it.
+    """A study as its TOML file holds it.
 
-    `fixed`, `grid` and `together` speak of the same keys, dotted: those of the job file, those of
-    the joint's file below ``joint.`` (``joint.brace.wall_mm``), and those of `RuleTable` below
-    ``rule.``.
+    Parameters
+    ----------
+    task : str
+        Which algorithm runs; it says which keys there are.
+    job : str or tuple of str
+        The base job, or several.
+    seeds : int, optional
+        How many seeds of the random numbers every setting is run with.
+    fixed, grid, together
+        Dotted keys: with the value of every run; with values of which every combination is run;
+        and tables of such lists that go together, entry by entry.
     """
 
+    task: str = "scan"
     job: str | Names
     seeds: int | None = Field(default=None, ge=1, le=100_000)
     fixed: dict[str, Any] = Field(default_factory=dict)
@@ -39,7 +46,7 @@ class StudyFile(FileModel):
 
     @property
     def fixed_keys(self) -> dict[str, Any]:
-        """Dotted keys and values that hold for every scan."""
+        """Dotted keys and values that hold for every run."""
         return flattened(self.fixed)
 
     def axes(self) -> list[list[dict[str, Any]]]:
@@ -56,7 +63,8 @@ class StudyFile(FileModel):
         axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
         axes += [_together(flattened(table)) for table in self.together]
         if self.seeds is not None:
-            axes.append([{SEED: seed} for seed in range(1, self.seeds + 1)])
+            key = kind_of(self.task).seed
+            axes.append([{key: seed} for seed in range(1, self.seeds + 1)])
         keys = [key for axis in axes for key in axis[0]]
         for key in keys:
             if keys.count(key) > 1 or key in self.fixed_keys:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from tjscan.study.row import Measured, Row
-from tjscan.study.task import Value
+from tjscan.study.row import Outcome, Row
+from tjscan.study.trial import Value
 
-SEED: Final = "simulation.seed"
+O = TypeVar("O", bound=Outcome)  # noqa: E741
 
 
-def varied(rows: Sequence[Row]) -> dict[str, list[Value]]:
+def varied(rows: Sequence[Row[Any]]) -> dict[str, list[Value]]:
     """Keys that take several values, and these in the order in which they come."""
     found: dict[str, dict[Value, None]] = {}
     for row in rows:
@@ -24,7 +24,7 @@ def varied(rows: Sequence[Row]) -> dict[str, list[Value]]:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class Group(Generic[O]):
     """Rows that share a value of one key, or of several.
 
     Parameters
@@ -33,28 +33,36 @@ class Group:
         One at least.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[Row[O], ...]
 
     @property
-    def complete(self) -> tuple[Row, ...]:
-        """Those whose scan did what was asked."""
-        return tuple(row for row in self.rows if row.measured.complete)
+    def complete(self) -> tuple[Row[O], ...]:
+        """Those whose run did what was asked."""
+        return tuple(row for row in self.rows if row.outcome.complete)
 
     @property
     def share(self) -> float:
         """How many of them are complete, from 0 to 1."""
         return len(self.complete) / len(self.rows)
 
-    def mean(self, what: Callable[[Measured], float | None]) -> float:
+    def mean(self, value: Callable[[O], float | None]) -> float:
         """Mean over the complete rows; NaN where nothing is known."""
-        values = [what(row.measured) for row in self.complete]
+        values = [value(row.outcome) for row in self.complete]
         known = [value for value in values if value is not None]
         return float(np.mean(known)) if known else float("nan")
 
 
-def group(rows: Iterable[Row], *keys: str) -> dict[tuple[Value | None, ...], Group]:
-    """Rows by their values of some keys, in the order in which they come."""
-    sorted_: dict[tuple[Value | None, ...], list[Row]] = {}
+def group(rows: Iterable[Row[O]], *keys: str) -> dict[tuple[Value | None, ...], Group[O]]:
+    """Rows by their values of some keys, in the order in which they come.
+
+    Parameters
+    ----------
+    rows : iterable of Row
+        What is grouped.
+    *keys : str
+        Dotted keys.
+    """
+    sorted_: dict[tuple[Value | None, ...], list[Row[O]]] = {}
     for row in rows:
         sorted_.setdefault(tuple(row.inputs.get(key) for key in keys), []).append(row)
     return {values: Group(tuple(members)) for values, members in sorted_.items()}

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
+from tjscan.core.errors import TjscanError
 from tjscan.core.files import atomic_directory, sole_writer
-from tjscan.study.one import run_task
+from tjscan.study.kind import kind_of
 from tjscan.study.report import write_report
 from tjscan.study.row import LOST_WORKER, Row
 from tjscan.study.schedule import Done, Lost, Scheduler
 from tjscan.study.store import keeping, read_plan, read_rows
 from tjscan.study.table import CSV, PARQUET, write_csv, write_parquet
-from tjscan.study.task import Task
+from tjscan.study.trial import Trial
 
 
 def run_study(
-    directory: Path, scheduler: Scheduler, watch: Callable[[Row], None]
-) -> tuple[Row, ...]:
+    directory: Path, scheduler: Scheduler, watch: Callable[[Row[Any]], None]
+) -> tuple[Row[Any], ...]:
     """Run what a study's directory still lacks, and write its tables.
 
     A study that is interrupted leaves tables of what is done, and goes on from there.
@@ -27,9 +31,9 @@ def run_study(
     directory : Path
         What `make_study` made.
     scheduler : Scheduler
-        Where the scans run.
+        Where the trials run.
     watch : callable
-        Is told of every row, those on disk first, after it is on disk.
+        Receives every row, those on disk first, after it is on disk.
 
     Returns
     -------
@@ -43,34 +47,60 @@ def run_study(
     RecordingError
         If the directory can't be written, or another process runs this study.
     """
-    tasks = read_plan(directory)
+    trials = read_plan(directory)
     with sole_writer(directory):
-        rows = read_rows(directory, tasks)
+        rows = read_rows(directory, trials)
         for row in rows.values():
             watch(row)
+        left = [trial for trial in trials if trial.key not in rows]
         try:
-            with keeping(directory) as keep:
-                for ended in scheduler(run_task, [t for t in tasks if t.key not in rows]):
+            with keeping(directory) as keep, closing(scheduler(run_trial, left)) as all_ended:
+                for ended in all_ended:
                     row = _row(ended)
                     keep(row)
                     rows[row.key] = row
                     watch(row)
         finally:
-            done = tuple(rows[task.key] for task in tasks if task.key in rows)
+            done = tuple(rows[trial.key] for trial in trials if trial.key in rows)
             if done:
-                write_tables(directory, done, tasks)
+                write_tables(directory, done, trials)
     return done
 
 
-def write_tables(directory: Path, rows: Sequence[Row], tasks: Sequence[Task]) -> None:
-    """Write tables, pictures and report of the rows there are, all or none."""
+def run_trial(trial: Trial) -> Row[Any]:
+    """Make one run; a failure is a row too."""
+    kind, start = kind_of(trial.task), perf_counter()
+    try:
+        outcome = kind.run(trial.settings)
+    except TjscanError as error:
+        outcome = kind.outcome(False, type(error).__name__, str(error))
+    except Exception as error:
+        # A fault of the program: it costs this row and no other, which holds its name.
+        outcome = kind.outcome(False, type(error).__name__, f"unexpected: {error}")
+    return Row.of(trial, outcome, perf_counter() - start)
+
+
+def write_tables(directory: Path, rows: Sequence[Row[Any]], trials: Sequence[Trial]) -> None:
+    """Write tables, pictures and report of the rows there are, all or none.
+
+    Parameters
+    ----------
+    directory : Path
+        The study's.
+    rows : sequence of Row
+        One at least.
+    trials : sequence of Trial
+        All that were planned.
+    """
+    kind = kind_of(trials[0].task)
     with atomic_directory(directory) as draft:
         write_csv(draft / CSV, rows)
         write_parquet(draft / PARQUET, rows)
-        write_report(draft, rows, planned=len(tasks))
+        write_report(draft, kind, rows, planned=len(trials))
 
 
-def _row(ended: Done[Task, Row] | Lost[Task]) -> Row:
+def _row(ended: Done[Trial, Row[Any]] | Lost[Trial]) -> Row[Any]:
     if isinstance(ended, Lost):
-        return Row.failed(ended.task, LOST_WORKER, ended.cause)
+        outcome = kind_of(ended.task.task).outcome
+        return Row.of(ended.task, outcome(False, LOST_WORKER, ended.cause))
     return ended.result

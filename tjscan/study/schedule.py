@@ -1,16 +1,32 @@
-"""What every scheduler gives: tasks back as they end, done or lost."""
+"""Trials on processes of this machine or of a cluster, by dask.distributed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from importlib.metadata import version as installed
+from importlib.util import find_spec
+from itertools import islice
+from logging import CRITICAL
+from typing import Any, Final, Generic, Protocol, TypeVar
 
+from tjscan.core.errors import ClusterFault, ConfigurationError
+from tjscan.core.version import VERSION
 from tjscan.study.row import Row
-from tjscan.study.task import Task
+from tjscan.study.trial import Trial
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+PATIENCE: Final = 20.0
+"""Seconds that a scheduler has to answer, and the first worker of a cluster to join it."""
+
+DEATHS: Final = 1
+"""How often a trial may take a process of this machine with it and be tried once more."""
+
+NEEDED: Final = ("distributed", "pyarrow")
+"""What the extra ``study`` installs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +39,189 @@ class Done(Generic[T, R]):
 
 @dataclass(frozen=True, slots=True)
 class Lost(Generic[T]):
-    """A task whose process died under it, again when it was tried alone, and what is known."""
+    """A task whose process died under it whenever it was tried, and what is known."""
 
     task: T
     cause: str
 
 
 class Scheduler(Protocol):
-    """Runs the tasks of a study somewhere, in any order."""
+    """Runs the trials of a study somewhere, in any order."""
 
     def __call__(
-        self, work: Callable[[Task], Row], tasks: Sequence[Task]
-    ) -> Iterator[Done[Task, Row] | Lost[Task]]:
-        """Give every task back once it has ended."""
+        self, work: Callable[[Trial], Row[Any]], trials: Sequence[Trial], /
+    ) -> Generator[Done[Trial, Row[Any]] | Lost[Trial]]:
+        """Give every trial back once it has ended.
+
+        Parameters
+        ----------
+        work : callable
+            Makes a row of a trial.
+        trials : sequence of Trial
+            What to run.
+        """
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class DaskScheduler:
+    """Runs tasks on the workers of a dask scheduler, each of which takes one thread.
+
+    A worker that dies costs no task but the one that kills its workers again and again.
+
+    Parameters
+    ----------
+    workers : int
+        Processes of this machine, started and ended with the study.
+    address : str, optional
+        Of a scheduler to use instead, whose workers have tjscan installed, for instance
+        ``tcp://10.0.0.5:8786``.
+    """
+
+    workers: int = 1
+    address: str | None = None
+
+    def __call__(
+        self, work: Callable[[T], R], tasks: Sequence[T]
+    ) -> Generator[Done[T, R] | Lost[T]]:
+        """Run `work` on every task; for the parameters see `Scheduler`.
+
+        Raises
+        ------
+        ConfigurationError
+            If dask.distributed is not installed, or no scheduler answers.
+        ClusterFault
+            If no worker joins, one has another tjscan, or the scheduler is gone before the end.
+        """
+        check_installed()
+        if not tasks:
+            return
+        workers = min(self.workers, len(tasks))
+        with _local(workers) if self.address is None else _cluster(self.address) as client:
+            yield from _run(client, work, tasks)
+
+
+def check_installed() -> None:
+    """Check that all is installed that a study needs.
+
+    Raises
+    ------
+    ConfigurationError
+        If something is not.
+    """
+    for name in NEEDED:
+        if find_spec(name) is None:
+            raise ConfigurationError(
+                f"a study needs the package {name}, which is not installed: "
+                "pip install 'tjscan[study]'"
+            )
+
+
+def _run(
+    client: Any, work: Callable[[T], R], tasks: Sequence[T]
+) -> Generator[Done[T, R] | Lost[T]]:
+    """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
+    from distributed import KilledWorker, as_completed
+
+    waiting, running, ended = iter(tasks), dict[Any, T](), as_completed()
+
+    def hand_out() -> None:
+        for task in islice(waiting, max(_threads(client), 1) - len(running)):
+            future = client.submit(work, task, pure=False)
+            running[future] = task
+            ended.add(future)
+
+    hand_out()
+    for future in ended:
+        task = running.pop(future)
+        fault = future.exception() if future.status == "error" else None
+        if fault is None and future.status != "finished":
+            raise _gone()
+        if isinstance(fault, KilledWorker):
+            over: Done[T, R] | Lost[T] = Lost(task, "every worker that ran it died")
+        elif fault is not None:
+            raise ClusterFault(f"a worker failed: {fault!r}")
+        else:
+            over = Done(task, future.result())
+        future.release()
+        hand_out()
+        yield over
+
+
+def _threads(client: Any) -> int:
+    try:
+        return sum(client.nthreads().values())
+    except OSError:
+        raise _gone() from None
+
+
+def _gone() -> ClusterFault:
+    return ClusterFault("the scheduler is gone; start one again, and go on with --resume")
+
+
+@contextmanager
+def _local(workers: int) -> Iterator[Any]:
+    """Give the client of a scheduler with processes of this machine, which end with the block."""
+    from dask import config
+    from distributed import Client, LocalCluster
+
+    with config.set({"distributed.scheduler.allowed-failures": DEATHS}), ExitStack() as stack:
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            memory_limit=0,
+            silence_logs=CRITICAL,
+            preload=["tjscan.study.worker"],
+        )
+        stack.callback(_close, cluster)
+        yield stack.enter_context(Client(cluster))
+
+
+def _close(cluster: Any) -> None:
+    """End the processes; where they take long, as on a busy machine, that harms no result."""
+    with suppress(TimeoutError):
+        cluster.close()
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Any]:
+    """Give the client of a scheduler somewhere, whose workers are as this machine."""
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            f"no scheduler answers at {address} ({error}); start one with `dask "
+            "scheduler`, and workers with `dask worker ADDRESS --nthreads 1`"
+        ) from None
+    with client:
+        _check_workers(client)
+        yield client
+
+
+def _check_workers(client: Any) -> None:
+    """Refuse a cluster without workers, or whose workers have another tjscan than this one.
+
+    Raises
+    ------
+    ClusterFault
+        If so.
+    """
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise ClusterFault(
+            f"no worker has joined the scheduler within {PATIENCE:g} s; start one with `dask "
+            "worker ADDRESS --nthreads 1`, and go on with --resume"
+        ) from None
+    for worker, found in client.run(installed, "tjscan", on_error="return").items():
+        if found != VERSION:
+            other = found if isinstance(found, str) else "not at all"
+            raise ClusterFault(
+                f"the worker {worker} has tjscan {other}, this machine {VERSION}: the same "
+                "version everywhere makes the same rows; then go on with --resume"
+            )

@@ -6,12 +6,13 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import atomic_directory, check_size
+from tjscan.study.kind import kind_of
 from tjscan.study.row import Row
-from tjscan.study.task import Task
+from tjscan.study.trial import Trial
 
 PLAN: Final = "plan.jsonl"
 ROWS: Final = "rows.jsonl"
@@ -20,8 +21,15 @@ MOST_BYTES: Final = 2_000_000_000
 """A larger file is no part of a study."""
 
 
-def make_study(directory: Path, tasks: Sequence[Task]) -> None:
-    """Make a study's directory, with every resolved task in it.
+def make_study(directory: Path, trials: Sequence[Trial]) -> None:
+    """Make a study's directory, with every resolved trial in it.
+
+    Parameters
+    ----------
+    directory : Path
+        To make.
+    trials : sequence of Trial
+        All of them.
 
     Raises
     ------
@@ -37,12 +45,12 @@ def make_study(directory: Path, tasks: Sequence[Task]) -> None:
             file=directory,
         )
     with atomic_directory(directory) as draft:
-        text = "".join(f"{task.to_json()}\n" for task in tasks)
+        text = "".join(f"{trial.to_json()}\n" for trial in trials)
         (draft / PLAN).write_text(text, encoding="utf-8")
 
 
-def read_plan(directory: Path) -> tuple[Task, ...]:
-    """The tasks of a study's directory.
+def read_plan(directory: Path) -> tuple[Trial, ...]:
+    """The trials of a study's directory.
 
     Raises
     ------
@@ -52,15 +60,22 @@ def read_plan(directory: Path) -> tuple[Task, ...]:
     file = directory / PLAN
     try:
         check_size(file, MOST_BYTES, "a plan")
-        return tuple(Task.from_json(line) for line in file.read_text("utf-8").splitlines())
+        return tuple(Trial.from_json(line) for line in file.read_text("utf-8").splitlines())
     except OSError:
         raise ConfigurationError("there is no study", file=directory) from None
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
 
 
-def read_rows(directory: Path, tasks: Sequence[Task]) -> dict[str, Row]:
-    """Rows on disk that answer one of the tasks, by key; a line that was cut off is none.
+def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, Row[Any]]:
+    """Rows on disk that belong to one of the trials, by key; a line that was cut off is none.
+
+    Parameters
+    ----------
+    directory : Path
+        The study's.
+    trials : sequence of Trial
+        All that were planned.
 
     Raises
     ------
@@ -69,18 +84,19 @@ def read_rows(directory: Path, tasks: Sequence[Task]) -> dict[str, Row]:
     RecordingError
         If it can't be read.
     """
-    file, keys = directory / ROWS, {task.key for task in tasks}
-    rows: dict[str, Row] = {}
-    if not file.exists():
+    file, keys = directory / ROWS, {trial.key for trial in trials}
+    rows: dict[str, Row[Any]] = {}
+    if not trials or not file.exists():
         return rows
     try:
         check_size(file, MOST_BYTES, "the rows of a study")
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
+    outcome = kind_of(trials[0].task).outcome
     for line in lines:
         try:
-            row = Row.from_json(line)
+            row: Row[Any] = Row.from_json(line, outcome)
         except (ValueError, RecursionError):
             continue
         if row.key in keys:
@@ -91,7 +107,7 @@ def read_rows(directory: Path, tasks: Sequence[Task]) -> dict[str, Row]:
 class Sink(Protocol):
     """Takes rows."""
 
-    def __call__(self, row: Row) -> None:
+    def __call__(self, row: Row[Any]) -> None:
         """Keep a row."""
         ...
 
@@ -110,7 +126,7 @@ def keeping(directory: Path) -> Iterator[Sink]:
             if file.tell():
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
-            def keep(row: Row) -> None:
+            def keep(row: Row[Any]) -> None:
                 file.write(row.to_json().encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())

@@ -1,4 +1,4 @@
-"""``study.csv`` and ``study.parquet``: a row per scan."""
+"""``study.csv`` and ``study.parquet``: a row per run."""
 
 from __future__ import annotations
 
@@ -6,30 +6,44 @@ import csv
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from tjscan.study.row import Measured, Row
-from tjscan.study.task import Value
+from tjscan.study.row import Row
+from tjscan.study.trial import Value
 
 CSV: Final = "study.csv"
 PARQUET: Final = "study.parquet"
-MEASURED: Final = tuple(field.name for field in fields(Measured))
 WALL: Final = "wall_s"
 
 Cell = Value | None
 
 
-def columns(rows: Sequence[Row]) -> dict[str, list[Cell]]:
-    """The table by columns: row, what was varied, what came out, and the wall clock at last."""
+def columns(rows: Sequence[Row[Any]]) -> dict[str, list[Cell]]:
+    """The table by columns: row, what was varied, what came out, and the wall clock at last.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        One at least, all of one kind.
+    """
     inputs = dict.fromkeys(key for row in rows for key in row.inputs)
+    shown = [f.name for f in fields(rows[0].outcome) if f.metadata.get("column", True)]
     table: dict[str, list[Cell]] = {"row": [row.index for row in rows]}
     table |= {key: [row.inputs.get(key) for row in rows] for key in inputs}
-    table |= {name: [getattr(row.measured, name) for row in rows] for name in MEASURED}
+    table |= {name: [getattr(row.outcome, name) for row in rows] for name in shown}
     return table | {WALL: [round(row.wall_s, 3) for row in rows]}
 
 
-def write_csv(file: Path, rows: Sequence[Row]) -> None:
-    """Write the table as CSV; numbers to the last digit, what is not known as nothing."""
+def write_csv(file: Path, rows: Sequence[Row[Any]]) -> None:
+    """Write the table as CSV; numbers to the last digit, what is not known as nothing.
+
+    Parameters
+    ----------
+    file : Path
+        Where to.
+    rows : sequence of Row
+        As `columns` takes them.
+    """
     table = columns(rows)
     with file.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
@@ -37,16 +51,24 @@ def write_csv(file: Path, rows: Sequence[Row]) -> None:
         writer.writerows(zip(*table.values(), strict=True))
 
 
-def write_parquet(file: Path, rows: Sequence[Row]) -> None:
-    """Write the table as Parquet; a column whose values are of several kinds becomes words."""
+def write_parquet(file: Path, rows: Sequence[Row[Any]]) -> None:
+    """Write the table as Parquet; a column whose values are of several types becomes text.
+
+    Parameters
+    ----------
+    file : Path
+        Where to.
+    rows : sequence of Row
+        As `columns` takes them.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    pq.write_table(pa.table({n: _one_kind(v) for n, v in columns(rows).items()}), file)
+    pq.write_table(pa.table({n: _one_type(v) for n, v in columns(rows).items()}), file)
 
 
-def _one_kind(values: list[Cell]) -> list[Cell]:
-    kinds = {type(value) for value in values if value is not None}
-    if kinds <= {int, float} and len(kinds) == 2:
+def _one_type(values: list[Cell]) -> list[Cell]:
+    types = {type(value) for value in values if value is not None}
+    if types <= {int, float} and len(types) == 2:
         return [None if value is None else float(value) for value in values]
-    return values if len(kinds) < 2 else [None if v is None else str(v) for v in values]
+    return values if len(types) < 2 else [None if v is None else str(v) for v in values]

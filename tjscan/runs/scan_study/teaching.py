@@ -1,4 +1,4 @@
-"""Start poses as a hand finds them, and an arm whose base is carried to the joint."""
+"""Start poses as an operator teaches them, and an arm whose base is carried to the joint."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tjscan.joint.geometry import in_j, tangential
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import Direction
 
-HAND_STREAM: Final = 11
-"""Keeps the hand's random numbers apart from those of arm and laser."""
+STREAM: Final = 11
+"""Keeps these random numbers apart from those of arm and laser."""
 
 AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 """Where the groove's length is tabulated: a turn, and one more either way."""
@@ -26,10 +26,10 @@ AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 
 @dataclass(frozen=True, slots=True)
 class TeachingError:
-    """How far off a hand leaves the laser on the groove, at most, along and about each axis.
+    """How far off a taught pose is, at most, along and about each axis of frame t.
 
-    Whoever teaches a pose watches the line on the steel: shift and turn are those of frame t,
-    which lies in the groove, and not of the sensor an arm's length above it.
+    The operator watches the laser line on the steel: shift and turn are those of frame t, which
+    lies in the groove, and not of the sensor an arm's length above it.
 
     Parameters
     ----------
@@ -41,15 +41,23 @@ class TeachingError:
     turn: float
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """What frame t is off by, in itself, shape (4, 4)."""
+        """Draw what frame t is off by, in itself: a pose, shape (4, 4), metres."""
         turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
         return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
 
 
 def random_of(seed: int, joint: str) -> np.random.Generator:
-    """The hand's own random numbers: others before every joint, the same each time."""
+    """Random numbers of teaching: others for every joint, the same each time.
+
+    Parameters
+    ----------
+    seed : int
+        Of the job.
+    joint : str
+        The joint, as text.
+    """
     digest = hashlib.sha256(joint.encode()).digest()
-    return np.random.default_rng([seed, HAND_STREAM, int.from_bytes(digest[:8])])
+    return np.random.default_rng([seed, STREAM, int.from_bytes(digest[:8])])
 
 
 def ideal_view(
@@ -97,8 +105,8 @@ def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: A
     return float(0.5 * (gamma_1 - gamma_2))
 
 
-def further(joint: JointDefinition, azimuth: float, way: float, direction: Direction) -> float:
-    """Azimuth that lies a way along the groove from another one.
+def further(joint: JointDefinition, azimuth: float, distance: float, direction: Direction) -> float:
+    """Azimuth that lies a distance along the groove from another one.
 
     Parameters
     ----------
@@ -106,14 +114,14 @@ def further(joint: JointDefinition, azimuth: float, way: float, direction: Direc
         The joint.
     azimuth : float
         Radians, within a turn.
-    way : float
+    distance : float
         Metres along the outer edge, not negative.
     direction : Direction
         Which way round.
     """
     speed = np.linalg.norm(joint.leg.velocity(AZIMUTHS, joint.brace_radius), axis=1)
     length = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(AZIMUTHS))))
-    signed = way if direction is Direction.COUNTERCLOCKWISE else -way
+    signed = distance if direction is Direction.COUNTERCLOCKWISE else -distance
     return float(np.interp(np.interp(azimuth, AZIMUTHS, length) + signed, length, AZIMUTHS))
 
 
@@ -124,7 +132,26 @@ def taught_views(
     error: TeachingError,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Both start poses of the sensor, T_j_s, as a hand finds them, a step apart."""
+    """Both start poses of the sensor as an operator teaches them, a step apart.
+
+    Parameters
+    ----------
+    joint : JointDefinition
+        The joint.
+    azimuth : float
+        Of the first pose in frame j, radians.
+    plan : ScanPlan
+        Step, direction, angles and stand-off.
+    error : TeachingError
+        How far off they are.
+    rng : Generator
+        Draws the errors.
+
+    Returns
+    -------
+    first, second : ndarray, shape (4, 4)
+        T_j_s, metres.
+    """
     second = further(joint, azimuth, plan.step, plan.direction)
     first_view, second_view = (
         ideal_view(joint, phi, plan, error.draw(rng)) for phi in (azimuth, second)
@@ -135,7 +162,20 @@ def taught_views(
 def arc(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
 ) -> list[float]:
-    """Azimuths at shares of the way from the first section to the last one that a plan asks for."""
+    """Azimuths at shares of the arc from the first section to the last one that a plan asks for.
+
+    Parameters
+    ----------
+    joint, azimuth, plan
+        The joint, where its scan starts (radians), and what is scanned.
+    shares : iterable of float
+        From 0 at the first section to 1 at the last.
+
+    Returns
+    -------
+    list of float
+        Radians in frame j.
+    """
     whole = ((plan.sections or 1) - 1) * plan.step
     return [further(joint, azimuth, share * whole, plan.direction) for share in shares]
 

@@ -1,4 +1,4 @@
-"""What follows from other keys: a joint from a ratio, a step from the brace, poses from a hand."""
+"""Keys that set others: a joint from a ratio, a step from the brace, start poses from a joint."""
 
 from __future__ import annotations
 
@@ -59,6 +59,13 @@ LONGEST_MM = 20_000.0
 
 def ruled_joint(joint: JointFile, rules: RuleTable) -> JointFile:
     """A joint with all that rules say of it.
+
+    Parameters
+    ----------
+    joint : JointFile
+        As its file has it, millimetres and degrees.
+    rules : RuleTable
+        What to change.
 
     Raises
     ------

@@ -12,15 +12,15 @@ from tjscan.core.units import rows_to_pose
 from tjscan.job import JobFile
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
-from tjscan.study.rules import RuleTable
-from tjscan.study.task import canonical
-from tjscan.study.teaching import TeachingError, carried, centred, random_of, taught_views
+from tjscan.runs.scan_study.rules import RuleTable
+from tjscan.runs.scan_study.teaching import TeachingError, carried, centred, random_of, taught_views
+from tjscan.study.trial import canonical
 
 
 def taught_start(
     job: JobFile, joint: JointFile, rules: RuleTable, T_f_s: Array
 ) -> tuple[float, dict[str, Any]]:
-    """Teach a job's start as rules say, by the hand that the job's seed draws.
+    """Teach a job's start as rules say, with errors that the job's seed draws.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def taught_start(
     rules : RuleTable
         Where to start, how far off, and whether the base is carried there.
     T_f_s : ndarray, shape (4, 4)
-        The laser on the hand, as the job believes it to sit.
+        Pose of the sensor on the flange, as the job assumes it, metres.
 
     Returns
     -------
@@ -64,10 +64,10 @@ def taught_start(
             "view_offset_mm": round(1e3 * plan.offset, 1),
             "standoff_mm": round(1e3 * plan.standoff, 1),
         }
-    if job.simulation.T_f_s_mm is not None:  # a hand teaches with the laser that is there
+    if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
         T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
-    hand = TeachingError(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
-    T_j_s = taught_views(definition, azimuth, plan, hand, random)
+    error = TeachingError(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    T_j_s = taught_views(definition, azimuth, plan, error, random)
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}
     if rules.carry_base:

@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from tjscan.study.groups import Group, group
-from tjscan.study.paper import (
+from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.runs.scan_study.paper import (
     CASE,
     LARGEST_STEP_ERROR_PERCENT,
     ROTATION_DEG,
@@ -19,8 +19,9 @@ from tjscan.study.paper import (
     TRAVEL_MM,
     Bar,
 )
-from tjscan.study.row import Measured, Row
-from tjscan.study.task import Value
+from tjscan.study.groups import Group, group
+from tjscan.study.row import Row
+from tjscan.study.trial import Value
 
 COLOURS: Final[dict[Value | None, str]] = {
     1: "#1f77b4",
@@ -47,34 +48,51 @@ class Chart:
     Parameters
     ----------
     rows : sequence of Row
-        Those to tell of.
+        Those to show, of every prediction at every step length.
     """
 
-    def __init__(self, rows: Sequence[Row]) -> None:
+    def __init__(self, rows: Sequence[Row[ScanOutcome]]) -> None:
         self.groups = group(rows, CASE, STEP)
         self.cases = list(dict.fromkeys(case for case, _ in self.groups))
         self.steps = sorted({float(step) for _, step in self.groups if step is not None})
 
-    def at(self, case: Value | None, step_mm: float) -> Group | None:
-        """The rows of one bar."""
+    def at(self, case: Value | None, step_mm: float) -> Group[ScanOutcome] | None:
+        """The rows of one bar.
+
+        Parameters
+        ----------
+        case : int or str
+            Of the prediction.
+        step_mm : float
+            Length of the step.
+        """
         return self.groups.get((case, step_mm))
 
     def place(self, case: Value | None, step_mm: float) -> float:
-        """Where its bar stands."""
+        """Where the bar of a case and a step length stands on the axis."""
         width = WIDTH / len(self.cases)
         return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
 
     def bars(
         self,
         axes: Any,
-        value: Callable[[Measured], float | None],
+        value: Callable[[ScanOutcome], float | None],
         *,
-        below: Callable[[Measured], float | None] | None = None,
-        spread: Callable[[Measured], float | None] | None = None,
+        below: Callable[[ScanOutcome], float | None] | None = None,
+        spread: Callable[[ScanOutcome], float | None] | None = None,
     ) -> None:
-        """Draw a bar for each, light up to what is `below`, with the mean spread as a line.
+        """Draw a bar for each; where no scan is complete there is a cross.
 
-        Where no scan is complete there is a cross.
+        Parameters
+        ----------
+        axes
+            Where.
+        value : callable
+            The bar's height, of an outcome.
+        below : callable, optional
+            The bar is light up to here.
+        spread : callable, optional
+            Half the length of a line at its top.
         """
         for case in self.cases:
             for step in self.steps:
@@ -109,19 +127,19 @@ class Chart:
             for case in self.cases
         ]
         if not all(members.complete for members in self.groups.values()):
-            look: dict[str, Any] = {"color": "grey", "marker": "x", "linestyle": ""}
-            more = (*more, Line2D([], [], label="no complete scan", **look))
+            style: dict[str, Any] = {"color": "grey", "marker": "x", "linestyle": ""}
+            more = (*more, Line2D([], [], label="no complete scan", **style))
         axes.legend(handles=[*known, *more], fontsize="small")
 
     def papers(self, axes: Any, bars: Sequence[Bar]) -> None:
-        """Mark what the paper gives a number for."""
+        """Mark the bars that the paper gives a number for."""
         shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
         for bar in shown:
             x = self.place(bar.case, bar.step_mm)
             axes.plot(x, bar.value, "D", color="#d62728", markersize=5, zorder=3)
 
 
-def draw_steps(rows: Sequence[Row]) -> Figure:
+def draw_steps(rows: Sequence[Row[ScanOutcome]]) -> Figure:
     """Mean step with its standard deviation, and its error (the paper's Fig. 13 and 14)."""
     chart, figure = Chart(rows), _figure(12, 4.5)
     length, error = figure.subplots(1, 2)
@@ -142,7 +160,7 @@ def draw_steps(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def draw_effort(rows: Sequence[Row]) -> Figure:
+def draw_effort(rows: Sequence[Row[ScanOutcome]]) -> Figure:
     """Travel and rotation of the flange, prediction light and correction dark (Fig. 15, 16)."""
     from matplotlib.lines import Line2D
 
@@ -159,7 +177,7 @@ def draw_effort(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def draw_paths(rows: Sequence[Row]) -> Figure:
+def draw_paths(rows: Sequence[Row[ScanOutcome]]) -> Figure:
     """The flange's paths in cylinder coordinates of frame j (Fig. 12), the first of each case."""
     chart, figure = Chart(rows), _figure(12, 4.5)
     step = min(chart.steps, key=lambda s: abs(s - PATH_STEP_MM))
@@ -168,11 +186,11 @@ def draw_paths(rows: Sequence[Row]) -> Figure:
         found = chart.at(case, step)
         if found is None or not found.complete:
             continue
-        azimuth, rho, z = np.array(found.complete[0].path).T
-        look: dict[str, Any] = {"color": COLOURS.get(case, OTHER), "linewidth": 1}
-        look |= {"marker": ".", "markersize": 4}
-        distance.plot(azimuth, rho, **look)
-        height.plot(azimuth, z, **look)
+        azimuth, rho, z = np.array(found.complete[0].outcome.path).T
+        style: dict[str, Any] = {"color": COLOURS.get(case, OTHER), "linewidth": 1}
+        style |= {"marker": ".", "markersize": 4}
+        distance.plot(azimuth, rho, **style)
+        height.plot(azimuth, z, **style)
     for axes, name in ((distance, "distance from the brace's axis"), (height, "height")):
         axes.set_xlabel("azimuth in frame j / °")
         axes.set_ylabel(f"{name} / mm")

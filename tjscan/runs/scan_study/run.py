@@ -1,15 +1,14 @@
-"""One scan of a study: a task in, a row out. Whatever happens in between is told by the row."""
+"""One scan of a study: settings in, what came out of it."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 
 from tjscan.comparison.distance import corner_errors
-from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, rotation_angle, transform
 from tjscan.core.units import rows_to_pose
 from tjscan.job.cell import open_cell
@@ -19,50 +18,43 @@ from tjscan.result.frame import ResultFrame
 from tjscan.result.summary import Summary
 from tjscan.runs.results import summarise
 from tjscan.runs.scan import scan_in
+from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.runs.scan_study.settings import ScanSettings
 from tjscan.scanning.journal import Journals
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import Substep
-from tjscan.study.row import Measured, Row
-from tjscan.study.task import Task
 
 EDGES_KEPT = 4
-"""Joints whose edges a process keeps: tasks of one joint stand together."""
+"""Joints whose edges a process keeps: trials of one joint follow each other."""
 
 
-def run_task(task: Task) -> Row:
-    """Make one scan; a failure is a row too."""
-    start = perf_counter()
-    try:
-        result, plan, frame, joint = _scan(task)
-    except TjscanError as error:
-        return Row.failed(task, type(error).__name__, str(error), perf_counter() - start)
-    except Exception as error:
-        # A fault of the program: it costs this row and no other, and its name is told.
-        detail = f"unexpected: {error}"
-        return Row.failed(task, type(error).__name__, detail, perf_counter() - start)
-    measured, path = _measured(result, plan, frame, joint), _path(result, frame)
-    return Row(task.key, task.index, task.inputs, measured, path, perf_counter() - start)
+def run_scan(settings: ScanSettings) -> ScanOutcome:
+    """Make one scan.
 
-
-def _scan(task: Task) -> tuple[ScanResult, ScanPlan, ResultFrame, JointDefinition]:
-    job, joint = task.job_file, task.joint_definition
+    Raises
+    ------
+    TjscanError
+        If the settings are wrong or a device fails.
+    """
+    job, joint = settings.job, settings.joint.definition("joint")
     if job.joint is None or job.calibration.T_f_s_mm is None:
-        raise ConfigurationError("a task holds its joint and its calibration")
+        raise ConfigurationError("a scan of a study holds its joint and its calibration")
     cell = open_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
-    return scan_in(cell, job, Journals()), job.scan, ResultFrame(job.joint.T_w_j), joint
+    result = scan_in(cell, job, Journals())
+    return _outcome(result, job.scan, ResultFrame(job.joint.T_w_j), joint)
 
 
-def _measured(
+def _outcome(
     result: ScanResult, plan: ScanPlan, frame: ResultFrame, joint: JointDefinition
-) -> Measured:
+) -> ScanOutcome:
     corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
     summary = summarise(result, plan, frame, corner_errors(corners, _edges(joint)))
     step, error = summary.step_mm, summary.corner_error_mm
     predicted, corrected = (
         _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)
     )
-    return Measured(
+    return ScanOutcome(
         complete=summary.complete,
         reason=summary.stopped_because,
         detail=summary.detail,
@@ -84,6 +76,7 @@ def _measured(
         motion_time_s=summary.motion_time_s,
         corner_mean_mm=None if error is None else error.mean,
         corner_p95_mm=None if error is None else error.p95,
+        path=_path(result, frame),
     )
 
 
@@ -100,7 +93,7 @@ def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
 
 
 def _path(result: ScanResult, frame: ResultFrame) -> tuple[tuple[float, float, float], ...]:
-    """The flange's way in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
+    """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
     flange = transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))
     distance = 1e3 * np.hypot(flange[:, 0], flange[:, 1])

@@ -1,4 +1,4 @@
-"""What Cibicik et al. (2022) measured on steel, as far as section 4.3 tells it in numbers."""
+"""What Cibicik et al. (2022) measured on steel, as far as section 4.3 gives it in numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ CASE: Final = "scan.prediction_case"
 STEP: Final = "scan.step_mm"
 
 LARGEST_STEP_ERROR_PERCENT: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
-"""Largest mean step error of each case over all step lengths (Fig. 14); signs are not told."""
+"""Largest mean step error of each case over all step lengths (Fig. 14); signs are not given."""
 
 
 @dataclass(frozen=True, slots=True)

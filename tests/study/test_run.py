@@ -1,0 +1,148 @@
+"""Laws of a running study: the same table wherever it runs, and nothing lost on the way."""
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+from cells import PAPER
+from command import tjscan
+
+from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.study.file import read_study
+from tjscan.study.grid import trials_of
+from tjscan.study.row import LOST_WORKER, Row
+from tjscan.study.run import run_study, run_trial
+from tjscan.study.schedule import DaskScheduler, Done, Lost
+from tjscan.study.store import ROWS, make_study, read_rows
+from tjscan.study.trial import Trial
+
+STUDY = {
+    "job": str(PAPER),
+    "fixed": {"scan.sections": 4},
+    "grid": {"scan.prediction_case": [1, 3]},
+    # The last start sees no groove: a scan that fails.
+    "together": [
+        {
+            "scan.step_mm": [40.0, 50.0, 40.0],
+            "scan.second.position_mm": [
+                [-49.0, 807.9, 363.1],
+                [-49.0, 807.9, 363.1],
+                [-49.0, 807.9, 463.1],
+            ],
+        }
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("study") / "study.toml"
+    file.write_text(tomli_w.dumps(STUDY), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def trials(study: Path) -> tuple[Trial, ...]:
+    return trials_of(read_study(study), study)
+
+
+@pytest.fixture(scope="module")
+def rows(trials: tuple[Trial, ...]) -> tuple[Row[Any], ...]:
+    """What every run of the study shall give: made here, one after the other."""
+    return tuple(run_trial(trial).timeless for trial in trials)
+
+
+class Here:
+    """A scheduler that runs in this process, and stops after some trials as Ctrl-C would."""
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.stop_after, self.made = stop_after, 0
+
+    def __call__(self, work: object, trials: object) -> Generator[Done[Trial, Row[Any]]]:
+        assert callable(work)
+        assert isinstance(trials, list)
+        for trial in trials:
+            if self.made == self.stop_after:
+                raise KeyboardInterrupt
+            self.made += 1
+            yield Done(trial, work(trial))
+
+
+def ignore(row: Row[Any]) -> None:
+    """Watch nothing."""
+
+
+def timeless(rows: tuple[Row[Any], ...]) -> tuple[Row[Any], ...]:
+    return tuple(row.timeless for row in rows)
+
+
+def test_a_failed_scan_is_a_row_with_its_reason(rows: tuple[Row[Any], ...]) -> None:
+    assert [row.outcome.complete for row in rows] == [True, True, False] * 2
+    assert rows[2].outcome.reason == "StartSeesNoGroove"
+    assert "second taught pose" in rows[2].outcome.detail
+
+
+def test_a_row_comes_back_from_its_line(rows: tuple[Row[Any], ...]) -> None:
+    assert tuple(Row.from_json(row.to_json(), ScanOutcome) for row in rows) == rows
+
+
+def test_an_interrupted_study_goes_on_to_the_same_table(
+    trials: tuple[Trial, ...], rows: tuple[Row[Any], ...], tmp_path: Path
+) -> None:
+    make_study(tmp_path / "s", trials)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(tmp_path / "s", Here(stop_after=2), ignore)
+    assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
+    # The machine lost power in the middle of a line.
+    with (tmp_path / "s" / ROWS).open("a") as file:
+        file.write(rows[3].to_json()[:50])
+    rest = Here()
+    assert timeless(run_study(tmp_path / "s", rest, ignore)) == rows
+    assert rest.made == len(rows) - 2
+    assert set(read_rows(tmp_path / "s", trials)) == {trial.key for trial in trials}
+    again = Here()
+    assert timeless(run_study(tmp_path / "s", again, ignore)) == rows
+    assert again.made == 0
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_processes_change_nothing(
+    workers: int, trials: tuple[Trial, ...], rows: tuple[Row[Any], ...], tmp_path: Path
+) -> None:
+    make_study(tmp_path / "s", trials)
+    assert timeless(run_study(tmp_path / "s", DaskScheduler(workers), ignore)) == rows
+
+
+def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
+    def losing(work: object, trials: object) -> Generator[Lost[Trial]]:
+        assert isinstance(trials, list)
+        yield from (Lost(trial, "its process died") for trial in trials)
+
+    make_study(tmp_path / "s", trials[:1])
+    (row,) = run_study(tmp_path / "s", losing, ignore)
+    assert not row.outcome.complete
+    assert row.outcome.reason == LOST_WORKER
+    assert "its process died" in (tmp_path / "s" / "report.md").read_text()
+
+
+def test_the_command_writes_tables_pictures_and_a_report(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "s"
+    assert tjscan("study", study, "--out", out, "--workers", 1) == 0
+    names = {file.name for file in out.iterdir()}
+    assert names >= {"study.csv", "study.parquet", "report.md", "steps.png", "effort.png"}
+    table = pq.read_table(out / "study.parquet")
+    lines = (out / "study.csv").read_text().splitlines()
+    assert lines[0].split(",") == table.column_names
+    assert len(lines) == 1 + len(table) == 7
+    assert "StartSeesNoGroove | 2" in (out / "report.md").read_text()
+    assert tjscan("study", study, "--out", out) == 2  # never overwrites
+    assert tjscan("study", "--resume", out) == 0
+    assert tjscan("study", tmp_path / "nothing", "--resume") == 2
+
+
+def test_a_dry_run_makes_nothing(study: Path, tmp_path: Path) -> None:
+    assert tjscan("study", study, "--out", tmp_path / "s", "--dry-run") == 0
+    assert not (tmp_path / "s").exists()

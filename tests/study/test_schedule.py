@@ -1,0 +1,123 @@
+"""Trials on processes of this machine and of a cluster: the same rows, and nothing lost."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import pytest
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of other people's imports
+    distributed = pytest.importorskip("distributed")
+
+from cells import PAPER
+from study_work import double_or_die, once, threads
+
+from tjscan.core.errors import ClusterFault, ConfigurationError
+from tjscan.study.file import StudyFile
+from tjscan.study.grid import trials_of
+from tjscan.study.row import Row
+from tjscan.study.run import run_trial
+from tjscan.study.schedule import DaskScheduler, Done, Lost, check_installed
+from tjscan.study.trial import Trial
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+@contextmanager
+def cluster_of(workers: int) -> Iterator[Any]:
+    """Give a cluster that was started by hand; how long its end takes is nobody's concern."""
+    cluster = distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+    )
+    try:
+        yield cluster
+    finally:
+        with suppress(TimeoutError):
+            cluster.close()
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with cluster_of(2) as cluster:
+        yield cluster.scheduler_address
+
+
+def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[Row[Any]]:
+    rows = [e.result.timeless for e in scheduler(run_trial, trials) if isinstance(e, Done)]
+    return sorted(rows, key=lambda row: row.index)
+
+
+def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
+    study = StudyFile(
+        job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [30.0, 40.0, 50.0]}
+    )
+    trials = trials_of(study, PAPER)
+    rows = made(DaskScheduler(address=address), trials)
+    assert len(rows) == 3
+    assert rows == made(DaskScheduler(1), trials)
+
+
+def test_a_scheduler_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tjscan.study.schedule.PATIENCE", 0.5)
+    scheduler = DaskScheduler(address="tcp://127.0.0.1:1")
+    with pytest.raises(ConfigurationError, match="no scheduler answers"):
+        list(scheduler(once, (0,)))
+
+
+def test_a_scheduler_that_goes_away_is_reported_and_what_is_done_was_given() -> None:
+    with cluster_of(1) as cluster:
+        ended = DaskScheduler(address=cluster.scheduler_address)(once, (0, 1))
+        assert next(ended) == Done(0, 0)
+        with suppress(TimeoutError):
+            cluster.close()
+        with pytest.raises(ClusterFault, match="--resume"):
+            next(ended)
+
+
+def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tjscan.study.schedule.PATIENCE", 2.0)
+    with (
+        cluster_of(0) as cluster,
+        pytest.raises(ClusterFault, match="no worker has joined"),
+    ):
+        list(DaskScheduler(address=cluster.scheduler_address)(once, (0,)))
+
+
+def test_workers_with_another_version_are_refused(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tjscan.study.schedule.VERSION", "0.0.7")
+    with pytest.raises(ClusterFault, match=r"this machine 0\.0\.7"):
+        list(DaskScheduler(address=address)(once, (0,)))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_killed_process_costs_its_own_task(workers: int) -> None:
+    ended = list(DaskScheduler(workers)(double_or_die, [0, 1, 2, 3, 4, 5]))
+    assert [e.task for e in ended if isinstance(e, Lost)] == [1]
+    assert {e.task: e.result for e in ended if isinstance(e, Done)} == {
+        0: 0,
+        2: 4,
+        3: 6,
+        4: 8,
+        5: 10,
+    }
+
+
+def test_a_worker_takes_one_thread() -> None:
+    assert [e.result for e in DaskScheduler(1)(threads, [0]) if isinstance(e, Done)] == ["1"]
+
+
+def test_a_package_that_is_missing_is_named_with_its_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    check_installed()
+    monkeypatch.setattr("tjscan.study.schedule.NEEDED", ("distributed", "no_such_package"))
+    with pytest.raises(ConfigurationError, match=r"no_such_package.*pip install 'tjscan\[study\]'"):
+        check_installed()

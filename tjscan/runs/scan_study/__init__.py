@@ -1,0 +1,1 @@
+"""Studies of scans: what they vary, make and measure."""

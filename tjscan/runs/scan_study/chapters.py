@@ -1,0 +1,118 @@
+"""The report of the paper's programme: means by prediction and step, beside the paper's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from math import isnan
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from tjscan.result.picture import write_picture
+from tjscan.runs.scan_study.figures import Chart, draw_effort, draw_paths, draw_steps
+from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.runs.scan_study.paper import (
+    LARGEST_STEP_ERROR_PERCENT,
+    ROTATION_DEG,
+    TRAVEL_MM,
+    Bar,
+)
+from tjscan.study.groups import Group
+from tjscan.study.row import Row
+from tjscan.study.trial import Value
+
+MEASURES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = {
+    "Mean step error, %": (lambda m: m.step_error_percent, "+.2f"),
+    "Standard deviation of the step, mm": (lambda m: m.step_std_mm, ".2f"),
+    "Profiles per section": (lambda m: m.scans_per_section, ".2f"),
+    "Half steps": (lambda m: float(m.half_steps), ".1f"),
+    "Flange travel, mm": (lambda m: m.travel_mm, ".0f"),
+    "of which prediction, mm": (lambda m: m.travel_prediction_mm, ".0f"),
+    "Flange rotation, °": (lambda m: m.rotation_deg, ".0f"),
+    "of which prediction, °": (lambda m: m.rotation_prediction_deg, ".0f"),
+    "Motion time, s": (lambda m: m.motion_time_s, ".1f"),
+    "Mean corner error, mm": (lambda m: m.corner_mean_mm, ".3f"),
+}
+
+
+def beside_the_paper(folder: Path, rows: Sequence[Row[ScanOutcome]]) -> Iterator[str]:
+    """Write pictures, and give the report's lines, of the paper's programme.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the pictures go.
+    rows : sequence of Row
+        All with a prediction and a step length, one complete at least.
+
+    Raises
+    ------
+    RecordingError
+        If a picture can't be written.
+    """
+    chart = Chart(rows)
+    yield "Means over the complete scans of each prediction at each step length:"
+    yield ""
+    for name, (value, form) in MEASURES.items():
+        yield from _table(chart, name, value, form)
+    yield from _compared(chart)
+    pictures: dict[str, Callable[[Sequence[Row[ScanOutcome]]], Figure]] = {
+        "steps": draw_steps,
+        "effort": draw_effort,
+        "paths": draw_paths,
+    }
+    for name, draw in pictures.items():
+        write_picture(folder / f"{name}.png", draw(rows))
+        yield f"![{name}]({name}.png)"
+        yield ""
+
+
+def _table(
+    chart: Chart, name: str, value: Callable[[ScanOutcome], float | None], form: str
+) -> Iterator[str]:
+    yield f"| {name} | {' | '.join(f'{step:g} mm' for step in chart.steps)} |"
+    yield f"| --- |{' ---: |' * len(chart.steps)}"
+    for case in chart.cases:
+        cells = [_cell(chart.at(case, step), value, form) for step in chart.steps]
+        yield f"| {_case(case)} | {' | '.join(cells)} |"
+    yield ""
+
+
+def _cell(
+    members: Group[ScanOutcome] | None, value: Callable[[ScanOutcome], float | None], form: str
+) -> str:
+    if members is None:
+        return ""
+    mean = members.mean(value)
+    missing = "" if members.share == 1 else f" ({len(members.complete)} of {len(members.rows)})"
+    return ("–" if isnan(mean) else f"{mean:{form}}") + missing
+
+
+def _compared(chart: Chart) -> Iterator[str]:
+    yield "| beside the paper | paper | here |"
+    yield "| --- | ---: | ---: |"
+    for case, largest in LARGEST_STEP_ERROR_PERCENT.items():
+        found = [chart.at(case, step) for step in chart.steps]
+        errors = [abs(g.mean(lambda m: m.step_error_percent)) for g in found if g and g.complete]
+        if errors:
+            yield f"| largest mean step error, case {case} | {largest} % | {max(errors):.2f} % |"
+    for bars, what, unit, value in _papers_bars():
+        for bar in bars:
+            members = chart.at(bar.case, bar.step_mm)
+            if members is not None:
+                cell = _cell(members, value, ".0f")
+                where = f"case {bar.case}, {bar.step_mm:g} mm steps"
+                yield f"| {what}, {where} | {bar.value:g} {unit} | {cell} {unit} |"
+    yield ""
+
+
+def _papers_bars() -> Iterator[
+    tuple[tuple[Bar, ...], str, str, Callable[[ScanOutcome], float | None]]
+]:
+    yield TRAVEL_MM, "flange travel", "mm", lambda m: m.travel_mm
+    yield ROTATION_DEG, "flange rotation", "°", lambda m: m.rotation_deg
+
+
+def _case(case: Value | None) -> str:
+    return f"case {case}" if isinstance(case, int) else str(case)

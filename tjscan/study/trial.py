@@ -1,0 +1,71 @@
+"""One run of a study, whole in itself: it can be sent to any machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+from tjscan.core.version import VERSION
+
+Value = bool | int | float | str
+"""What a cell of the table holds."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run to make.
+
+    Parameters
+    ----------
+    index : int
+        Its row in the table.
+    inputs : mapping
+        What was varied, by dotted key, and what followed from that.
+    task : str
+        Which algorithm runs; see `tjscan.core.registry.TASKS`.
+    settings : str
+        Everything that it needs, as canonical JSON.
+    """
+
+    index: int
+    inputs: Mapping[str, Value]
+    task: str
+    settings: str
+
+    @cached_property
+    def key(self) -> str:
+        """Distinguishes this run from every other: a hash of all that decides its result."""
+        text = canonical([VERSION, dict(self.inputs), self.task, self.settings])
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    def to_json(self) -> str:
+        """One line."""
+        return canonical(
+            {
+                "index": self.index,
+                "inputs": dict(self.inputs),
+                "task": self.task,
+                "settings": json.loads(self.settings),
+            }
+        )
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """What `to_json` wrote.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            If the line is no trial.
+        """
+        data = json.loads(line)
+        return cls(data["index"], data["inputs"], data["task"], canonical(data["settings"]))
+
+
+def canonical(data: Any) -> str:
+    """JSON that is the same for the same data."""
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -1,0 +1,10 @@
+"""Loaded by every worker process of this machine before it runs anything.
+
+Ctrl-C reaches all processes of a terminal: it is for the one that hands out the work.
+"""
+
+from __future__ import annotations
+
+import signal
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
