@@ -1,7 +1,6 @@
 """Ctrl-C: once the scan ends after its section, twice the arm stops; it can go on either way."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -9,8 +8,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
+import gated_scan
 import numpy as np
 import pytest
 from cells import FAULTLESS, PAPER, Notes, scan_example
@@ -29,9 +28,11 @@ SAME = 1e-9
 OPTIONS = [word for key, value in FAULTLESS.items() for word in (f"--{key}", str(value))]
 ALL = ["--scan.sections", "16"]
 
-LEISURELY, CRAWLING = 100, 1
-"""Millimetres per second: at the one some ten seconds of scan are left, at the other minutes of
-every section. Whatever else the machine does, a key is pressed before they are over."""
+CRAWLING = (
+    "import sys; from tjscan.cli import main; "
+    "sys.argv += ['--realtime', '--arm.speed-mm-s', '1']; main()"
+)
+"""A scan at one millimetre per second: minutes are left of the section when keys are pressed."""
 
 
 def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
@@ -59,42 +60,36 @@ def whole(begun: Path, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 @contextmanager
-def scanning(run: Path, speed: int) -> Iterator[tuple["subprocess.Popen[str]", IO[str]]]:
-    """A process that goes on with a scan in real time."""
-    command = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", "--resume"]
-    options = [str(run), "--realtime", "--arm.speed-mm-s", str(speed), *ALL]
-    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        while process.poll() is None and "resumed" not in events_in(run / "scan-2.mcap"):
-            os.sched_yield()
+def scanning(run: Path, *command: str, until: str) -> Iterator["subprocess.Popen[str]"]:
+    """A process that goes on with a scan, once it has written some words."""
+    words, pipe = [*command, "scan", "--resume", str(run), *ALL], subprocess.PIPE
+    with subprocess.Popen([sys.executable, *words], stdin=pipe, stderr=pipe, text=True) as process:
         try:
-            yield process, process.stderr
+            wait_for(process, until)
+            yield process
         finally:
             process.kill()
 
 
-def events_in(recording: Path) -> list[str]:
-    if not recording.exists():
-        return []
-    return [entry.name for _, entry in read_entries(recording) if isinstance(entry, RecordedEvent)]
+def wait_for(process: "subprocess.Popen[str]", words: str) -> None:
+    """Read what a process writes until it has written some words."""
+    assert process.stderr is not None
+    assert any(words in line for line in process.stderr)
 
 
-def press(process: "subprocess.Popen[str]", told: IO[str]) -> None:
-    """Press Ctrl-C, and wait until it was heard."""
+def press(process: "subprocess.Popen[str]") -> None:
+    """Press Ctrl-C, and wait until it is answered."""
     process.send_signal(signal.SIGINT)
-    for line in told:
-        if "stopping after the section" in line:
-            return
-    raise AssertionError
+    wait_for(process, "stopping after the section")
 
 
 def test_ctrl_c_once_ends_the_scan_after_its_section(
     begun: Path, whole: np.ndarray, tmp_path: Path
 ) -> None:
     run = shutil.copytree(begun, tmp_path / "run")
-    with scanning(run, LEISURELY) as (process, told):
-        press(process, told)
-        process.communicate()
+    with scanning(run, gated_scan.__file__, until=gated_scan.UNDER_WAY) as process:
+        press(process)
+        process.communicate("go on\n")
     assert process.returncode == 130
     sections, events = recorded(run)
     assert events[-2:] == ["stop requested", "stop"]
@@ -110,8 +105,8 @@ def test_ctrl_c_twice_stops_the_arm_and_all_is_recorded(
     begun: Path, whole: np.ndarray, tmp_path: Path
 ) -> None:
     run = shutil.copytree(begun, tmp_path / "run")
-    with scanning(run, CRAWLING) as (process, told):
-        press(process, told)
+    with scanning(run, "-c", CRAWLING, until="resumed: after section 3") as process:
+        press(process)
         process.send_signal(signal.SIGINT)
         rest = process.communicate()[1]
     assert process.returncode == 130
