@@ -1,4 +1,4 @@
-"""Correction only when it pays: whether a prediction view looks well enough already."""
+"""Whether a prediction view is near enough to the ideal one that no correction is needed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class CorrectionCriterion(Settings):
     """The table [scan.skip]: how far a view may be off the ideal one and still be the section's.
 
     A correction changes how the sensor looks at a section, not where the section lies: its points
-    are points of the groove's edges from either view. What the tolerances keep is good sight.
+    are points of the groove's edges from either view. The tolerances keep the view good.
 
     Parameters
     ----------
@@ -51,7 +51,15 @@ class CorrectionCriterion(Settings):
     rotation: Annotated[float, Gt(0), Le(30), DEG] = radians(8)
 
     def allows(self, off: Array, sigma: Array) -> bool:
-        """Tell whether a view that is `off`, give or take `sigma`, may stand; both shape (6,)."""
+        """Whether a view may stand that is off the ideal one.
+
+        Parameters
+        ----------
+        off : ndarray, shape (6,)
+            Position and rotation vector in frame t, see `deviation`; metres and radians.
+        sigma : ndarray, shape (6,)
+            Their standard deviations.
+        """
         doubt = SIGMAS * sigma
         return bool(
             np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
@@ -61,9 +69,20 @@ class CorrectionCriterion(Settings):
 
 
 def deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
-    """How far a view is from the ideal one: position and rotation vector in frame t, shape (6,).
+    """How far a view is from the ideal one.
 
-    Metres and radians. The rotation about x counts the work angle with it.
+    Parameters
+    ----------
+    taken : ScannedSection
+        The section as it was seen.
+    ideal : SetPoint
+        From where it would best be seen.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Position and rotation vector in frame t, metres and radians. The rotation about x counts
+        the work angle with it.
     """
     T_t_ideal_t_taken = inverse(ideal.T_b_t) @ taken.view.T_b_s @ ideal.T_s_t
     return lie.log(T_t_ideal_t_taken)

@@ -85,7 +85,15 @@ def predict(
 
 
 def paper_predictor(prediction: Prediction, direction: Direction) -> Predictor:
-    """A case of the paper as a predictor: frame t stays where it sits in the sensor."""
+    """A case of the paper as a predictor: frame t stays where it sits in the sensor.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        The case.
+    direction : Direction
+        Which way round.
+    """
 
     def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         before, last = sections[-2:]

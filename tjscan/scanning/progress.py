@@ -31,21 +31,29 @@ def groove_length(sections: Sequence[ScannedSection]) -> float:
 
 
 def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
-    """Distances in metres between the groove origins of the steps that no hand taught."""
+    """Distances in metres between the groove origins of the steps that were not taught."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
     lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
     return lengths
 
 
 def complete(stop: StopReason, plan: ScanPlan) -> bool:
-    """Tell whether a scan that ended so did what it was asked to."""
+    """Whether a scan did what it was asked to.
+
+    Parameters
+    ----------
+    stop : StopReason
+        Why it ended.
+    plan : ScanPlan
+        What was asked.
+    """
     if stop is StopReason.UNREACHABLE:
         return plan.length is None and plan.sections is None
     return stop in (StopReason.LENGTH, StopReason.SECTIONS, StopReason.CLOSED)
 
 
 def finished(plan: ScanPlan, sections: Sequence[ScannedSection], step: float) -> StopReason | None:
-    """Tell why the scan is done, or None while there is more to do.
+    """Why the scan is done; None while there is more to do.
 
     Parameters
     ----------

@@ -110,7 +110,15 @@ class Nudge:
     work_angle: float = 0.0
 
     def applied(self, to: SetPoint, direction: Direction) -> SetPoint:
-        """The set-point, the groove seen otherwise."""
+        """The set-point from which the groove is seen so.
+
+        Parameters
+        ----------
+        to : SetPoint
+            Where the groove was to be seen from.
+        direction : Direction
+            Which way round: it says how the work angle turns frame t.
+        """
         turn = self.work_angle if direction is Direction.COUNTERCLOCKWISE else -self.work_angle
         T_s_t = to.T_s_t @ pose(rot_x(turn))  # (14), (15): the work angle turns last
         T_s_t[0, 3] += self.offset

@@ -36,7 +36,7 @@ class ScannedSurface:
         self._update()
 
     def event(self, name: str, detail: str) -> None:
-        """Pass over events."""
+        """Pass over events; see `Journal.event`."""
 
     def _update(self) -> None:
         if len(self._points_b) > 1:

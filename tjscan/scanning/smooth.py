@@ -1,4 +1,4 @@
-"""The fifth predictor: carried along the seam of the tubes that the sections tell of."""
+"""The fifth predictor: along the seam of the two tubes that fit the sections."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
-from tjscan.scanning.seam.ahead import Ahead
 from tjscan.scanning.seam.fit import fit_seam
+from tjscan.scanning.seam.next_section import NextSection
 from tjscan.scanning.seam.track import Track, track_of
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import Predictor, SetPoint, StepRequest
@@ -27,8 +27,8 @@ STILL: Final = 1e-7
 """Metres and radians: where a smaller step ends the search for the section."""
 
 SURE: Final = 3.0
-"""Standard deviations that are kept from the tolerances of a view: whoever aims at their edge
-looks twice."""
+"""Standard deviations that are kept from the tolerances of a view: a view planned at
+their edge often needs a correction."""
 
 
 def smooth_predictor(plan: ScanPlan) -> Predictor:
@@ -37,13 +37,13 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
     Parameters
     ----------
     plan : ScanPlan
-        Direction and view; and what a view may be off the ideal one: inside of that the hand
-        turns as little as it can.
+        Direction and view; and what a view may be off the ideal one: inside of that the
+        sensor turns as little as it can.
 
     Notes
     -----
     Where no such section is found, or only where none can be (two sections, one of them misread),
-    the prediction is that of the paper's case 3, which tells no covariance.
+    the prediction is that of the paper's case 3, which states no covariance.
     """
     otherwise = paper_predictor(CASES[3], plan.direction)
 
@@ -51,7 +51,7 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
         track, last = track_of(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
-            ahead = Ahead.of(track, fit_seam(track), last.T_b_g, step)
+            ahead = NextSection.of(track, fit_seam(track), last.T_b_g, step)
             guess = ahead.guess(track, R_b_now)
             section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
             covariance = ahead.covariance(section, _R_b_s(ideal))
@@ -67,7 +67,7 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
 
 
 def _settle(
-    ahead: Ahead,
+    ahead: NextSection,
     plan: ScanPlan,
     section: Array,
     R_b_s: Array,

@@ -92,7 +92,15 @@ def read_study(file: Path) -> StudyFile:
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as dotted keys; ``{"scan": {"step_mm": 1}}`` is ``{"scan.step_mm": 1}``."""
+    """Nested tables as dotted keys; ``{"scan": {"step_mm": 1}}`` is ``{"scan.step_mm": 1}``.
+
+    Parameters
+    ----------
+    table : mapping
+        As TOML gives it.
+    prefix : str
+        Stands before every key.
+    """
     flat: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):

@@ -69,7 +69,7 @@ class Chart:
         return self.groups.get((case, step_mm))
 
     def place(self, case: Value | None, step_mm: float) -> float:
-        """Where the bar of a case and a step length stands on the axis."""
+        """Where a bar stands on the axis; for the parameters see `at`."""
         width = WIDTH / len(self.cases)
         return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
 
@@ -115,7 +115,15 @@ class Chart:
         axes.set_xlabel("step length / mm")
 
     def legend(self, axes: Any, *more: Any) -> None:
-        """Say which colour is which prediction."""
+        """Name the prediction of each colour.
+
+        Parameters
+        ----------
+        axes
+            Where.
+        *more
+            Other entries.
+        """
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
@@ -132,7 +140,15 @@ class Chart:
         axes.legend(handles=[*known, *more], fontsize="small")
 
     def papers(self, axes: Any, bars: Sequence[Bar]) -> None:
-        """Mark the bars that the paper gives a number for."""
+        """Mark the bars that the paper gives a number for.
+
+        Parameters
+        ----------
+        axes
+            Where.
+        bars : sequence of Bar
+            Of the paper.
+        """
         shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
         for bar in shown:
             x = self.place(bar.case, bar.step_mm)

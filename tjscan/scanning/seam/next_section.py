@@ -24,10 +24,10 @@ _DIFFERENCE: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ahead:
+class NextSection:
     """What is expected of the next section.
 
-    A section is told by its origin in b (metres) and the angles of wall and leg in the laser
+    A section is given by its origin in b (metres) and the angles of wall and leg in the laser
     plane (radians), shape (5,).
 
     Parameters
@@ -58,8 +58,20 @@ class Ahead:
     residual_jacobian: Array
 
     @classmethod
-    def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> Ahead:
-        """Expect the section a step beyond the last one of a track."""
+    def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> NextSection:
+        """Expect the section a step beyond the last one of a track.
+
+        Parameters
+        ----------
+        track : Track
+            The sections so far.
+        seam : Seam
+            The tubes that fit them.
+        T_b_g : ndarray, shape (4, 4)
+            Frame g of the last section, metres.
+        step : float
+            Metres.
+        """
         at = np.array([step])
         kernels = (Matern52(spread, SHAPE_WAVE) for spread in SHAPE_SPREAD)
         shape = np.array(
@@ -72,7 +84,15 @@ class Ahead:
         return cls(T_b_g, seam, step, *shape.T, *left)
 
     def guess(self, track: Track, R_b_s: Array) -> Array:
-        """A section straight on along the seam, to start from."""
+        """A section straight on along the seam, shape (5,), to start from.
+
+        Parameters
+        ----------
+        track : Track
+            The sections so far.
+        R_b_s : ndarray, shape (3, 3)
+            Orientation of the sensor.
+        """
         forward = track.origins[-1] - track.origins[-2]
         t = unit(cross(*self.seam.walls().normals))
         t = t if t @ forward > 0 else -t
@@ -82,14 +102,30 @@ class Ahead:
         )
 
     def refined(self, section: Array, R_b_s: Array) -> Array:
-        """A section one Newton step nearer to what a plane of this orientation cuts."""
+        """A section one Newton step nearer to what a plane of this orientation cuts, shape (5,).
+
+        Parameters
+        ----------
+        section : ndarray, shape (5,)
+            As the class has it.
+        R_b_s : ndarray, shape (3, 3)
+            Orientation of the sensor.
+        """
         around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
         values = self._misses(self.seam.walls(), around, R_b_s)
         J = (values[1:] - values[0]).T / _DIFFERENCE
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
     def ideal(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
-        """Ideal frame t in b, eq. (12), and work angle, eq. (16), of a section."""
+        """Ideal frame t in b, eq. (12), and work angle (radians), eq. (16), of a section.
+
+        Parameters
+        ----------
+        section : ndarray, shape (5,)
+            As the class has it.
+        R_b_s : ndarray, shape (3, 3)
+            Orientation of the sensor.
+        """
         wall, leg = _tangents(section, R_b_s)
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
@@ -97,7 +133,15 @@ class Ahead:
         return correct(self.T_b_g, T_b_g), 0.5 * self.shape[2] - gamma_2
 
     def covariance(self, section: Array, R_b_s: Array) -> Array:
-        """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7)."""
+        """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7).
+
+        Parameters
+        ----------
+        section : ndarray, shape (5,)
+            As the class has it.
+        R_b_s : ndarray, shape (3, 3)
+            Orientation of the sensor.
+        """
         around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
         thetas = self.seam.theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
         walls = self.seam.walls()
