@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 
-from tjscan.cli import console, main
+from tjscan.cli import main, scan_output
 from tjscan.scanning.section import Substep, View
 
 UNDER_WAY = "a section is under way"
 
 
-class GatedJournal(console.ProgressJournal):
+class GatedJournal(scan_output.ProgressJournal):
     held = False
 
     def view(self, view: View) -> None:
@@ -22,5 +22,5 @@ class GatedJournal(console.ProgressJournal):
 
 
 if __name__ == "__main__":
-    console.ProgressJournal = GatedJournal  # type: ignore[misc]
+    scan_output.ProgressJournal = GatedJournal  # type: ignore[misc]
     main()
