@@ -13,7 +13,6 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core.frames import Array
 from tjscan.core.gp import Matern52, OrdinaryKriging
 from tjscan.core.units import DEG, MM, MM2, Settings
-from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.fit import fit_seam
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
