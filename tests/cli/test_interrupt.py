@@ -17,8 +17,7 @@ from command import tjscan
 
 from tjscan.core.errors import Interrupted
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.reader import read_entries, read_scan
-from tjscan.scanning.recorded import RecordedEvent
+from tjscan.scanning.reader import read_scan
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
 
