@@ -31,10 +31,9 @@ from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.groove.find import find_groove, fit_profile
-from tjscan.groove.models import BUTT_V, BUTT_V_SHARP
+from tjscan.groove.models import BUTT_V
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
-from tjscan.groove.uncertainty import corner_covariance
 from tjscan.laser.profile import Profile
 
 MANY, FEW = 400, 60
@@ -275,18 +274,12 @@ def _columns_off(heights: Array, label: Array) -> Array | None:
 
 
 def _butt_corners(profile: Profile) -> Array | None:
-    """Corners of the likelier of the butt models, shape (3 or 4, 2)."""
-    best: tuple[float, Array] | None = None
-    for model in (BUTT_V_SHARP, BUTT_V):
-        settings = GrooveSettings(model=model)
-        try:
-            row, fitted = fit_profile(profile, settings)
-        except GrooveNotFound:
-            continue
-        spread = float(np.trace(corner_covariance(row, fitted, model)[:-2, :-2]))
-        if best is None or spread < best[0]:
-            best = spread, np.asarray(fitted.corners)
-    return None if best is None else best[1]
+    """Corners from top to top, shape (n, 2)."""
+    try:
+        _, fitted = fit_profile(profile, GrooveSettings(model=BUTT_V))
+    except GrooveNotFound:
+        return None
+    return np.asarray(fitted.corners)
 
 
 # --- time
