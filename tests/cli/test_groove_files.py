@@ -7,6 +7,9 @@ import pytest
 from command import tjscan
 from grooves import MM, Groove, Noise, draw
 
+from tjscan.groove.settings import GrooveSettings
+from tjscan.result.readings import fitted_sides
+
 NOISE = Noise(sigma=0.03 * MM)
 
 
@@ -60,3 +63,14 @@ def test_a_folder_is_read_file_by_file(tmp_path: Path, capsys: pytest.CaptureFix
     heights(tmp_path, sign=1)
     assert tjscan("groove", tmp_path, *OPTIONS, "--z-scale", "0.01") == 0
     assert "heights.csv row 2" in capsys.readouterr().out
+
+
+def test_a_picture_shows_the_fitted_sides_on_their_points() -> None:
+    seen = draw(Groove(), NOISE, 1)
+    sides = fitted_sides(seen, GrooveSettings())
+    assert len(sides) == 4
+    points = seen.points_s[:, [0, 2]]
+    for side in sides:
+        # Every drawn point has a measured one near: columns are at most half a millimetre apart.
+        off = np.linalg.norm(side[:, None] - points, axis=2).min(axis=1)
+        assert np.median(off) < 0.5 * MM

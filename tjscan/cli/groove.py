@@ -40,7 +40,7 @@ def groove(
     readings = list(read_all(table.profiles, settings))
     print_readings(readings, table.bad, json=json)
     if plot is not None:
-        draw(plot, readings)
+        draw(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):
         suggest_sign(table.profiles, settings)
         raise SystemExit(1)

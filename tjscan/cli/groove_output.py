@@ -64,10 +64,10 @@ def check_plot(plot: Path | None) -> None:
         raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")
 
 
-def draw(plot: Path, readings: Sequence[ReadResult]) -> None:
+def draw(plot: Path, readings: Sequence[ReadResult], settings: GrooveSettings) -> None:
     """Draw the profiles with their fitted grooves into a PNG."""
     from tjscan.result.picture import draw_readings, write_picture
 
     with atomic_directory(plot.parent) as draft:
-        write_picture(draft / plot.name, draw_readings(readings))
+        write_picture(draft / plot.name, draw_readings(readings, settings))
     say(f"drawn in {plot}")

@@ -23,7 +23,7 @@ UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 """Metres in each unit of length."""
 
 GROUPS: Final = ("profile", "frame", "index")
-"""Names of a column that tells profiles in one table apart."""
+"""Names of a column that separates the profiles of one table."""
 
 SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
 """Files of a folder that are read."""
@@ -252,7 +252,7 @@ def _pitched(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
 
 
 def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
-    """A point per row, in columns x and z; a column `GROUPS` tells profiles apart."""
+    """A point per row, in columns x and z; a column `GROUPS` separates the profiles."""
     (header, first), *rows = text.rows
     names = [cell.lower() for cell in first]
     z_at, z_unit = _column(file, names, "z")

@@ -15,8 +15,9 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import ReadResult
+from tjscan.result.readings import ReadResult, fitted_sides
 from tjscan.result.section import MEASURES, lengths
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
@@ -157,8 +158,15 @@ def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[
     axes.set_title(" and ".join(field.words for field in fields))
 
 
-def draw_readings(readings: Sequence[ReadResult]) -> Figure:
-    """Draw profiles with their fits, at most `MOST_DRAWN`, evenly chosen."""
+def draw_readings(readings: Sequence[ReadResult], settings: GrooveSettings) -> Figure:
+    """Draw profiles, at most `MOST_DRAWN`, evenly chosen, with the fitted sides over their points.
+
+    Parameters
+    ----------
+    readings : sequence of ReadResult
+    settings : GrooveSettings
+        How they were read.
+    """
     chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
     columns = ceil(sqrt(len(chosen)))
     rows = ceil(len(chosen) / columns)
@@ -167,6 +175,9 @@ def draw_readings(readings: Sequence[ReadResult]) -> Figure:
     for i, reading in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, i)
         draw_profile(axes, reading.profile, reading.points_s)
+        if reading.refusal is None:
+            for side in fitted_sides(reading.profile, settings):
+                axes.plot(1e3 * side[:, 1], 1e3 * side[:, 0], color=CORNER, linewidth=1)
         reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
         axes.set_title(f"{reading.name}{reason}", fontsize=9)
     return figure

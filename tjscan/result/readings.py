@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.result.section import MEASURES
+
+SIDE_POINTS: Final = 24
+"""Points of a fitted side in a picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +66,34 @@ def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Itera
                 yield ReadResult(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
             yield ReadResult(name, profile, np.empty((0, 3)), refusal=refusal)
+
+
+def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
+    """The sides fitted to a profile, for pictures: polylines, x and z in metres, (n, 2) each.
+
+    Parameters
+    ----------
+    profile : Profile
+        In which a groove was found.
+    settings : GrooveSettings
+        How it was read.
+
+    Returns
+    -------
+    list of ndarray
+        From the first side to the last, each as far as its points reach; empty where none fit.
+    """
+    try:
+        _, fitted = fit_profile(profile, settings)
+    except GrooveNotFound:
+        return []
+    sides = []
+    for number, curve in enumerate(fitted.curves):
+        along = fitted.along[fitted.keep & (fitted.owner == number)]
+        if len(along):
+            reach = np.linspace(along.min(), along.max(), SIDE_POINTS)
+            sides.append(np.array([curve.at(float(s)) for s in reach]))
+    return sides
 
 
 def to_dict(reading: ReadResult) -> dict[str, Any]:
