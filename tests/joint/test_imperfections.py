@@ -14,13 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from tjscan.comparison.distance import DistanceStatistics, corner_errors
 from tjscan.core.config import validate, written
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.checks import check
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.deposits import on_tack, tack_spans
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile, read_joint
 from tjscan.joint.geometry import LegSurface, in_j
@@ -38,6 +38,7 @@ from tjscan.joint.imperfections import (
 )
 from tjscan.joint.mesh import TriangleMesh, build_mesh
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes
+from tjscan.joint.tacks import tack_spans, within_spans
 from tjscan.laser.optics import Surface
 
 CAD = Path(__file__).parents[2] / "cad"
@@ -289,18 +290,32 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
         line = in_j(phi, land[:, 0], land[:, 1])
         length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert length == pytest.approx(tack.length, rel=0.01)
-    assert on_tack(d, middle).all()
+    assert within_spans(spans, middle).all()
     inward = np.array((1e-3, -1e-3))
-    assert on_tack(d, spans + inward).all()
-    assert not on_tack(d, spans - inward).any()
-    assert on_tack(d, np.array([0.3 - 2 * np.pi])).all()
+    assert within_spans(spans, spans + inward).all()
+    assert not within_spans(spans, spans - inward).any()
+    assert within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
 
     tacked, bare = build_mesh(d), build_mesh(joint())
     s = bevel_sections(d, PHI)
     more = heights_over(d, tacked, s.p4, s.p3) - heights_over(d, bare, s.p4, s.p3)
-    on = on_tack(d, PHI)
+    on = within_spans(spans, PHI)
     assert (more[on] > 0.5e-3).all()
     np.testing.assert_allclose(more[~on], 0, atol=ON_MESH)
+
+
+def test_corners_under_a_tack_have_no_error() -> None:
+    d = built(replace(IDEAL, tacks=DEPOSITED.tacks))
+    edges = feature_edges(d)
+    phi = np.array((0.3, 1.0, 2.5))
+    s = bevel_sections(d, phi)
+    ends = [in_j(phi, rz[:, 0], rz[:, 1]) for rz in (s.p2, s.p2, s.p3, s.p4, s.p4)]
+    errors = corner_errors(np.stack(ends, axis=1), edges)
+    np.testing.assert_array_equal(
+        np.isnan(errors), [[False, True, True], [False] * 3, [False, True, True]]
+    )
+    np.testing.assert_allclose(errors[~np.isnan(errors)], 0, atol=1e-6)
+    assert DistanceStatistics.of(errors).max < 1e-3
 
 
 def test_a_seams_cap_stands_on_the_leg() -> None:

@@ -114,10 +114,10 @@ def _read_edges(path: Path) -> FeatureEdges | None:
             for name, *values in csv.reader(stream):
                 lines[name].append([float(value) for value in values])
             azimuth, *_ = (np.radians(np.array(line)[:, 0]) for line in lines.values())
-            edges = [ClosedPolyline(1e-3 * np.array(line)[:, 1:]) for line in lines.values()]
+            p2, p3, p4 = (ClosedPolyline(1e-3 * np.array(line)[:, 1:]) for line in lines.values())
         except (ValueError, KeyError, IndexError) as error:
             raise ConfigurationError(f"is damaged: {error!r}", file=path) from None
-    return FeatureEdges(azimuth, *edges)
+    return FeatureEdges(azimuth, p2, p3, p4)
 
 
 def _read_trimesh(path: Path) -> Content:

@@ -34,8 +34,8 @@ class DistanceStatistics:
 
     @classmethod
     def of(cls, distances: Array) -> Self:
-        """Statistics of raw distances in metres, any shape."""
-        mm = 1e3 * distances
+        """Statistics of raw distances in metres, any shape; NaN is none."""
+        mm = 1e3 * distances[~np.isnan(distances)]
         size = np.abs(mm)
         return cls(
             mean=float(mm.mean()),
@@ -59,10 +59,14 @@ def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
-        Distances of p2, p3 and p4, each from its own edge, metres.
+        Distances of p2, p3 and p4, each from its own edge, metres; NaN for p3 and p4 where a
+        tack weld buries them.
     """
     lines = (edges.p2, edges.p3, edges.p4)
-    return np.column_stack([line.distance(points_j[:, i]) for i, line in enumerate(lines, start=1)])
+    errors = [line.distance(points_j[:, i]) for i, line in enumerate(lines, start=1)]
+    for i in (1, 2):
+        errors[i] = np.where(edges.on_tack(points_j[:, i + 1]), np.nan, errors[i])
+    return np.column_stack(errors)
 
 
 def cloud_distances(points: Array, reference: Array) -> Array:

@@ -6,7 +6,6 @@ from typing import Final
 
 import manifold3d
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections, root_normal
@@ -25,26 +24,6 @@ DIP: Final = 1.5e-3
 
 _STATIONS, _FACE = 61, 12
 _LEAST_RISE = 0.1e-3
-
-
-def tack_spans(definition: JointDefinition) -> Array:
-    """First and last azimuth of each tack in radians, shape (k, 2)."""
-    spans = np.empty((len(definition.imperfections.tacks), 2))
-    for i, tack in enumerate(definition.imperfections.tacks):
-        at = np.array([tack.at])
-        land = bevel_sections(definition, at).land
-        speed = float(np.linalg.norm(definition.leg.velocity(at, land[:, 0])))
-        spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
-    return spans
-
-
-def on_tack(definition: JointDefinition, phi: ArrayLike) -> NDArray[np.bool_]:
-    """Whether tacks cover the root's corners at azimuths, shape (n,)."""
-    phi = np.asarray(phi, dtype=float)
-    covered = np.zeros(phi.shape, dtype=bool)
-    for first, last in tack_spans(definition):
-        covered |= np.mod(phi - first, 2 * np.pi) <= last - first
-    return covered
 
 
 def tack_solid(definition: JointDefinition, tack: Tack, span: Array) -> manifold3d.Manifold:

@@ -12,6 +12,7 @@ from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j
+from tjscan.joint.tacks import tack_spans, within_spans
 
 FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
@@ -85,15 +86,23 @@ class FeatureEdges:
         Azimuth of the vertices in radians, the same for the three.
     p2, p3, p4 : ClosedPolyline
         Top of the bevel, root corner on the bevel, root corner on the leg.
+    tacks : ndarray, shape (k, 2)
+        First and last azimuth of each tack weld, under which p3 and p4 lie buried, in radians.
     """
 
     phi: Array
     p2: ClosedPolyline
     p3: ClosedPolyline
     p4: ClosedPolyline
+    tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "phi", readonly(self.phi))
+        object.__setattr__(self, "tacks", readonly(self.tacks))
+
+    def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
+        """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
+        return within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
 
     def distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from p2, p3 and p4 in metres, shape (m, 3)."""
@@ -113,5 +122,5 @@ def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
     phi = np.linspace(0, 2 * np.pi, n, endpoint=False)
     sections = bevel_sections(definition, phi)
     corners = (sections.p2, sections.p3, sections.p4)
-    lines = [ClosedPolyline(in_j(phi, rz[:, 0], rz[:, 1])) for rz in corners]
-    return FeatureEdges(phi, *lines)
+    p2, p3, p4 = (ClosedPolyline(in_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
+    return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))

@@ -13,10 +13,11 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly
 from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.deposits import seam_solid, spatter_solids, tack_solid, tack_spans
+from tjscan.joint.deposits import seam_solid, spatter_solids, tack_solid
 from tjscan.joint.geometry import in_j, tangential
 from tjscan.joint.imperfections import round_joint
 from tjscan.joint.oval import OvalLegSurface
+from tjscan.joint.tacks import tack_spans
 
 CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
