@@ -23,7 +23,7 @@ from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
-from tjscan.calibration.topics import Line, Passed, Touch, read_entries
+from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose, read_entries
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.config import validate
@@ -33,8 +33,8 @@ from tjscan.joint.export import write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.profile import Profile
-from tjscan.recording.head import Origin
-from tjscan.recording.reader import read_origin
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.readings import read_all
 from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
@@ -110,14 +110,18 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
     whole = (*(_recording(folder / f"{i}.mcap", scans, i) for i in range(2)), OLD.read_bytes())
 
     def read(file: Path) -> None:
-        read_origin(file.parent)
+        read_job_snapshot(file.parent)
         read_scan(file.parent).read_sections(lambda profile: scans[0].groove)
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
     with Logbook(folder) as book:
         T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
-        for entry in (Touch(0, T), Line(PosedProfile("line 1", T, profile)), Passed(T, "no line")):
-            book.add(entry)
+        for entry in (
+            BoardTouch(0, T),
+            LaserLineTaken(PosedProfile("line 1", T, profile)),
+            SkippedPose(T, "no line"),
+        ):
+            book.record_entry(entry)
     measured = (folder / "measured.mcap").read_bytes()
     yield Reader("calibration recording", "measured.mcap", (measured,), _measured, 2)
 
@@ -128,7 +132,9 @@ def _measured(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with scan_recording(file, Origin('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')) as recording:
+    with scan_recording(
+        file, JobSnapshot('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')
+    ) as recording:
         for scan in scans:
             short = replace(scan, view=replace(scan.view, profile=_short(scan.view.profile)))
             recording.view(short.view)

@@ -18,7 +18,7 @@ from _corpus import EXAMPLES
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB
 from tjscan.scanning.reader import read_scan
 
@@ -103,7 +103,7 @@ def killed(run: Path, whole: Array, life: float, seed: int) -> Outcome | None:
 
 def go_on(run: Path, whole: Array) -> Outcome:
     """Go on with a scan that was broken off, and hold it against the unbroken one."""
-    before = {file: file.read_bytes() for file in parts(run) if file.exists()}
+    before = {file: file.read_bytes() for file in recording_files(run) if file.exists()}
     begun = (run / JOB).exists()
     again: list[Any] = ["--resume", run] if begun else [*JOB_OPTIONS, "--out", run]
     code, told = finish(scan(*again, "--simulation.arm.realtime=false"))

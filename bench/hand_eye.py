@@ -21,14 +21,14 @@ from tjscan.calibration.design import Uncertainty, expected
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
 from tjscan.calibration.line_fit import fit_line
-from tjscan.calibration.logbook import Measured
+from tjscan.calibration.logbook import MeasuredSoFar
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import Nobody
 from tjscan.calibration.plucker import Plane, plane_through
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.session import Task, next_pose, progress_of
 from tjscan.calibration.targets import PlaneTarget, fit_plane
-from tjscan.calibration.topics import Line
+from tjscan.calibration.topics import LaserLineTaken
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, from_rounded, inverse, pose
@@ -103,13 +103,13 @@ def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: Board) -> Ar
     at = np.eye(4)
     at[:3, 3] = board.centre_b
     task = Task(at, board.half_sizes, np.zeros(3), hand.T_f_s, hand.window, NOISE, 9, LINES)
-    measured, rng = Measured(datetime.now(UTC), {}), np.random.default_rng(0)
+    measured, rng = MeasuredSoFar(datetime.now(UTC), {}), np.random.default_rng(0)
     for k in range(LINES):
         progress = progress_of(task, measured, target)
         T_b_f = next_pose(task, measured, target, board, progress, lambda _: True).T_b_f
         shot = PosedProfile(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
-        measured = measured.after(Line(shot))
-    return np.stack([shot.T_b_f for shot in measured.shots])
+        measured = measured.with_entry(LaserLineTaken(shot))
+    return np.stack([shot.T_b_f for shot in measured.line_profiles])
 
 
 def samples(poses: Array, profiles: list[Profile], noise: NoiseModel = NOISE) -> list[LineSample]:

@@ -24,24 +24,24 @@ from scipy.spatial.transform import Rotation
 from written import content
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.logbook import Logbook, Measured
+from tjscan.calibration.logbook import Logbook, MeasuredSoFar
 from tjscan.calibration.operator import Question
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
 from tjscan.calibration.session import Progress, Task, touch_places
 from tjscan.calibration.simulated import SimulatedProbe
 from tjscan.calibration.topics import (
-    MEASURED,
-    PROFILE,
-    Begun,
-    Entry,
-    Line,
-    Passed,
-    Touch,
-    messages_of,
+    CALIBRATION_RECORDING,
+    PROFILE_TOPIC,
+    BoardTouch,
+    CalibrationEntry,
+    LaserLineTaken,
+    SkippedPose,
+    StartedOrResumed,
+    messages_of_entry,
     read_entries,
 )
-from tjscan.calibration.wizard import MOST_BLIND, MOST_RETOUCHES, Outcome, Wizard
+from tjscan.calibration.wizard import MAX_SKIPPED_IN_A_ROW, MOST_RETOUCHES, Outcome, Wizard
 from tjscan.cli.operators import AtTerminal
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
 from tjscan.core.frames import Array, inverse, pose
@@ -49,8 +49,8 @@ from tjscan.core.units import pose_to_rows, rows_to_pose
 from tjscan.job import read_calibration_job
 from tjscan.job.cell import Cell, mount_of
 from tjscan.laser.profile import Profile
-from tjscan.recording.topic import Topic, json_topic
-from tjscan.recording.writer import Recording
+from tjscan.recording.topic import Topic, make_json_topic
+from tjscan.recording.writer import RecordingWriter
 from tjscan.runs.calibrate import (
     open_board_cell,
     resume_calibration,
@@ -102,7 +102,7 @@ class Stage:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return Wizard(self.task, cell.arm, operator=watcher, logbook=logbook, **parts).run()
 
-    def measured(self) -> Measured:
+    def measured(self) -> MeasuredSoFar:
         with Logbook(self.folder) as logbook:
             return logbook.measured
 
@@ -146,15 +146,15 @@ def off(T_f_s: Array) -> tuple[float, float]:
 def entries(directory: Path) -> list[tuple[str, bytes]]:
     """Kind of each entry, and what is written of it."""
     return [
-        (kind(entry), b"".join(topic.encode(one) for topic, one in messages_of(0, entry)))
+        (kind(entry), b"".join(topic.encode(one) for topic, one in messages_of_entry(0, entry)))
         for entry in read_entries(directory)
-        if not isinstance(entry, Begun)
+        if not isinstance(entry, StartedOrResumed)
     ]
 
 
-def kind(entry: Entry) -> str:
-    if isinstance(entry, Line):
-        return "fresh" if entry.fresh else "line"
+def kind(entry: CalibrationEntry) -> str:
+    if isinstance(entry, LaserLineTaken):
+        return "fresh" if entry.for_verification else "line"
     return type(entry).__name__.lower()
 
 
@@ -176,7 +176,7 @@ def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> 
     assert found.lines == 12
     assert found.verification is not None
     assert found.verification.misfit < found.verification.limit
-    files = {"job.toml", f"{MEASURED}.mcap", "calibration.toml"}
+    files = {"job.toml", f"{CALIBRATION_RECORDING}.mcap", "calibration.toml"}
     assert {file.name for file in calibrated.iterdir()} == files
 
 
@@ -268,7 +268,7 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
 ) -> None:
     copy = tmp_path / "copy"
     copy.mkdir()
-    for name in ("job.toml", f"{MEASURED}.mcap"):
+    for name in ("job.toml", f"{CALIBRATION_RECORDING}.mcap"):
         (copy / name).write_bytes((calibrated / name).read_bytes())
     watcher = Watcher()
     resume_calibration(copy, watcher)
@@ -317,10 +317,10 @@ def test_what_is_declined_is_passed_over_and_not_asked_again(tmp_path: Path) -> 
     stage.run(Watcher(answer))
     measured = stage.measured()
     assert measured.touches[1].T_b_f is None
-    assert len(measured.shots) == 5
-    (passed,) = measured.passed
+    assert len(measured.line_profiles) == 5
+    (passed,) = measured.skipped_poses
     assert passed.reason == "declined"
-    for shot in measured.shots:
+    for shot in measured.line_profiles:
         assert not np.allclose(shot.T_b_f, passed.T_b_f, atol=1e-3)
 
 
@@ -374,7 +374,7 @@ def test_a_board_that_is_never_seen_ends_it(tmp_path: Path) -> None:
     watcher = Watcher()
     with pytest.raises(CalibrationRefused, match=r"no line to be had.*0 points"):
         stage.run(watcher)
-    assert sum("no line there" in told for told in watcher.told) == MOST_BLIND
+    assert sum("no line there" in told for told in watcher.told) == MAX_SKIPPED_IN_A_ROW
 
 
 def test_a_board_out_of_reach_is_told(tmp_path: Path) -> None:
@@ -416,37 +416,37 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     T[:3, 3] = rng.normal(size=3)
     turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
-    file = tmp_path / f"{MEASURED}.mcap"
+    file = tmp_path / f"{CALIBRATION_RECORDING}.mcap"
     with Logbook(tmp_path) as logbook:
         for entry in (
-            Touch(0, T),
-            Touch(1, None),
-            Touch(0, T @ turned),
-            Line(PosedProfile("line 1", T, profile)),
-            Passed(T, "no line"),
-            Line(PosedProfile("fresh", T, profile), fresh=True),
+            BoardTouch(0, T),
+            BoardTouch(1, None),
+            BoardTouch(0, T @ turned),
+            LaserLineTaken(PosedProfile("line 1", T, profile)),
+            SkippedPose(T, "no line"),
+            LaserLineTaken(PosedProfile("fresh", T, profile), for_verification=True),
         ):
-            logbook.add(entry)
+            logbook.record_entry(entry)
             on_disk = read_entries(tmp_path)
             assert kind(list(on_disk)[-1]) == kind(entry)
         written = logbook.measured
         whole = file.read_bytes()
-        logbook.add(Line(PosedProfile("cut off", T, profile)))
+        logbook.record_entry(LaserLineTaken(PosedProfile("cut off", T, profile)))
     cut = whole + file.read_bytes()[len(whole) :][:300]
     file.write_bytes(cut)
     with Logbook(tmp_path) as logbook:
         found = logbook.measured
     assert file.read_bytes() == cut
-    assert (tmp_path / f"{MEASURED}-2.mcap").exists()
-    assert found.begun == written.begun
+    assert (tmp_path / f"{CALIBRATION_RECORDING}-2.mcap").exists()
+    assert found.started_at == written.started_at
     assert found.touches[1].T_b_f is None
     np.testing.assert_array_equal(found.touches[0].T_b_f, T @ turned)
-    assert [shot.name for shot in found.shots] == ["line 1"]
-    np.testing.assert_array_equal(found.shots[0].profile.z_s, profile.z_s)
-    assert [passed.reason for passed in found.passed] == ["no line"]
-    assert found.blind == 0  # whoever goes on may have changed what was wrong
-    assert found.fresh is not None
-    assert found.fresh.name == "fresh"
+    assert [shot.name for shot in found.line_profiles] == ["line 1"]
+    np.testing.assert_array_equal(found.line_profiles[0].profile.z_s, profile.z_s)
+    assert [passed.reason for passed in found.skipped_poses] == ["no line"]
+    assert found.skipped_in_a_row == 0  # whoever goes on may have changed what was wrong
+    assert found.verification_profile is not None
+    assert found.verification_profile.name == "fresh"
 
 
 @pytest.mark.parametrize(
@@ -462,22 +462,22 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
 def test_a_damaged_recording_is_refused(
     tmp_path: Path, name: str, schema: str, fields: dict[str, Any]
 ) -> None:
-    topic: Topic[dict[str, Any]] = json_topic(name, schema, {}, dict, dict)
-    with Recording(tmp_path / f"{MEASURED}.mcap", [topic]) as recording:
+    topic: Topic[dict[str, Any]] = make_json_topic(name, schema, {}, dict, dict)
+    with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [topic]) as recording:
         recording.write(0, (topic, fields))
     with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path):
         pass
 
 
 def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
-    with Recording(tmp_path / f"{MEASURED}.mcap", [PROFILE]) as recording:
-        recording.write(0, (PROFILE, PointCloud()))
+    with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [PROFILE_TOPIC]) as recording:
+        recording.write(0, (PROFILE_TOPIC, PointCloud()))
     with pytest.raises(RecordingError, match="a profile without a line"), Logbook(tmp_path):
         pass
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
-    (tmp_path / f"{MEASURED}.mcap").write_text("nonsense", encoding="utf-8")
+    (tmp_path / f"{CALIBRATION_RECORDING}.mcap").write_text("nonsense", encoding="utf-8")
     with pytest.raises(RecordingError, match="is no recording"), Logbook(tmp_path):
         pass
 

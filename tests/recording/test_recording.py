@@ -9,28 +9,28 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.recording.head import FORMAT, HEAD, Origin
-from tjscan.recording.reader import read_head, read_messages, read_origin
-from tjscan.recording.records import MOST_RECORD
-from tjscan.recording.topic import INTEGER, TEXT, json_topic, protobuf_topic
-from tjscan.recording.writer import Recording, next_part, parts
+from tjscan.recording.header import FORMAT_VERSION, HEADER_RECORD, JobSnapshot
+from tjscan.recording.mcap_records import MAX_RECORD_BYTES
+from tjscan.recording.reader import read_header, read_job_snapshot, read_messages
+from tjscan.recording.topic import INTEGER_SCHEMA, TEXT_SCHEMA, make_json_topic, make_protobuf_topic
+from tjscan.recording.writer import RecordingWriter, next_recording_file, recording_files
 
-COUNT = json_topic(
+COUNT = make_json_topic(
     "/count",
     "tjscan.Count",
-    {"number": INTEGER, "name": TEXT},
+    {"number": INTEGER_SCHEMA, "name": TEXT_SCHEMA},
     lambda number: {"number": number, "name": "one"},
     lambda fields: int(fields["number"]),
 )
-TEXTS = protobuf_topic("/text", Log)
+TEXTS = make_protobuf_topic("/text", Log)
 TOPICS = (COUNT, TEXTS)
 
 
 def record(file: Path, count: int, **options: Any) -> None:
-    with Recording(file, TOPICS, **options) as recording:
+    with RecordingWriter(file, TOPICS, **options) as recording:
         for i in range(count):
             recording.write(10 * i, (COUNT, i), (TEXTS, Log(message=f"it is {i}")))
-            recording.sync()
+            recording.sync_to_disk()
 
 
 def numbers(file: Path) -> list[int]:
@@ -63,7 +63,7 @@ def test_what_was_written_together_is_there_together_wherever_the_file_is_cut(
 
 def test_a_message_is_on_the_disk_before_the_next_is_written(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
-    with Recording(file, TOPICS) as recording:
+    with RecordingWriter(file, TOPICS) as recording:
         for i in range(3):
             recording.write(i, (COUNT, i))
             assert numbers(file) == list(range(i + 1))
@@ -76,15 +76,15 @@ def test_topics_not_asked_for_are_passed_over(tmp_path: Path) -> None:
 
 def test_a_topic_with_another_schema_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "scan.mcap", 1)
-    other = json_topic("/text", "tjscan.Text", {}, dict, dict)
+    other = make_json_topic("/text", "tjscan.Text", {}, dict, dict)
     with pytest.raises(RecordingError, match=r"/text holds foxglove\.Log in protobuf"):
         list(read_messages(tmp_path / "scan.mcap", [other]))
 
 
 def test_a_message_that_its_topic_cannot_decode_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
-    bad = json_topic("/count", "tjscan.Count", {}, lambda _: {"number": "many"}, dict)
-    with Recording(file, [bad]) as recording:
+    bad = make_json_topic("/count", "tjscan.Count", {}, lambda _: {"number": "many"}, dict)
+    with RecordingWriter(file, [bad]) as recording:
         recording.write(0, (bad, {}))
     with pytest.raises(RecordingError, match="/count can't be read"):
         numbers(file)
@@ -100,27 +100,30 @@ def test_a_flipped_bit_in_a_chunk_is_found(tmp_path: Path) -> None:
 
 def test_a_recording_never_overwrites_another(tmp_path: Path) -> None:
     record(tmp_path / "scan.mcap", 1)
-    with pytest.raises(RecordingError, match="exists"), Recording(tmp_path / "scan.mcap", TOPICS):
+    with (
+        pytest.raises(RecordingError, match="exists"),
+        RecordingWriter(tmp_path / "scan.mcap", TOPICS),
+    ):
         pass
 
 
 def test_parts_follow_one_another(tmp_path: Path) -> None:
     names = []
     for _ in range(3):
-        names.append(next_part(tmp_path, "measured").name)
+        names.append(next_recording_file(tmp_path, "measured").name)
         record(tmp_path / names[-1], 1)
     assert names == ["measured.mcap", "measured-2.mcap", "measured-3.mcap"]
-    assert [file.name for file in parts(tmp_path, "measured")] == names
+    assert [file.name for file in recording_files(tmp_path, "measured")] == names
 
 
 def test_the_head_says_what_made_it_and_from_which_job(tmp_path: Path) -> None:
-    origin = Origin("[scan]\nstep_mm = 4.0\n", arm="0" * 64)
+    origin = JobSnapshot("[scan]\nstep_mm = 4.0\n", arm="0" * 64)
     record(tmp_path / "scan.mcap", 1, origin=origin, attachments={"arm.urdf": b"<robot/>"})
-    head = read_head(tmp_path / "scan.mcap")
+    head = read_header(tmp_path / "scan.mcap")
     assert head is not None
-    assert head.format == FORMAT
+    assert head.format == FORMAT_VERSION
     assert head.metadata["program"] == "tjscan"
-    assert read_origin(tmp_path) == origin
+    assert read_job_snapshot(tmp_path) == origin
     assert b"<robot/>" in (tmp_path / "scan.mcap").read_bytes()
 
 
@@ -139,7 +142,7 @@ def foreign(file: Path, profile: str, metadata: dict[str, str] | None = None) ->
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start(profile=profile, library="rosbag2 0.26")
         if metadata is not None:
-            writer.add_metadata(HEAD, metadata)
+            writer.add_metadata(HEADER_RECORD, metadata)
         writer.finish()
 
 
@@ -150,7 +153,7 @@ def test_a_recording_of_another_program_is_refused_by_its_name(tmp_path: Path) -
 
 
 def test_a_recording_of_a_newer_version_is_refused_by_its_name(tmp_path: Path) -> None:
-    head = {"program": "tjscan", "version": "7.1", "format": str(FORMAT + 1)}
+    head = {"program": "tjscan", "version": "7.1", "format": str(FORMAT_VERSION + 1)}
     foreign(tmp_path / "scan.mcap", "tjscan", head)
     with pytest.raises(RecordingError, match=r"Install tjscan 7\.1 or newer"):
         numbers(tmp_path / "scan.mcap")
@@ -164,14 +167,14 @@ def test_a_head_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
 
 def test_a_length_is_believed_only_as_far_as_the_file_goes(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
-    with Recording(file, TOPICS) as recording:
+    with RecordingWriter(file, TOPICS) as recording:
         recording.write(0, (COUNT, 1))
         data = file.read_bytes()
     file.write_bytes(data + b"\x05" + (2**62).to_bytes(8, "little"))
     assert numbers(file) == [1]
     with file.open("wb") as stream:
-        stream.write(data + b"\x05" + (MOST_RECORD + 1).to_bytes(8, "little"))
-        stream.truncate(2 * MOST_RECORD)  # takes no room on the disk
+        stream.write(data + b"\x05" + (MAX_RECORD_BYTES + 1).to_bytes(8, "little"))
+        stream.truncate(2 * MAX_RECORD_BYTES)  # takes no room on the disk
     with pytest.raises(RecordingError, match="none is so long"):
         numbers(file)
 
@@ -179,7 +182,7 @@ def test_a_length_is_believed_only_as_far_as_the_file_goes(tmp_path: Path) -> No
 def test_compressed_chunks_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
     chunk = bytes(28) + (4).to_bytes(4, "little") + b"zstd" + bytes(8)
-    with Recording(file, TOPICS):
+    with RecordingWriter(file, TOPICS):
         data = file.read_bytes()
     file.write_bytes(data + b"\x06" + len(chunk).to_bytes(8, "little") + chunk)
     with pytest.raises(RecordingError, match="compressed by zstd"):
@@ -198,5 +201,5 @@ def assert_spelt_out(schema: dict[str, Any]) -> None:
 
 
 def test_json_schemas_are_spelt_out_as_viewers_need_them() -> None:
-    assert_spelt_out(json.loads(COUNT.definition))
-    assert json.loads(COUNT.definition)["title"] == "tjscan.Count"
+    assert_spelt_out(json.loads(COUNT.schema_bytes))
+    assert json.loads(COUNT.schema_bytes)["title"] == "tjscan.Count"

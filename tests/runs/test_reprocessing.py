@@ -10,7 +10,7 @@ from cells import PAPER, calibration_file
 from command import tjscan
 from written import content
 
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 
 SECTIONS = 6
 MOVED = 0.05
@@ -86,7 +86,7 @@ def test_a_resumed_run_is_read_whole(run: Path, tmp_path: Path) -> None:
     assert tjscan("scan", run / "job.toml", "--out", short, "--scan.sections", "4") == 0
     assert tjscan("scan", "--resume", short, "--scan.sections", SECTIONS) == 0
     assert tjscan("reprocess", short, "--out", tmp_path / "again") == 0
-    assert len(parts(tmp_path / "again")) == 2
+    assert len(recording_files(tmp_path / "again")) == 2
     np.testing.assert_array_equal(corners(tmp_path / "again"), corners(short))
 
 

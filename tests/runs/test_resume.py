@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import sole_writer
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.scanning.reader import read_scan
 
 SAME = 1e-9
@@ -86,7 +86,11 @@ def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) 
     run = cut(whole, tmp_path / "cut", 0.3)
     assert tjscan("scan", "--resume", run, "--scan.sections", "8") == 0
     assert tjscan("scan", "--resume", run) == 0
-    assert [file.name for file in parts(run)] == ["scan.mcap", "scan-2.mcap", "scan-3.mcap"]
+    assert [file.name for file in recording_files(run)] == [
+        "scan.mcap",
+        "scan-2.mcap",
+        "scan-3.mcap",
+    ]
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
 
 
@@ -125,7 +129,7 @@ def test_a_recording_of_another_program_is_not_gone_on_with(
     assert "was recorded by another program: mcap-python" in " ".join(
         capsys.readouterr().err.split()
     )
-    assert len(parts(run)) == 1
+    assert len(recording_files(run)) == 1
 
 
 def test_a_joint_that_moved_is_not_scanned_on(
@@ -155,7 +159,7 @@ def test_what_matters_cannot_change_while_a_scan_goes_on(
 ) -> None:
     run = cut(whole, tmp_path / "cut", 0.5)
     assert tjscan("scan", "--resume", run, *arguments) == 2
-    assert len(parts(run)) == 1
+    assert len(recording_files(run)) == 1
 
 
 def edit(file: Path, old: str, new: str) -> None:
@@ -187,7 +191,7 @@ def test_a_run_whose_files_were_edited_does_not_go_on_and_says_which_key(
     assert tjscan("scan", "--resume", run) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert f"{key}: was " in told
-    assert len(parts(run)) == 1
+    assert len(recording_files(run)) == 1
 
 
 @pytest.mark.parametrize(

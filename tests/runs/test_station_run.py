@@ -21,7 +21,7 @@ from tjscan.calibration.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import JobFile, read_job
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.report.write import write_report
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections
@@ -182,7 +182,7 @@ def test_what_is_missing_is_scanned_and_what_is_done_stays(run: Path) -> None:
     assert all(scan.done for scan in scans)
     assert watched.names == ["right"]
     assert asked.questions == []  # it was cut short there, and what moved would be seen
-    assert [file.name for file in parts(run / "right")] == ["scan.mcap", "scan-2.mcap"]
+    assert [file.name for file in recording_files(run / "right")] == ["scan.mcap", "scan-2.mcap"]
     assert (run / "left" / "scan.mcap").stat().st_mtime_ns == before
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array, pose
 from tjscan.groove.find import find_groove
 from tjscan.job import read_job
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.scanning.correction import correct
 from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
 from tjscan.scanning.progress import StopReason
@@ -124,7 +124,7 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
     whole = read_scan(run).read_sections(find_groove)
     assert Substep.PREDICTION in {scan.view.substep for scan in whole}
-    recording = parts(run)[0]
+    recording = recording_files(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
     again = read_scan(run).read_sections(find_groove)

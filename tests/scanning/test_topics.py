@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import from_euler_zyx
 from tjscan.laser.profile import Profile
-from tjscan.recording.writer import Recording
+from tjscan.recording.writer import RecordingWriter
 from tjscan.scanning.reader import read_scan, read_views
 from tjscan.scanning.section import Substep, View
 from tjscan.scanning.topics import PROFILE, TOPICS, scan_recording
@@ -107,7 +107,7 @@ def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, da
 
 
 def test_a_profile_without_its_view_is_refused(tmp_path: Path) -> None:
-    with Recording(tmp_path / "scan.mcap", TOPICS) as recording:
+    with RecordingWriter(tmp_path / "scan.mcap", TOPICS) as recording:
         recording.write(0, (PROFILE, PointCloud()))
     with pytest.raises(RecordingError, match="a profile without a view"):
         read_scan(tmp_path)
@@ -147,9 +147,9 @@ def test_foxglove_names_carry_what_foxglove_defines_and_nothing_else(run: Path) 
 
 def test_own_messages_hold_what_their_schemas_name(run: Path) -> None:
     fields = {
-        topic.name: json.loads(topic.definition)["properties"].keys()
+        topic.name: json.loads(topic.schema_bytes)["properties"].keys()
         for topic in TOPICS
-        if topic.encoding == "json"
+        if topic.message_encoding == "json"
     }
     for topic, schema, _, message in contents(run):
         if schema.startswith("tjscan."):

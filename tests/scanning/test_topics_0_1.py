@@ -9,7 +9,7 @@ import pytest
 from command import tjscan
 
 from tjscan.groove.find import find_groove
-from tjscan.recording.reader import read_head
+from tjscan.recording.reader import read_header
 from tjscan.scanning.reader import read_scan
 
 OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
@@ -33,7 +33,7 @@ def corners(run: Path) -> np.ndarray:
 
 
 def test_it_is_read(old: Path) -> None:
-    head = read_head(old / "scan.mcap")
+    head = read_header(old / "scan.mcap")
     assert head is not None
     assert (head.version, head.format) == ("0.1.0", 1)
     scan = read_scan(old)
@@ -54,7 +54,7 @@ def test_it_is_replayed(old: Path, tmp_path: Path) -> None:
     options = ("--laser.driver", "replay", "--laser.recording", old)
     assert tjscan("scan", old / "job.toml", *options, "--out", tmp_path / "again") == 0
     np.testing.assert_allclose(corners(tmp_path / "again"), corners(old), atol=IN_FILE_MM)
-    head = read_head(tmp_path / "again" / "scan.mcap")
+    head = read_header(tmp_path / "again" / "scan.mcap")
     assert head is not None
     assert head.format == 2
 
@@ -68,5 +68,5 @@ def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
     assert 2 <= len(before.sections) < 4
     assert tjscan("scan", "--resume", old) == 0
     assert len(read_scan(old).sections) == 4
-    formats = [read_head(old / name) for name in ("scan.mcap", "scan-2.mcap")]
+    formats = [read_header(old / name) for name in ("scan.mcap", "scan-2.mcap")]
     assert [head.format for head in formats if head is not None] == [1, 2]

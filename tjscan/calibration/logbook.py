@@ -12,59 +12,63 @@ from typing import Self
 
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.topics import (
-    MEASURED,
-    TOPICS,
-    Begun,
-    Entry,
-    Line,
-    Passed,
-    Touch,
-    messages_of,
+    ALL_TOPICS,
+    CALIBRATION_RECORDING,
+    BoardTouch,
+    CalibrationEntry,
+    LaserLineTaken,
+    SkippedPose,
+    StartedOrResumed,
+    messages_of_entry,
     read_entries,
 )
-from tjscan.recording.writer import Recording, next_part
+from tjscan.recording.writer import RecordingWriter, next_recording_file
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredSoFar:
     """All that was measured so far. What comes next follows from it alone.
 
     Parameters
     ----------
-    begun : datetime
+    started_at : datetime
         When the first of it.
-    touches : dict of int to Touch
+    touches : dict of int to BoardTouch
         The last one of each place.
-    shots : tuple of PosedProfile
+    line_profiles : tuple of PosedProfile
         The lines.
-    passed : tuple of Passed
+    skipped_poses : tuple of SkippedPose
         Poses that are not worth another try.
-    blind : int
+    skipped_in_a_row : int
         Poses passed over since the last line, or since somebody went on.
-    fresh : PosedProfile or None
+    verification_profile : PosedProfile or None
         The line that verifies.
     """
 
-    begun: datetime
-    touches: dict[int, Touch]
-    shots: tuple[PosedProfile, ...] = ()
-    passed: tuple[Passed, ...] = ()
-    blind: int = 0
-    fresh: PosedProfile | None = None
+    started_at: datetime
+    touches: dict[int, BoardTouch]
+    line_profiles: tuple[PosedProfile, ...] = ()
+    skipped_poses: tuple[SkippedPose, ...] = ()
+    skipped_in_a_row: int = 0
+    verification_profile: PosedProfile | None = None
 
-    def after(self, entry: Entry) -> Measured:
+    def with_entry(self, entry: CalibrationEntry) -> MeasuredSoFar:
         """The same with one entry more."""
         match entry:
-            case Begun():
-                return replace(self, blind=0)
-            case Touch():
-                return replace(self, touches={**self.touches, entry.place: entry})
-            case Line(shot, fresh=True):
-                return replace(self, fresh=shot)
-            case Line(shot):
-                return replace(self, shots=(*self.shots, shot), blind=0)
-            case Passed():
-                return replace(self, passed=(*self.passed, entry), blind=self.blind + 1)
+            case StartedOrResumed():
+                return replace(self, skipped_in_a_row=0)
+            case BoardTouch():
+                return replace(self, touches={**self.touches, entry.place_number: entry})
+            case LaserLineTaken(shot, for_verification=True):
+                return replace(self, verification_profile=shot)
+            case LaserLineTaken(shot):
+                return replace(self, line_profiles=(*self.line_profiles, shot), skipped_in_a_row=0)
+            case SkippedPose():
+                return replace(
+                    self,
+                    skipped_poses=(*self.skipped_poses, entry),
+                    skipped_in_a_row=self.skipped_in_a_row + 1,
+                )
 
 
 class Logbook:
@@ -86,16 +90,18 @@ class Logbook:
         self._directory = directory
 
     def __enter__(self) -> Self:
-        begun = Begun(datetime.now(UTC).replace(microsecond=0))
+        begun = StartedOrResumed(datetime.now(UTC).replace(microsecond=0))
         entries = list(read_entries(self._directory))
-        first = next((entry for entry in entries if isinstance(entry, Begun)), begun)
-        self.measured = Measured(first.date, {})
+        first = next((entry for entry in entries if isinstance(entry, StartedOrResumed)), begun)
+        self.measured = MeasuredSoFar(first.date, {})
         for entry in entries:
-            self.measured = self.measured.after(entry)
+            self.measured = self.measured.with_entry(entry)
         with ExitStack() as stack:
-            recording = Recording(next_part(self._directory, MEASURED), TOPICS)
+            recording = RecordingWriter(
+                next_recording_file(self._directory, CALIBRATION_RECORDING), ALL_TOPICS
+            )
             self._recording = stack.enter_context(recording)
-            self.add(begun)
+            self.record_entry(begun)
             self._stack = stack.pop_all()
         return self
 
@@ -107,9 +113,9 @@ class Logbook:
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def add(self, entry: Entry) -> None:
+    def record_entry(self, entry: CalibrationEntry) -> None:
         """Bring an entry to the disk; only then does it count as measured."""
         now = time.time_ns()
-        self._recording.write(now, *messages_of(now, entry))
-        self._recording.sync()
-        self.measured = self.measured.after(entry)
+        self._recording.write(now, *messages_of_entry(now, entry))
+        self._recording.sync_to_disk()
+        self.measured = self.measured.with_entry(entry)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.advice import Board, PoseGrid, Suggestion, candidate_poses, suggest_pose
 from tjscan.calibration.design import Reachable, Uncertainty, expected
 from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
-from tjscan.calibration.logbook import Measured
+from tjscan.calibration.logbook import MeasuredSoFar
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import line_samples
 from tjscan.calibration.targets import PlaneTarget, fit_plane
@@ -151,7 +151,7 @@ def ready_poses(task: Task, near: Array) -> list[Array]:
     return [pose(R, task.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
 
 
-def touched_points(task: Task, measured: Measured) -> dict[int, Array]:
+def touched_points(task: Task, measured: MeasuredSoFar) -> dict[int, Array]:
     """Positions of the tip when it touched, frame b, metres, by number of the place.
 
     Parameters
@@ -165,7 +165,7 @@ def touched_points(task: Task, measured: Measured) -> dict[int, Array]:
     return {k: transform(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
 
 
-def touched_board(task: Task, measured: Measured) -> tuple[PlaneTarget, Board]:
+def touched_board(task: Task, measured: MeasuredSoFar) -> tuple[PlaneTarget, Board]:
     """The plane as touched, and the rectangle of it that the touches span.
 
     Parameters
@@ -186,7 +186,7 @@ def touched_board(task: Task, measured: Measured) -> tuple[PlaneTarget, Board]:
     return target, Board.touched(points, target)
 
 
-def worst_touch(task: Task, measured: Measured) -> int:
+def worst_touch(task: Task, measured: MeasuredSoFar) -> int:
     """Number of the place that lies farthest off the plane through all touches.
 
     Parameters
@@ -202,7 +202,7 @@ def worst_touch(task: Task, measured: Measured) -> int:
     return list(points)[int(np.argmax(off))]
 
 
-def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress:
+def progress_of(task: Task, measured: MeasuredSoFar, target: PlaneTarget) -> Progress:
     """Result of the lines taken so far, or why there is none yet.
 
     Parameters
@@ -214,7 +214,7 @@ def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress
     target : PlaneTarget
         The board as touched.
     """
-    samples, _ = line_samples(measured.shots, task.noise)
+    samples, _ = line_samples(measured.line_profiles, task.noise)
     result, refusal = None, None
     try:
         result = calibrate(samples, target, task.noise, T_f_s_guess=task.T_f_s)
@@ -228,7 +228,7 @@ def progress_of(task: Task, measured: Measured, target: PlaneTarget) -> Progress
 
 def next_pose(
     task: Task,
-    measured: Measured,
+    measured: MeasuredSoFar,
     target: PlaneTarget,
     board: Board,
     progress: Progress,
@@ -261,8 +261,8 @@ def next_pose(
         T_f_s, grid = progress.result.T_f_s, PoseGrid()
     x_b = task.T_b_board[:3, 0]
     candidates = candidate_poses(T_f_s, target, board, task.window, grid, x_b)
-    taken = [shot.T_b_f for shot in measured.shots]
-    done = [*taken, *(passed.T_b_f for passed in measured.passed)]
+    taken = [shot.T_b_f for shot in measured.line_profiles]
+    done = [*taken, *(passed.T_b_f for passed in measured.skipped_poses)]
     free = candidates[_apart(candidates, done) & _clear(candidates, task, T_f_s, target)]
     return suggest_pose(
         list(free), taken, T_f_s, target, task.window, task.noise, reachable=reachable

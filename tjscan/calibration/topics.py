@@ -16,145 +16,159 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
-from tjscan.recording.foxglove import frame_transforms, profile_cloud, read_profile
-from tjscan.recording.numbers import from_pose, to_pose
+from tjscan.recording.foxglove import frame_transforms_message, profile_from_cloud, profile_to_cloud
+from tjscan.recording.json_numbers import pose_from_list, pose_to_list
 from tjscan.recording.reader import read_messages
-from tjscan.recording.topic import FLAG, INTEGER, NUMBERS, TEXT, Topic, json_topic, protobuf_topic
-from tjscan.recording.writer import parts
+from tjscan.recording.topic import (
+    BOOLEAN_SCHEMA,
+    INTEGER_SCHEMA,
+    NUMBERS_SCHEMA,
+    TEXT_SCHEMA,
+    Topic,
+    make_json_topic,
+    make_protobuf_topic,
+)
+from tjscan.recording.writer import recording_files
 
-MEASURED: Final = "measured"
+CALIBRATION_RECORDING: Final = "measured"
 """Kind of the recording: it is in ``measured.mcap``, and in a further part for each resume."""
 
 _NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class StartedOrResumed:
     """When somebody began, or went on."""
 
     date: datetime
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touch:
+class BoardTouch:
     """The board was touched.
 
     Parameters
     ----------
-    place : int
+    place_number : int
         Which of the planned places; a later touch of the same place replaces the earlier one.
     T_b_f : ndarray, shape (4, 4)
         Flange pose with the tip on the board; none where the place was passed over.
     """
 
-    place: int
+    place_number: int
     T_b_f: Array | None
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LaserLineTaken:
     """A line was taken; a fresh one takes no part in the calibration but verifies it."""
 
-    shot: PosedProfile
-    fresh: bool = False
+    posed_profile: PosedProfile
+    for_verification: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passed:
+class SkippedPose:
     """A pose was passed over, and why."""
 
     T_b_f: Array
     reason: str
 
 
-Entry = Begun | Touch | Line | Passed
+CalibrationEntry = StartedOrResumed | BoardTouch | LaserLineTaken | SkippedPose
 
 
-def _to_touch(fields: dict[str, Any]) -> Touch:
+def _to_touch(fields: dict[str, Any]) -> BoardTouch:
     T_b_f = fields["T_b_f"]
-    return Touch(int(fields["place"]), to_pose(T_b_f) if T_b_f else None)
+    return BoardTouch(int(fields["place"]), pose_from_list(T_b_f) if T_b_f else None)
 
 
-def _to_line(fields: dict[str, Any]) -> Line:
-    shot = PosedProfile(str(fields["name"]), to_pose(fields["T_b_f"]), _NO_PROFILE)
-    return Line(shot, bool(fields["fresh"]))
+def _to_line(fields: dict[str, Any]) -> LaserLineTaken:
+    shot = PosedProfile(str(fields["name"]), pose_from_list(fields["T_b_f"]), _NO_PROFILE)
+    return LaserLineTaken(shot, bool(fields["fresh"]))
 
 
-BEGUN: Final = json_topic(
+STARTED_TOPIC: Final = make_json_topic(
     "/begun",
     "tjscan.CalibrationBegun",
-    {"date": TEXT},
+    {"date": TEXT_SCHEMA},
     lambda begun: {"date": begun.date.isoformat()},
-    lambda fields: Begun(datetime.fromisoformat(fields["date"])),
+    lambda fields: StartedOrResumed(datetime.fromisoformat(fields["date"])),
 )
-TOUCH: Final = json_topic(
+TOUCH_TOPIC: Final = make_json_topic(
     "/touch",
     "tjscan.Touch",
-    {"place": INTEGER, "T_b_f": NUMBERS},
+    {"place": INTEGER_SCHEMA, "T_b_f": NUMBERS_SCHEMA},
     lambda touch: {
-        "place": touch.place,
-        "T_b_f": [] if touch.T_b_f is None else from_pose(touch.T_b_f),
+        "place": touch.place_number,
+        "T_b_f": [] if touch.T_b_f is None else pose_to_list(touch.T_b_f),
     },
     _to_touch,
 )
-LINE: Final = json_topic(
+LINE_TOPIC: Final = make_json_topic(
     "/line",
     "tjscan.CalibrationLine",
-    {"name": TEXT, "fresh": FLAG, "T_b_f": NUMBERS},
+    {"name": TEXT_SCHEMA, "fresh": BOOLEAN_SCHEMA, "T_b_f": NUMBERS_SCHEMA},
     lambda line: {
-        "name": line.shot.name,
-        "fresh": line.fresh,
-        "T_b_f": from_pose(line.shot.T_b_f),
+        "name": line.posed_profile.name,
+        "fresh": line.for_verification,
+        "T_b_f": pose_to_list(line.posed_profile.T_b_f),
     },
     _to_line,
 )
-"""A line without its profile, which follows on `PROFILE`."""
+"""A line without its profile, which follows on `PROFILE_TOPIC`."""
 
-PASSED: Final = json_topic(
+SKIPPED_TOPIC: Final = make_json_topic(
     "/passed_over",
     "tjscan.PosePassedOver",
-    {"T_b_f": NUMBERS, "reason": TEXT},
-    lambda passed: {"T_b_f": from_pose(passed.T_b_f), "reason": passed.reason},
-    lambda fields: Passed(to_pose(fields["T_b_f"]), str(fields["reason"])),
+    {"T_b_f": NUMBERS_SCHEMA, "reason": TEXT_SCHEMA},
+    lambda passed: {"T_b_f": pose_to_list(passed.T_b_f), "reason": passed.reason},
+    lambda fields: SkippedPose(pose_from_list(fields["T_b_f"]), str(fields["reason"])),
 )
-PROFILE: Final = protobuf_topic("/profile", PointCloud)
-TRANSFORMS: Final = protobuf_topic("/tf", FrameTransforms)
+PROFILE_TOPIC: Final = make_protobuf_topic("/profile", PointCloud)
+TRANSFORMS_TOPIC: Final = make_protobuf_topic("/tf", FrameTransforms)
 
-READ: Final[tuple[Topic[Any], ...]] = (BEGUN, TOUCH, LINE, PASSED, PROFILE)
+READ_TOPICS: Final[tuple[Topic[Any], ...]] = (
+    STARTED_TOPIC,
+    TOUCH_TOPIC,
+    LINE_TOPIC,
+    SKIPPED_TOPIC,
+    PROFILE_TOPIC,
+)
 """What is read again; the rest is for viewers."""
 
-TOPICS: Final[tuple[Topic[Any], ...]] = (*READ, TRANSFORMS)
+ALL_TOPICS: Final[tuple[Topic[Any], ...]] = (*READ_TOPICS, TRANSFORMS_TOPIC)
 """Everything that a calibration records."""
 
 
-def messages_of(time: int, entry: Entry) -> tuple[tuple[Topic[Any], Any], ...]:
+def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[Any], Any], ...]:
     """The messages of an entry, with their topics.
 
     Parameters
     ----------
     time : int
         Nanoseconds since 1970.
-    entry : Begun, Touch, Line or Passed
+    entry : CalibrationEntry
         What happened.
     """
     match entry:
-        case Begun():
-            return ((BEGUN, entry),)
-        case Touch(_, T_b_f):
-            touch = (TOUCH, entry)
+        case StartedOrResumed():
+            return ((STARTED_TOPIC, entry),)
+        case BoardTouch(_, T_b_f):
+            touch = (TOUCH_TOPIC, entry)
             return (touch,) if T_b_f is None else (touch, _flange(time, T_b_f))
-        case Passed():
-            return ((PASSED, entry),)
-        case Line(shot):
-            cloud = profile_cloud(time, shot.profile)
-            return ((LINE, entry), (PROFILE, cloud), _flange(time, shot.T_b_f))
+        case SkippedPose():
+            return ((SKIPPED_TOPIC, entry),)
+        case LaserLineTaken(shot):
+            cloud = profile_to_cloud(time, shot.profile)
+            return ((LINE_TOPIC, entry), (PROFILE_TOPIC, cloud), _flange(time, shot.T_b_f))
 
 
 def _flange(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
-    return (TRANSFORMS, frame_transforms(time, {("b", "f"): T_b_f}))
+    return (TRANSFORMS_TOPIC, frame_transforms_message(time, {("b", "f"): T_b_f}))
 
 
-def read_entries(directory: Path) -> Iterator[Entry]:
+def read_entries(directory: Path) -> Iterator[CalibrationEntry]:
     """Yield what was measured in a directory, in order; nothing where there is no recording yet.
 
     Raises
@@ -163,24 +177,26 @@ def read_entries(directory: Path) -> Iterator[Entry]:
         If the recording is of another program or of a newer version, or is damaged. One that was
         cut off ends where it was cut.
     """
-    for file in parts(directory, MEASURED):
+    for file in recording_files(directory, CALIBRATION_RECORDING):
         if not file.exists():
             return
-        line: Line | None = None
-        for entry in read_messages(file, READ):
-            if entry.topic is LINE:
+        line: LaserLineTaken | None = None
+        for entry in read_messages(file, READ_TOPICS):
+            if entry.topic is LINE_TOPIC:
                 line = entry.message
-            elif entry.topic is PROFILE:
+            elif entry.topic is PROFILE_TOPIC:
                 yield _complete(file, line, entry.message)
             else:
                 yield entry.message
 
 
-def _complete(file: Path, line: Line | None, cloud: PointCloud) -> Line:
+def _complete(file: Path, line: LaserLineTaken | None, cloud: PointCloud) -> LaserLineTaken:
     """A line with its profile."""
     try:
         if line is None:
             raise ValueError("a profile without a line")
-        return replace(line, shot=replace(line.shot, profile=read_profile(cloud, 0.0)))
+        return replace(
+            line, posed_profile=replace(line.posed_profile, profile=profile_from_cloud(cloud, 0.0))
+        )
     except (KeyError, ValueError) as error:
         raise RecordingError(f"{file}: is damaged: {error!r}") from error

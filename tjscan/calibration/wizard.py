@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.calibration.advice import Board
 from tjscan.calibration.hand_eye import HandEye
-from tjscan.calibration.logbook import Logbook, Measured
+from tjscan.calibration.logbook import Logbook, MeasuredSoFar
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, line_samples
 from tjscan.calibration.probe import Probe
@@ -25,7 +25,7 @@ from tjscan.calibration.session import (
     worst_touch,
 )
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
-from tjscan.calibration.topics import Line, Passed, Touch
+from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose
 from tjscan.calibration.verify import Verification, verify
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle
@@ -34,7 +34,7 @@ from tjscan.robot.arm import Arm
 
 MOST_RETOUCHES: Final = 3
 """Touches that are taken again before a board counts as not flat."""
-MOST_BLIND: Final = 5
+MAX_SKIPPED_IN_A_ROW: Final = 5
 """Poses in a row that may see no line before the calibration gives up."""
 MOST_LINES: Final = 2
 """Times the lines asked for: more lines than that cure nothing."""
@@ -82,7 +82,7 @@ class Wizard:
     logbook: Logbook
 
     @property
-    def measured(self) -> Measured:
+    def measured(self) -> MeasuredSoFar:
         """All that was measured so far."""
         return self.logbook.measured
 
@@ -146,7 +146,7 @@ class Wizard:
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
                 self.operator.show(progress)
-            if self.measured.fresh is not None or not self._wants_more(progress):
+            if self.measured.verification_profile is not None or not self._wants_more(progress):
                 if progress.result is None:
                     raise progress.refusal or CalibrationRefused("no lines", "none were taken")
                 return progress.result
@@ -169,10 +169,10 @@ class Wizard:
         CalibrationRefused
             If the line contradicts the result, and the operator does not insist.
         """
-        while self.measured.fresh is None:
+        while self.measured.verification_profile is None:
             progress = progress_of(self.task, self.measured, target)
             self._take(target, board, progress, fresh=True)
-        (sample,), _ = line_samples([self.measured.fresh], self.task.noise)
+        (sample,), _ = line_samples([self.measured.verification_profile], self.task.noise)
         found = verify(result, sample, self.task.noise)
         said = (
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
@@ -207,7 +207,7 @@ class Wizard:
                 T_b_f = self.probe.touch(place_b)
             except PoseUnreachable as error:
                 self.operator.report(f"place {k + 1} is passed over: {error}")
-        self.logbook.add(Touch(k, T_b_f))
+        self.logbook.record_entry(BoardTouch(k, T_b_f))
 
     def _wants_more(self, progress: Progress) -> bool:
         count, wanted = len(progress.samples), progress.wanted
@@ -222,12 +222,12 @@ class Wizard:
 
     def _take(self, target: PlaneTarget, board: Board, progress: Progress, *, fresh: bool) -> None:
         """Take the line of the pose with most information; pass over a pose that shows none."""
-        if self.measured.blind >= MOST_BLIND:
+        if self.measured.skipped_in_a_row >= MAX_SKIPPED_IN_A_ROW:
             raise CalibrationRefused(
                 "no line to be had",
-                f"{MOST_BLIND} poses in a row were passed over, the last because of: "
-                f"{self.measured.passed[-1].reason}. Check where the job says that the board is, "
-                "and how the laser sits on the flange",
+                f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
+                f"{self.measured.skipped_poses[-1].reason}. Check where the job says that the board "
+                "is, and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)
@@ -238,17 +238,17 @@ class Wizard:
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
         if not self.operator.confirm(Question(question, True, moves=True)):
-            self.logbook.add(Passed(there.T_b_f, "declined"))
+            self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f).T_b_f
         shot = PosedProfile(what, reached, self.laser.capture())
         samples, refused = line_samples([shot], self.task.noise)
         if samples:
-            self.logbook.add(Line(shot, fresh))
+            self.logbook.record_entry(LaserLineTaken(shot, fresh))
         else:
             reason = refused[what].evidence
             self.operator.report(f"no line there: {reason}")
-            self.logbook.add(Passed(there.T_b_f, reason))
+            self.logbook.record_entry(SkippedPose(there.T_b_f, reason))
         self.arm.move_linear(ready)
 
     def _get_ready(self) -> Array:

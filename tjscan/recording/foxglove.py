@@ -26,13 +26,13 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
-LINE_WIDTH: Final = 2.0
+LINE_WIDTH_PIXELS: Final = 2.0
 """Pixels of a drawn line."""
 
 NumericType = PackedElementField.NumericType
 
 
-def frame_transforms(time: int, poses: Mapping[tuple[str, str], Array]) -> FrameTransforms:
+def frame_transforms_message(time: int, poses: Mapping[tuple[str, str], Array]) -> FrameTransforms:
     """Where frames are in other frames.
 
     Parameters
@@ -53,7 +53,7 @@ def frame_transforms(time: int, poses: Mapping[tuple[str, str], Array]) -> Frame
     return message
 
 
-def profile_cloud(time: int, profile: Profile) -> PointCloud:
+def profile_to_cloud(time: int, profile: Profile) -> PointCloud:
     """A raw profile in frame s, every column of it to the last bit; NaN where there is no point."""
     columns = {"x": profile.x_s, "y": np.zeros(len(profile)), "z": profile.z_s}
     if profile.intensity is not None:
@@ -71,8 +71,8 @@ def profile_cloud(time: int, profile: Profile) -> PointCloud:
     )
 
 
-def read_profile(cloud: PointCloud, time: float) -> Profile:
-    """The profile that `profile_cloud` wrote.
+def profile_from_cloud(cloud: PointCloud, time: float) -> Profile:
+    """The profile that `profile_to_cloud` wrote.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def read_profile(cloud: PointCloud, time: float) -> Profile:
     return Profile(columns["x"], columns["z"], columns.get("intensity"), time)
 
 
-def joint_states(time: int, names: Sequence[str], q: Array) -> JointStates:
+def joint_states_message(time: int, names: Sequence[str], q: Array) -> JointStates:
     """The angles of an arm's joints, radians."""
     message = JointStates(timestamp=_stamp(time))
     for name, angle in zip(names, q.tolist(), strict=True):
@@ -106,7 +106,7 @@ def joint_states(time: int, names: Sequence[str], q: Array) -> JointStates:
     return message
 
 
-def scene_entity(time: int, name: str, line: Array, triangles: Array) -> SceneUpdate:
+def scene_message(time: int, name: str, line: Array, triangles: Array) -> SceneUpdate:
     """A line and a surface in frame b, drawn until the end.
 
     Parameters
@@ -124,7 +124,7 @@ def scene_entity(time: int, name: str, line: Array, triangles: Array) -> SceneUp
     entity.lines.add(
         type=LinePrimitive.LINE_STRIP,
         pose=_identity(),
-        thickness=LINE_WIDTH,
+        thickness=LINE_WIDTH_PIXELS,
         scale_invariant=True,
         points=_points(line),
         color=Color(r=1.0, g=0.5, b=0.0, a=1.0),
@@ -138,7 +138,7 @@ def scene_entity(time: int, name: str, line: Array, triangles: Array) -> SceneUp
     return SceneUpdate(entities=[entity])
 
 
-def log(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
+def log_message(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
     """An event: its name, and what there is to say about it."""
     return Log(timestamp=_stamp(time), level=level, name=name, message=detail)
 

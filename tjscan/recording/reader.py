@@ -7,18 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Header as McapHeader
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_size
-from tjscan.recording.head import FORMAT, HEAD, ORIGIN, PROGRAM, Head, Origin
-from tjscan.recording.records import MOST_BYTES, read_records
+from tjscan.recording.header import (
+    FORMAT_VERSION,
+    HEADER_RECORD,
+    JOB_RECORD,
+    PROGRAM_NAME,
+    Header,
+    JobSnapshot,
+)
+from tjscan.recording.mcap_records import MAX_FILE_BYTES, read_mcap_records
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import SCAN, parts
+from tjscan.recording.writer import SCAN_RECORDING, recording_files
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RecordedMessage:
     """A message that was read.
 
     Parameters
@@ -36,7 +44,7 @@ class Entry:
     message: Any
 
 
-def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Entry]:
+def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[RecordedMessage]:
     """Yield every whole message of the topics asked for, in the order they were written.
 
     Parameters
@@ -62,7 +70,7 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Entry]:
         elif isinstance(record, Channel):
             topic = asked.get(record.topic)
             found = (schemas.get(record.schema_id), record.message_encoding)
-            if topic is not None and found != (topic.schema, topic.encoding):
+            if topic is not None and found != (topic.schema_name, topic.message_encoding):
                 raise _damaged(file, f"{topic.name} holds {found[0]} in {found[1]}")
             channels[record.id] = topic
         elif isinstance(record, Message):
@@ -70,10 +78,10 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Entry]:
                 raise _damaged(file, f"a message on channel {record.channel_id}, which is none")
             topic = channels[record.channel_id]
             if topic is not None:
-                yield Entry(topic, record.log_time, _decoded(file, topic, record.data))
+                yield RecordedMessage(topic, record.log_time, _decoded(file, topic, record.data))
 
 
-def read_head(file: Path) -> Head | None:
+def read_header(file: Path) -> Header | None:
     """Which version of the program made a recording; None where it was cut off before that.
 
     Raises
@@ -83,13 +91,13 @@ def read_head(file: Path) -> Head | None:
     """
     made = False
     for record in _before_messages(file):
-        made = made or isinstance(record, Header)
-        if isinstance(record, Metadata) and record.name == HEAD:
-            return Head.of(record.metadata)
-    return Head.first() if made else None
+        made = made or isinstance(record, McapHeader)
+        if isinstance(record, Metadata) and record.name == HEADER_RECORD:
+            return Header.from_metadata(record.metadata)
+    return Header.of_first_format() if made else None
 
 
-def read_origin(directory: Path, kind: str = SCAN) -> Origin | None:
+def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
     """What a run was last recorded with; None where nothing was, or where it does not say.
 
     Parameters
@@ -97,7 +105,7 @@ def read_origin(directory: Path, kind: str = SCAN) -> Origin | None:
     directory : Path
         The run directory.
     kind : str
-        Of the recording, as `parts` has it.
+        Of the recording, as `recording_files` has it.
 
     Raises
     ------
@@ -105,10 +113,10 @@ def read_origin(directory: Path, kind: str = SCAN) -> Origin | None:
         As `read_messages` does.
     """
     found = None
-    for file in parts(directory, kind):
+    for file in recording_files(directory, kind):
         for record in _before_messages(file):
-            if isinstance(record, Metadata) and record.name == ORIGIN:
-                found = Origin.of(record.metadata)
+            if isinstance(record, Metadata) and record.name == JOB_RECORD:
+                found = JobSnapshot.from_metadata(record.metadata)
     return found
 
 
@@ -129,13 +137,13 @@ def _before_messages(file: Path) -> Iterator[McapRecord]:
 def _records(file: Path) -> Iterator[McapRecord]:
     """The records of a recording of this program, none newer than it can read."""
     try:
-        check_size(file, MOST_BYTES, "a recording")
+        check_size(file, MAX_FILE_BYTES, "a recording")
         with file.open("rb") as stream:
-            for record in read_records(stream):
-                if isinstance(record, Header):
+            for record in read_mcap_records(stream):
+                if isinstance(record, McapHeader):
                     _check_program(file, record)
-                elif isinstance(record, Metadata) and record.name == HEAD:
-                    _check_format(file, Head.of(record.metadata))
+                elif isinstance(record, Metadata) and record.name == HEADER_RECORD:
+                    _check_format(file, Header.from_metadata(record.metadata))
                 yield record
     except FileNotFoundError:
         raise ConfigurationError(
@@ -147,20 +155,21 @@ def _records(file: Path) -> Iterator[McapRecord]:
         raise _damaged(file, error) from error
 
 
-def _check_program(file: Path, header: Header) -> None:
-    if header.profile != PROGRAM:
+def _check_program(file: Path, header: McapHeader) -> None:
+    if header.profile != PROGRAM_NAME:
         made = header.library or "an unnamed program"
         raise RecordingError(
             f"{file}: was recorded by another program: {made}, profile {header.profile!r}. "
-            f"Only recordings of {PROGRAM} can be read"
+            f"Only recordings of {PROGRAM_NAME} can be read"
         )
 
 
-def _check_format(file: Path, head: Head) -> None:
-    if head.format > FORMAT:
+def _check_format(file: Path, head: Header) -> None:
+    if head.format > FORMAT_VERSION:
         raise RecordingError(
-            f"{file}: was recorded by {PROGRAM} {head.version} in format {head.format}; this "
-            f"version reads formats up to {FORMAT}. Install {PROGRAM} {head.version} or newer"
+            f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
+            f"version reads formats up to {FORMAT_VERSION}. Install {PROGRAM_NAME} {head.version} "
+            "or newer"
         )
 
 

@@ -13,11 +13,11 @@ from mcap_protobuf.schema import build_file_descriptor_set
 T = TypeVar("T")
 M = TypeVar("M", bound=Message)
 
-TEXT: Final = {"type": "string"}
-INTEGER: Final = {"type": "integer"}
-NUMBER: Final = {"type": "number"}
-FLAG: Final = {"type": "boolean"}
-NUMBERS: Final = {"type": "array", "items": NUMBER}
+TEXT_SCHEMA: Final = {"type": "string"}
+INTEGER_SCHEMA: Final = {"type": "integer"}
+NUMBER_SCHEMA: Final = {"type": "number"}
+BOOLEAN_SCHEMA: Final = {"type": "boolean"}
+NUMBERS_SCHEMA: Final = {"type": "array", "items": NUMBER_SCHEMA}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class Topic(Generic[T]):
     ----------
     name : str
         For instance ``/profile``.
-    schema : str
+    schema_name : str
         Name of the schema, for instance ``foxglove.PointCloud``.
-    encoding : str
+    message_encoding : str
         Of the messages: ``protobuf`` or ``json``.
-    definition : bytes
+    schema_bytes : bytes
         The schema itself: a FileDescriptorSet, or a JSON schema.
     encode : callable
         Bytes of a message.
@@ -42,19 +42,19 @@ class Topic(Generic[T]):
     """
 
     name: str
-    schema: str
-    encoding: Literal["protobuf", "json"]
-    definition: bytes
+    schema_name: str
+    message_encoding: Literal["protobuf", "json"]
+    schema_bytes: bytes
     encode: Callable[[T], bytes]
     decode: Callable[[bytes], T]
 
     @property
     def schema_encoding(self) -> str:
         """What MCAP calls the language that the schema is written in."""
-        return "jsonschema" if self.encoding == "json" else self.encoding
+        return "jsonschema" if self.message_encoding == "json" else self.message_encoding
 
 
-def protobuf_topic(name: str, kind: type[M]) -> Topic[M]:
+def make_protobuf_topic(name: str, kind: type[M]) -> Topic[M]:
     """A topic whose messages are of a generated protobuf class.
 
     Parameters
@@ -82,7 +82,7 @@ def protobuf_topic(name: str, kind: type[M]) -> Topic[M]:
     )
 
 
-def json_topic(
+def make_json_topic(
     name: str,
     schema: str,
     fields: Mapping[str, Mapping[str, Any]],
@@ -115,12 +115,12 @@ def json_topic(
         name,
         schema,
         "json",
-        json.dumps(object_schema(schema, **fields)).encode(),
+        json.dumps(json_object_schema(schema, **fields)).encode(),
         lambda message: json.dumps(to_fields(message), allow_nan=False).encode(),
         decode,
     )
 
 
-def object_schema(title: str, **fields: Mapping[str, Any]) -> dict[str, Any]:
+def json_object_schema(title: str, **fields: Mapping[str, Any]) -> dict[str, Any]:
     """JSON schema of an object with these fields."""
     return {"type": "object", "title": title, "properties": dict(fields)}

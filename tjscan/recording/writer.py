@@ -13,16 +13,16 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import check_inside
-from tjscan.recording.head import HEAD, ORIGIN, PROGRAM, Head, Origin
+from tjscan.recording.header import HEADER_RECORD, JOB_RECORD, PROGRAM_NAME, Header, JobSnapshot
 from tjscan.recording.topic import Topic
 
-SCAN: Final = "scan"
+SCAN_RECORDING: Final = "scan"
 """Kind of recording that a run directory holds where nothing else is said."""
 
-NOTHING: Final[Mapping[str, bytes]] = MappingProxyType({})
+NO_ATTACHMENTS: Final[Mapping[str, bytes]] = MappingProxyType({})
 
 
-def parts(directory: Path, kind: str = SCAN) -> list[Path]:
+def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
     """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed.
 
     Parameters
@@ -43,13 +43,13 @@ def parts(directory: Path, kind: str = SCAN) -> list[Path]:
     return found
 
 
-def next_part(directory: Path, kind: str = SCAN) -> Path:
+def next_recording_file(directory: Path, kind: str = SCAN_RECORDING) -> Path:
     """Where to record next: what is on disk is never written again."""
-    found = parts(directory, kind)
+    found = recording_files(directory, kind)
     return directory / f"{kind}-{len(found) + 1}.mcap" if found[0].exists() else found[0]
 
 
-class Recording:
+class RecordingWriter:
     """A part of a recording, to be written; a context manager.
 
     Parameters
@@ -58,7 +58,7 @@ class Recording:
         Must not exist yet.
     topics : iterable of Topic
         What will be written.
-    origin : Origin, optional
+    origin : JobSnapshot, optional
         What it is made with.
     attachments : mapping of str to bytes, optional
         Files that a viewer needs beside the messages, by name: the arm's URDF.
@@ -78,8 +78,8 @@ class Recording:
         self,
         file: Path,
         topics: Iterable[Topic[Any]],
-        origin: Origin | None = None,
-        attachments: Mapping[str, bytes] = NOTHING,
+        origin: JobSnapshot | None = None,
+        attachments: Mapping[str, bytes] = NO_ATTACHMENTS,
     ) -> None:
         self._file, self._topics = file, tuple(topics)
         self._origin, self._attachments = origin, attachments
@@ -100,7 +100,7 @@ class Recording:
     ) -> None:
         try:
             self._writer.finish()
-            self.sync()
+            self.sync_to_disk()
             self._stream.close()
         except OSError as full:
             if error is None:
@@ -128,7 +128,7 @@ class Recording:
         except OSError as error:
             raise self._failed(error) from error
 
-    def sync(self) -> None:
+    def sync_to_disk(self) -> None:
         """Bring everything written so far to the disk."""
         try:
             self._stream.flush()
@@ -139,19 +139,21 @@ class Recording:
     def _begin(self) -> None:
         """Write everything that stands before the first message."""
         self._writer = Writer(self._stream, compression=CompressionType.NONE)
-        head = Head()
-        self._writer.start(profile=PROGRAM, library=f"{PROGRAM} {head.version}")
-        self._writer.add_metadata(HEAD, head.metadata)
+        head = Header()
+        self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
+        self._writer.add_metadata(HEADER_RECORD, head.metadata)
         if self._origin is not None:
-            self._writer.add_metadata(ORIGIN, self._origin.metadata)
+            self._writer.add_metadata(JOB_RECORD, self._origin.metadata)
         for name, data in self._attachments.items():
             self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
         self._channels = {topic.name: self._channel(topic) for topic in self._topics}
         self._writer.flush()
 
     def _channel(self, topic: Topic[Any]) -> int:
-        schema = self._writer.register_schema(topic.schema, topic.schema_encoding, topic.definition)
-        return int(self._writer.register_channel(topic.name, topic.encoding, schema))
+        schema = self._writer.register_schema(
+            topic.schema_name, topic.schema_encoding, topic.schema_bytes
+        )
+        return int(self._writer.register_channel(topic.name, topic.message_encoding, schema))
 
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(

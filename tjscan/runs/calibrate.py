@@ -15,7 +15,7 @@ from tjscan.calibration.plucker import plane_through
 from tjscan.calibration.probe import Probe
 from tjscan.calibration.session import Task
 from tjscan.calibration.simulated import SimulatedProbe
-from tjscan.calibration.topics import MEASURED
+from tjscan.calibration.topics import CALIBRATION_RECORDING
 from tjscan.calibration.window import Window
 from tjscan.calibration.wizard import Wizard
 from tjscan.core.devices import Kind
@@ -51,7 +51,7 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if any((directory / name).exists() for name in (f"{MEASURED}.mcap", OLD)):
+    if any((directory / name).exists() for name in (f"{CALIBRATION_RECORDING}.mcap", OLD)):
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
@@ -81,7 +81,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
     with sole_writer(directory), Logbook(directory) as logbook, cell:
         task = task_of(job, T_f_s)
         outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
-        begun = logbook.measured.begun
+        begun = logbook.measured.started_at
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     found = to_file(

@@ -19,8 +19,8 @@ from tjscan.job.cell import Cell, Mount, mount_of, open_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.recording.head import Origin
-from tjscan.recording.writer import next_part
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import URDF
 from tjscan.result.frame import ResultFrame
 from tjscan.robot.arm import ArmState
@@ -117,7 +117,7 @@ class RunContext:
                 calibration=self.mount.file,
             )
 
-    def origin(self, directory: Path) -> Origin:
+    def origin(self, directory: Path) -> JobSnapshot:
         """What a recording in a run directory is made with."""
         return origin_of(directory, self.job)
 
@@ -127,7 +127,7 @@ class RunContext:
         arm, T_b_j = Kinematics.load(self.job.arm.model), frame_of(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
         with scan_recording(
-            next_part(directory),
+            next_recording_file(directory),
             self.origin(directory),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},

@@ -15,7 +15,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT, atomic_directory, locked
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationTable, CellFile
-from tjscan.recording.head import Origin, digest
+from tjscan.recording.header import JobSnapshot, file_sha256
 from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_name, job_of
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
@@ -98,7 +98,7 @@ def is_untouched(directory: Path) -> bool:
     return all(file.name in COPIES or file.name.startswith(DRAFT) for file in directory.iterdir())
 
 
-def origin_of(directory: Path, job: CellFile) -> Origin:
+def origin_of(directory: Path, job: CellFile) -> JobSnapshot:
     """What a run directory's recording is made with: a job as it now is, and the files it names.
 
     Raises
@@ -115,10 +115,10 @@ def origin_of(directory: Path, job: CellFile) -> Origin:
             )
         }
         urdf = directory / URDF
-        arm = digest(urdf) if urdf.is_file() else ""
+        arm = file_sha256(urdf) if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
-    return Origin(_text(job, directory), **texts, arm=arm)
+    return JobSnapshot(_text(job, directory), **texts, arm=arm)
 
 
 def _text(job: CellFile, directory: Path) -> str:

@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import atomic_directory, check_inside
 from tjscan.core.frames import Array
 from tjscan.job import JobFile, read_job
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB
 from tjscan.result.summary import Summary
 from tjscan.runs.context import RunContext, reader_of, report_nothing
@@ -160,7 +160,7 @@ def _reprocess(context: RunContext, out: Path) -> Reprocessed:
         )
     context.make_directory(out)
     with atomic_directory(out) as draft:
-        for file in parts(directory):
+        for file in recording_files(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections))

@@ -18,8 +18,8 @@ from tjscan.core.errors import (
 from tjscan.core.files import check_inside, sole_writer
 from tjscan.job import JobFile
 from tjscan.job.cell import Cell
-from tjscan.recording.head import Origin, changes
-from tjscan.recording.reader import read_origin
+from tjscan.recording.header import JobSnapshot, job_changes
+from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import Summary
 from tjscan.runs.context import RunContext, frame_of, reader_of
 from tjscan.runs.directory import COPIES, is_untouched
@@ -184,7 +184,7 @@ def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
             )
 
 
-def check_origin(directory: Path, done: RecordedScan, now: Origin) -> list[tuple[str, str]]:
+def check_origin(directory: Path, done: RecordedScan, now: JobSnapshot) -> list[tuple[str, str]]:
     """What changed since a run was last recorded, where a scan may go on all the same.
 
     Returns
@@ -199,7 +199,7 @@ def check_origin(directory: Path, done: RecordedScan, now: Origin) -> list[tuple
     RecordingError
         If the recording does not say what it was made with: another program made it.
     """
-    before = read_origin(directory)
+    before = read_job_snapshot(directory)
     if before is None:
         if done.started is not None:
             raise RecordingError(
@@ -207,7 +207,7 @@ def check_origin(directory: Path, done: RecordedScan, now: Origin) -> list[tuple
                 "program made it. Start a new scan"
             )
         return []
-    changed = list(changes(before, now))
+    changed = list(job_changes(before, now))
     for key, what in changed:
         if not key.startswith(RESUMABLE):
             raise ConfigurationError(

@@ -19,7 +19,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.job import JobFile, read_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.recording.writer import parts
+from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB, JOINT, STATIONS, STATIONS_PICTURE, SUMMARY, job_of
 from tjscan.result.frame import ResultFrame
 from tjscan.result.picture import draw_groove, write_picture
@@ -139,7 +139,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
     """The run directories of single stations that were named, or lie in a named one."""
     found = []
     for run in runs:
-        if any(file.is_file() for file in parts(run)):
+        if any(file.is_file() for file in recording_files(run)):
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tjscan.laser.profile import Profile
-from tjscan.recording.reader import read_head
-from tjscan.recording.writer import parts
+from tjscan.recording.reader import read_header
+from tjscan.recording.writer import recording_files
 from tjscan.scanning.recorded import RecordedEvent, RecordedScan, RecordedSection
 from tjscan.scanning.section import View
 from tjscan.scanning.topics import read_entries as read_newest
@@ -31,7 +31,7 @@ def read_scan(directory: Path) -> RecordedScan:
     views: list[View] = []
     sections: dict[int, RecordedSection] = {}
     events: list[RecordedEvent] = []
-    for file in parts(directory):
+    for file in recording_files(directory):
         for time, entry in read_entries(file):
             started = started or time
             match entry:
@@ -46,13 +46,13 @@ def read_scan(directory: Path) -> RecordedScan:
 
 def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
     """Yield time and content of each view, section and event; raises as `read_scan` does."""
-    head = read_head(file)
+    head = read_header(file)
     return read_entries_0_1(file) if head is not None and head.format == 1 else read_newest(file)
 
 
 def read_views(path: Path) -> Iterator[View]:
     """Yield every view of a run directory, or of one file; raises as `read_scan` does."""
-    for file in parts(path) if path.is_dir() else (path,):
+    for file in recording_files(path) if path.is_dir() else (path,):
         for _, entry in read_entries(file):
             if isinstance(entry, View):
                 yield entry

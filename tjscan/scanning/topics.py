@@ -26,18 +26,26 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse, readonly
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import (
-    frame_transforms,
-    joint_states,
-    log,
-    profile_cloud,
-    read_profile,
-    scene_entity,
+    frame_transforms_message,
+    joint_states_message,
+    log_message,
+    profile_from_cloud,
+    profile_to_cloud,
+    scene_message,
 )
-from tjscan.recording.head import Origin
-from tjscan.recording.numbers import finite, from_pose, to_pose
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.json_numbers import pose_from_list, pose_to_list, to_finite_floats
 from tjscan.recording.reader import read_messages
-from tjscan.recording.topic import INTEGER, NUMBER, NUMBERS, TEXT, Topic, json_topic, protobuf_topic
-from tjscan.recording.writer import NOTHING, Recording
+from tjscan.recording.topic import (
+    INTEGER_SCHEMA,
+    NUMBER_SCHEMA,
+    NUMBERS_SCHEMA,
+    TEXT_SCHEMA,
+    Topic,
+    make_json_topic,
+    make_protobuf_topic,
+)
+from tjscan.recording.writer import NO_ATTACHMENTS, RecordingWriter
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.recorded import RecordedEvent, RecordedSection
 from tjscan.scanning.section import ScannedSection, Substep, View
@@ -79,29 +87,29 @@ def _from_view(view: View) -> dict[str, Any]:
         "substep": str(view.substep),
         "arm_time": view.time,
         "q": view.q.tolist(),
-        "T_b_f": from_pose(view.T_b_f),
-        "T_b_s": from_pose(view.T_b_s),
+        "T_b_f": pose_to_list(view.T_b_f),
+        "T_b_s": pose_to_list(view.T_b_s),
     }
 
 
 def _to_view(fields: dict[str, Any]) -> View:
-    (arm_time,) = finite((fields["arm_time"],))
+    (arm_time,) = to_finite_floats((fields["arm_time"],))
     return View(
         index=section_number(fields["index"]),
         substep=Substep(fields["substep"]),
-        T_b_f=to_pose(fields["T_b_f"]),
-        T_b_s=to_pose(fields["T_b_s"]),
+        T_b_f=pose_from_list(fields["T_b_f"]),
+        T_b_s=pose_from_list(fields["T_b_s"]),
         profile=_NO_PROFILE,
         time=arm_time,
-        q=np.array(finite(fields["q"])),
+        q=np.array(to_finite_floats(fields["q"])),
     )
 
 
 def _from_section(section: SectionRecord) -> dict[str, Any]:
     return {
         "index": section.index,
-        "T_s_t": from_pose(section.T_s_t),
-        "T_b_g": from_pose(section.T_b_g),
+        "T_s_t": pose_to_list(section.T_s_t),
+        "T_b_g": pose_to_list(section.T_b_g),
         "points_b": section.points_b.ravel().tolist(),
     }
 
@@ -109,9 +117,9 @@ def _from_section(section: SectionRecord) -> dict[str, Any]:
 def _to_section(fields: dict[str, Any]) -> SectionRecord:
     return SectionRecord(
         section_number(fields["index"]),
-        to_pose(fields["T_s_t"]),
-        to_pose(fields["T_b_g"]),
-        readonly(np.reshape(finite(fields["points_b"]), (CORNERS, 3))),
+        pose_from_list(fields["T_s_t"]),
+        pose_from_list(fields["T_b_g"]),
+        readonly(np.reshape(to_finite_floats(fields["points_b"]), (CORNERS, 3))),
     )
 
 
@@ -122,34 +130,39 @@ def section_number(value: Any) -> int:
     return value
 
 
-VIEW: Final = json_topic(
+VIEW: Final = make_json_topic(
     "/view",
     "tjscan.View",
     {
-        "index": INTEGER,
-        "substep": TEXT,
-        "arm_time": NUMBER,
-        "q": NUMBERS,
-        "T_b_f": NUMBERS,
-        "T_b_s": NUMBERS,
+        "index": INTEGER_SCHEMA,
+        "substep": TEXT_SCHEMA,
+        "arm_time": NUMBER_SCHEMA,
+        "q": NUMBERS_SCHEMA,
+        "T_b_f": NUMBERS_SCHEMA,
+        "T_b_s": NUMBERS_SCHEMA,
     },
     _from_view,
     _to_view,
 )
 """A view without its profile, which follows on `PROFILE`; poses row by row."""
 
-SECTION: Final = json_topic(
+SECTION: Final = make_json_topic(
     "/section",
     "tjscan.Section",
-    {"index": INTEGER, "T_s_t": NUMBERS, "T_b_g": NUMBERS, "points_b": NUMBERS},
+    {
+        "index": INTEGER_SCHEMA,
+        "T_s_t": NUMBERS_SCHEMA,
+        "T_b_g": NUMBERS_SCHEMA,
+        "points_b": NUMBERS_SCHEMA,
+    },
     _from_section,
     _to_section,
 )
-PROFILE: Final = protobuf_topic("/profile", PointCloud)
-TRANSFORMS: Final = protobuf_topic("/tf", FrameTransforms)
-JOINTS: Final = protobuf_topic("/joints", JointStates)
-SCENE: Final = protobuf_topic("/scene", SceneUpdate)
-LOG: Final = protobuf_topic("/log", Log)
+PROFILE: Final = make_protobuf_topic("/profile", PointCloud)
+TRANSFORMS: Final = make_protobuf_topic("/tf", FrameTransforms)
+JOINTS: Final = make_protobuf_topic("/joints", JointStates)
+SCENE: Final = make_protobuf_topic("/scene", SceneUpdate)
+LOG: Final = make_protobuf_topic("/log", Log)
 
 TOPICS: Final[tuple[Topic[Any], ...]] = (VIEW, PROFILE, SECTION, LOG, TRANSFORMS, JOINTS, SCENE)
 """Everything that a scan records."""
@@ -174,7 +187,7 @@ class ScanJournal:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: RecordingWriter,
         joint_names: Sequence[str] = (),
         fixed: Mapping[str, Array] = MappingProxyType({}),
     ) -> None:
@@ -184,7 +197,7 @@ class ScanJournal:
         self._last: Array | None = None
         if fixed:
             frames = {("b", name): T for name, T in fixed.items()}
-            recording.write(self._now, (TRANSFORMS, frame_transforms(self._now, frames)))
+            recording.write(self._now, (TRANSFORMS, frame_transforms_message(self._now, frames)))
 
     def view(self, view: View) -> None:
         """Write where the arm stood and the raw profile, before anybody tries to read it."""
@@ -196,9 +209,12 @@ class ScanJournal:
         self._recording.write(
             now,
             (VIEW, view),
-            (PROFILE, profile_cloud(now, view.profile)),
-            (TRANSFORMS, frame_transforms(now, {("b", "f"): view.T_b_f, ("f", "s"): T_f_s})),
-            (JOINTS, joint_states(now, names, view.q)),
+            (PROFILE, profile_to_cloud(now, view.profile)),
+            (
+                TRANSFORMS,
+                frame_transforms_message(now, {("b", "f"): view.T_b_f, ("f", "s"): T_f_s}),
+            ),
+            (JOINTS, joint_states_message(now, names, view.q)),
         )
 
     def section(self, scan: ScannedSection) -> None:
@@ -209,33 +225,33 @@ class ScanJournal:
         self._recording.write(
             now,
             (SECTION, SectionRecord(scan.view.index, scan.T_s_t, scan.T_b_g, points)),
-            (TRANSFORMS, frame_transforms(now, frames)),
-            (SCENE, scene_entity(now, f"section {scan.view.index}", points, surface)),
+            (TRANSFORMS, frame_transforms_message(now, frames)),
+            (SCENE, scene_message(now, f"section {scan.view.index}", points, surface)),
         )
         self._last = points
-        self._recording.sync()
+        self._recording.sync_to_disk()
 
     def event(self, name: str, detail: str) -> None:
         """Write what happened out of the ordinary."""
         level = _LEVELS.get(name, Log.Level.INFO)
-        self._recording.write(self._now, (LOG, log(self._now, level, name, detail)))
+        self._recording.write(self._now, (LOG, log_message(self._now, level, name, detail)))
 
 
 @contextmanager
 def scan_recording(
     file: Path,
-    origin: Origin | None = None,
+    origin: JobSnapshot | None = None,
     *,
     joint_names: Sequence[str] = (),
     fixed: Mapping[str, Array] = MappingProxyType({}),
-    attachments: Mapping[str, bytes] = NOTHING,
+    attachments: Mapping[str, bytes] = NO_ATTACHMENTS,
 ) -> Iterator[ScanJournal]:
     """Record a scan into a new file while the block runs.
 
     Parameters
     ----------
     file, origin, attachments
-        As of `Recording`.
+        As of `RecordingWriter`.
     joint_names, fixed
         As of `ScanJournal`.
 
@@ -244,7 +260,7 @@ def scan_recording(
     RecordingError
         On entering or writing, if the file can't be written.
     """
-    with Recording(file, TOPICS, origin, attachments) as recording:
+    with RecordingWriter(file, TOPICS, origin, attachments) as recording:
         yield ScanJournal(recording, joint_names, fixed)
 
 
@@ -266,7 +282,7 @@ def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection 
             elif entry.topic is PROFILE:
                 if pending is None:
                     raise ValueError("a profile without a view")
-                view = replace(pending, profile=read_profile(message, pending.time))
+                view = replace(pending, profile=profile_from_cloud(message, pending.time))
                 pending = None
                 yield when, view
             elif entry.topic is SECTION:

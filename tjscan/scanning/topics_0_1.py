@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse, pose
 from tjscan.laser.profile import Profile
-from tjscan.recording.numbers import finite
+from tjscan.recording.json_numbers import to_finite_floats
 from tjscan.recording.reader import read_messages
-from tjscan.recording.topic import Topic, json_topic
+from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.scanning.recorded import RecordedEvent, RecordedSection
 from tjscan.scanning.section import Substep, View
 from tjscan.scanning.topics import section_number
@@ -26,7 +26,7 @@ UNNORMALISED: Final = 1e-6
 
 
 def _old(name: str, schema: str) -> Topic[dict[str, Any]]:
-    return json_topic(name, schema, {}, dict, dict)
+    return make_json_topic(name, schema, {}, dict, dict)
 
 
 FLANGE: Final = _old("/flange", "foxglove.PoseInFrame")
@@ -71,7 +71,7 @@ def _view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
     index = section_number(profile["index"])
     if index != flange["index"]:
         raise ValueError(f"a profile of section {index} after a pose of section {flange['index']}")
-    (time,) = finite((profile["arm_time"],))
+    (time,) = to_finite_floats((profile["arm_time"],))
     return View(
         index=index,
         substep=Substep(profile["substep"]),
@@ -79,7 +79,7 @@ def _view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
         T_b_s=_pose(profile["pose"]),
         profile=Profile(columns["x"], columns["z"], columns.get("intensity"), time),
         time=time,
-        q=np.array(finite(flange["q"])),
+        q=np.array(to_finite_floats(flange["q"])),
     )
 
 
@@ -87,13 +87,15 @@ def _section(view: View | None, message: dict[str, Any]) -> RecordedSection:
     if view is None or view.index != message["index"]:
         raise ValueError("a section without its view")
     T_b_g, T_b_t = (_pose(message[name]) for name in ("T_b_g", "T_b_t"))
-    points_b = np.array([finite(point[axis] for axis in "xyz") for point in message["points"]])
+    points_b = np.array(
+        [to_finite_floats(point[axis] for axis in "xyz") for point in message["points"]]
+    )
     return RecordedSection(view, inverse(view.T_b_s) @ T_b_t, T_b_g, points_b)
 
 
 def _pose(message: dict[str, dict[str, float]]) -> Array:
-    quaternion = finite(message["orientation"][axis] for axis in "xyzw")
-    position = finite(message["position"][axis] for axis in "xyz")
+    quaternion = to_finite_floats(message["orientation"][axis] for axis in "xyzw")
+    position = to_finite_floats(message["position"][axis] for axis in "xyz")
     if not abs(np.linalg.norm(quaternion) - 1) < UNNORMALISED:
         raise ValueError(f"a quaternion of length {np.linalg.norm(quaternion):.3g}")
     return pose(Rotation.from_quat(quaternion).as_matrix(), position)

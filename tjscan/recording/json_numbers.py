@@ -9,20 +9,20 @@ import numpy as np
 
 from tjscan.core.frames import Array, readonly
 
-LARGEST: Final = 1e9
+LARGEST_NUMBER: Final = 1e9
 """Metres, radians or seconds: what is larger was not measured."""
 
-ORTHONORMAL: Final = 1e-6
+ORTHONORMALITY_TOLERANCE: Final = 1e-6
 """How far from a rotation the axes of a pose may be that was written to the last digit."""
 
 
-def from_pose(T: Array) -> list[float]:
+def pose_to_list(T: Array) -> list[float]:
     """The sixteen numbers of a pose, row by row."""
     flat: list[float] = np.asarray(T, dtype=float).ravel().tolist()
     return flat
 
 
-def to_pose(values: Any) -> Array:
+def pose_from_list(values: Any) -> Array:
     """The pose of sixteen numbers, shape (4, 4).
 
     Raises
@@ -30,26 +30,26 @@ def to_pose(values: Any) -> Array:
     ValueError, TypeError
         If they are no pose.
     """
-    numbers = finite(values)
+    numbers = to_finite_floats(values)
     if len(numbers) != 16:
         raise ValueError(f"a pose has 16 numbers, not {len(numbers)}")
     T = readonly(np.reshape(numbers, (4, 4)))
-    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMAL):
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMALITY_TOLERANCE):
         raise ValueError("a pose has axes of length one, square to each other")
     if not np.array_equal(T[3], (0.0, 0.0, 0.0, 1.0)):
         raise ValueError("the last row of a pose is 0 0 0 1")
     return T
 
 
-def finite(values: Iterable[Any]) -> list[float]:
+def to_finite_floats(values: Iterable[Any]) -> list[float]:
     """Numbers that can have been measured.
 
     Raises
     ------
     ValueError, TypeError
-        If one is none, or is not finite, or is beyond `LARGEST`.
+        If one is none, or is not finite, or is beyond `LARGEST_NUMBER`.
     """
     numbers = [float(value) for value in values]
-    if not all(abs(number) <= LARGEST for number in numbers):
+    if not all(abs(number) <= LARGEST_NUMBER for number in numbers):
         raise ValueError(f"numbers that nothing measures: {numbers[:16]}")
     return numbers

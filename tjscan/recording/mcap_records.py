@@ -17,10 +17,10 @@ from mcap.writer import MCAP0_MAGIC
 _HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
 _FOOTER: Final = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 
-MOST_BYTES: Final = 2_000_000_000
+MAX_FILE_BYTES: Final = 2_000_000_000
 """A larger file is no recording: an hour of scanning takes a tenth of it."""
 
-MOST_RECORD: Final = 16_000_000
+MAX_RECORD_BYTES: Final = 16_000_000
 """Bytes of the largest record that is read; a profile of 640 points takes some 20 000."""
 
 _READ: Final = frozenset(
@@ -29,7 +29,7 @@ _READ: Final = frozenset(
 """What is read; the rest is passed over."""
 
 
-def read_records(stream: BinaryIO) -> Iterator[McapRecord]:
+def read_mcap_records(stream: BinaryIO) -> Iterator[McapRecord]:
     """Yield the whole records of a file, those inside its chunks too; where it was cut, it ends.
 
     Parameters
@@ -63,7 +63,7 @@ def read_records(stream: BinaryIO) -> Iterator[McapRecord]:
         if opcode not in _READ:
             stream.seek(length, os.SEEK_CUR)
             continue
-        if length > MOST_RECORD:
+        if length > MAX_RECORD_BYTES:
             raise ValueError(f"at byte {place} is a record of {length} bytes: none is so long")
         try:
             yield from _parse(head + stream.read(length))

@@ -12,19 +12,19 @@ from typing import Any, Final, Self
 from tjscan.core.errors import RecordingError
 from tjscan.core.version import VERSION
 
-PROGRAM: Final = "tjscan"
+PROGRAM_NAME: Final = "tjscan"
 """MCAP profile of every recording."""
 
-FORMAT: Final = 2
+FORMAT_VERSION: Final = 2
 """Number of the format that is written: one more whenever an older version can't read it."""
 
-HEAD: Final = "tjscan.recording"
-ORIGIN: Final = "tjscan.origin"
+HEADER_RECORD: Final = "tjscan.recording"
+JOB_RECORD: Final = "tjscan.origin"
 """Names of the two metadata records at the head of a recording."""
 
 
 @dataclass(frozen=True, slots=True)
-class Head:
+class Header:
     """What made a recording.
 
     Parameters
@@ -36,26 +36,26 @@ class Head:
     """
 
     version: str = VERSION
-    format: int = FORMAT
+    format: int = FORMAT_VERSION
 
     @classmethod
-    def first(cls) -> Self:
+    def of_first_format(cls) -> Self:
         """That of the recordings which do not name it."""
         return cls("0.1.0", 1)
 
     @classmethod
-    def of(cls, metadata: Mapping[str, str]) -> Self:
+    def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
         """What `metadata` gave; raises ValueError where it did not."""
         return cls(metadata.get("version", ""), int(metadata.get("format", "")))
 
     @property
     def metadata(self) -> dict[str, str]:
         """For the head of a recording."""
-        return {"program": PROGRAM, "version": self.version, "format": str(self.format)}
+        return {"program": PROGRAM_NAME, "version": self.version, "format": str(self.format)}
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class JobSnapshot:
     """The job of a run and the files beside it, as they stood when it was recorded.
 
     Parameters
@@ -72,7 +72,7 @@ class Origin:
     arm: str = ""
 
     @classmethod
-    def of(cls, metadata: Mapping[str, str]) -> Self:
+    def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
         """What `metadata` gave."""
         return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
 
@@ -82,12 +82,12 @@ class Origin:
         return asdict(self)
 
 
-def digest(file: Path) -> str:
+def file_sha256(file: Path) -> str:
     """SHA-256 of a file."""
     return sha256(file.read_bytes()).hexdigest()
 
 
-def changes(before: Origin, now: Origin) -> Iterator[tuple[str, str]]:
+def job_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
     """What differs between two origins: the key, and both values.
 
     Keys of the job are its own; those of the other files begin with ``joint.toml:``,
