@@ -40,7 +40,8 @@ PARTLY: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
 SHORTER: Final = 0.8
-"""A fitted side may be shorter than the model's shortest by this factor."""
+"""A fitted side may be shorter than the model's shortest, or longer than its longest, by this
+factor."""
 
 SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
@@ -154,20 +155,21 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Candidate]:
 def _search(row: Row, settings: GrooveSettings) -> Candidate:
     """Look for a fit, harder until one convinces."""
     found: list[Candidate] = []
-    sound: list[Candidate] = []
+    model, others = settings.model, settings.model.alternatives
     for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
         segments = find_segments(row.points, settings.tolerance, budget)
-        forms: tuple[GrooveModel, ...] = (settings.model,)
-        if budget is not SEARCH_BUDGETS[0]:
-            forms += settings.model.alternatives
-        for model in forms:
-            found += _candidates(row, segments, replace(settings, model=model), budget)
-        found += _closed(row, found, settings)
-        sound = [c for c in found if objection(row, c, settings) is None]
-        if sound:
+        stages = ((model,), others) if others else ((model,),)
+        for forms in stages:
+            for form in forms:
+                found += _candidates(row, segments, replace(settings, model=form), budget)
+            if forms is others:
+                found += _closed(row, found, settings)
+            sound = [c for c in found if objection(row, c, settings) is None]
+            if not sound:
+                continue
             best = min(sound, key=lambda c: c.cost)
-            convincing = budget is not SEARCH_BUDGETS[0] or _convincing(best)
-            if convincing and best.cost < left_out * len(row.points):
+            enough = budget is not SEARCH_BUDGETS[0] and forms is stages[-1]
+            if best.cost < left_out * len(row.points) and (enough or _convincing(best)):
                 return best
     if sound:
         return best
@@ -312,11 +314,17 @@ def _turns(fitted: FittedProfile) -> list[float]:
 
 
 def _convincing(found: Candidate) -> bool:
-    """Whether every side is well seen and straight enough, and every corner is seen."""
-    fitted = found.fitted
+    """Whether sides are seen well, bevels up to their ends, the root beside another side."""
+    fitted, model = found.fitted, found.model
     if fitted.shares.min() < SEEN_SHARE or undulations(fitted).max() > STRAIGHT:
         return False
-    return bool(attached(fitted).all())
+    seen = attached(fitted)
+    # Of an inner side its own points are asked for only: a neighbour's may be hidden.
+    inner = seen[:-1, 1] & seen[1:, 0]
+    bevels = [k for k, side in enumerate(model.sides[1:-1]) if not side.bead]
+    if not inner[bevels].all():
+        return False
+    return not model.has_root or bool(seen[-2:].all(axis=1).any())
 
 
 def attached(fitted: FittedProfile) -> NDArray[np.bool_]:
@@ -347,8 +355,8 @@ def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | Non
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
-        if length < SHORTER * side.shortest:
-            return f"the {side.name} is {1e3 * length:.1f} mm long only"
+        if not SHORTER * side.shortest < length < side.longest / SHORTER:
+            return f"the {side.name} is {1e3 * length:.1f} mm long"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:
         return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"

@@ -21,7 +21,7 @@ WELD_IN_ROOT: Final = "weld in the root"
 ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"
 
-TACK_RATIO, TACK_HEIGHT = 0.18, 1.45e-3
+TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
 """Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
 both faces and stands lower; a root bead that bulges is smaller."""
 
@@ -31,8 +31,10 @@ WELD_RATIO: Final = 0.06
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
 
-MOST_HIDDEN: Final = 4
-"""Columns without a point that may follow the end of a bevel at an open root."""
+UNDER: Final = 40
+FEWEST_UNDER: Final = 2
+"""Of so many points after the end of a bevel, so many must lie on the leg under it where a root
+is open."""
 
 LEAST_CAP, MOST_CAP = 5e-3, 30e-3
 CAP_HEIGHT: Final = 0.5e-3
@@ -43,6 +45,12 @@ CAP_FOOT: Final = 0.5
 
 CAP_STEP: Final = 0.25
 """Neighbouring points of a cap differ in height by less than this share of it."""
+
+BURIED: Final = 0.5
+"""Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
+
+LEAST_UNSEEN: Final = 0.5e-3
+"""Least standard deviation, in metres along its side, of a corner that is not seen."""
 
 REFLECTED: Final = 0.2
 """Probability that a root's face is a reflection if it meets no side where this is seen."""
@@ -117,6 +125,11 @@ def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Co
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
         conditions, absent = (TACK, *seam), ("p3", "p4")
+        for k, curve, s in (
+            (2, fitted.curves[-3], fitted.places[-2][0]),
+            (4, fitted.curves[-1], fitted.places[-1][1]),
+        ):
+            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED * chord, 0.0)
     elif bow > WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT, *seam)
     return Corners(
@@ -175,7 +188,7 @@ def _without_root(
     total = np.zeros((8, 8))
     total[:2, :2] = p2
     total[6:, 6:] = covariance[-2:, -2:]
-    if opening > LEAST_OPENING and _drops(row, last, on_leg, tolerance):
+    if opening > LEAST_OPENING and _beyond(row, leg, last, apex_leg, on_leg):
         step = _step(row, bevel, last, on_bevel)
         hidden = int(abs(row.columns[last + 1] - row.columns[last]))
         s3 = s_last + 0.5 * step * hidden
@@ -183,33 +196,28 @@ def _without_root(
         s4 = leg.along(*p3.tolist())
         along = step * hidden / sqrt(12)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
-        total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         points = np.array((fitted.corners[0], p3, leg.at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
+        total[4:6, 4:6] = _spread(leg, s4, max(opening / 4, LEAST_UNSEEN), height[-1])
         places = (fitted.places[0][0], s4)
         return Corners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
     first = len(row.points) - end_of(on_leg[turn:][::-1])
     s_first = leg.along(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
-    reach_3, reach_4 = abs(apex_bevel - s_last), abs(s_first - apex_leg)
-    total[2:4, 2:4] = _spread(bevel, s3, reach_3 / sqrt(12), height[-2])
-    total[4:6, 4:6] = _spread(leg, s4, reach_4 / sqrt(12), height[-1])
+    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
+    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
+    total[2:4, 2:4] = _spread(bevel, s3, reach_3, height[-2])
+    total[4:6, 4:6] = _spread(leg, s4, reach_4, height[-1])
     points = np.array((fitted.corners[0], bevel.at(s3), leg.at(s4)))
     places = (fitted.places[0][0], s4)
     return Corners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
 
 
-def _drops(row: Row, last: int, on_leg: NDArray[np.bool_], tolerance: float) -> bool:
-    """Whether the points go on far behind the end of a bevel, with next to no columns between."""
-    after = slice(last + 1, last + 4)
-    points = row.points[after]
-    if len(points) < 3 or row.columns[last + 1] - row.columns[last] > MOST_HIDDEN:
-        hidden = abs(int(row.columns[min(last + 1, len(row.columns) - 1)] - row.columns[last]))
-        if len(points) < 3 or hidden > MOST_HIDDEN:
-            return False
-    behind = points[:, 1] - row.points[last, 1] > LEAST_OPENING
-    beyond = on_leg[last + 1 : last + 30]
-    return bool(behind.mean() > 0.6 and beyond.any())
+def _beyond(row: Row, leg: Curve, last: int, apex: float, on_leg: NDArray[np.bool_]) -> bool:
+    """Whether the leg is seen under the bevel, beyond where the two, drawn on, meet."""
+    after = slice(last + 1, last + 1 + UNDER)
+    s, _ = leg.local(row.points[after][on_leg[after]])
+    return int(np.count_nonzero(s < apex - LEAST_OPENING)) >= FEWEST_UNDER
 
 
 def _step(row: Row, bevel: Curve, last: int, on_bevel: NDArray[np.bool_]) -> float:

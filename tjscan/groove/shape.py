@@ -37,8 +37,30 @@ NEAR: Final = 2.0e-3
 FEWEST_BESIDE: Final = 4
 """Points that show a departure."""
 
-JUMP: Final = 0.4e-3
+CLOSE: Final = 0.6e-3
+"""Points this near a side, in metres, are of its surface or of what sticks to it."""
+
+FEWEST_CLOSE: Final = 12
+AT_CORNER: Final = 3
+"""Points that show patches, and points next to each corner that do not."""
+
+ROUGHER: Final = 1.6
+"""Factor over the usual from which a side is rough or patched."""
+
+PATCH, PATCHED = 3.5, 0.15
+"""Standard deviations off its side where a point is on a patch, and the share of such points that
+makes a side patched: single spatter does not."""
+
+BENT: Final = 0.03
+"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+bevel may have, at odds of one to three."""
+
+JUMP: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
+
+BLUNT: Final = 0.1
+"""A bead's face is no parabola: its ends may lie off one by this share of its height. One that
+rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
 LEAST_SQUARE: Final = 0.2
 """Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
@@ -86,8 +108,15 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
     for k, side in enumerate(model):
         if side.bead:
             shift[k - 1 : k + 1] += _pulled(fitted, k, departures)
-    undulating = np.column_stack((slow[:-1], slow[1:]))
-    return ShapeErrors(shift, np.hypot(np.abs(shift), undulating))
+    slow = np.hypot(slow, _patches(fitted))
+    sigma = np.hypot(np.abs(shift), np.column_stack((slow[:-1], slow[1:])))
+    sigma = np.hypot(sigma, BENT * _gaps(fitted))
+    for k, side in enumerate(model):
+        if side.bead:
+            ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
+            bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
+            sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], BLUNT * bow)
+    return ShapeErrors(shift, sigma)
 
 
 def undulations(fitted: FittedProfile) -> Array:
@@ -118,6 +147,38 @@ def undulations(fitted: FittedProfile) -> Array:
         expected = sigma**2 * share
         if variance > expected * (1 + SIGNIFICANT * sqrt(2 / free)):
             found[k] = sqrt((variance - expected) * (1 + 4 / count))
+    return found
+
+
+def _patches(fitted: FittedProfile) -> Array:
+    """Standard deviation of what lies on each side in patches, such as scale, (k,), metres.
+
+    What is rougher than most sides are, and points that were left out but lie close by, are the
+    surface's too. The points next to corners are not asked: they fly.
+    """
+    k = len(fitted.curves)
+    found = np.zeros(k)
+    edges = np.searchsorted(fitted.owner, np.arange(k + 1)).tolist()
+    usual = float(np.median(fitted.sigmas))
+    for i in range(k):
+        inner = fitted.residuals[edges[i] + AT_CORNER : edges[i + 1] - AT_CORNER]
+        close = inner[np.abs(inner) < CLOSE]
+        if len(close) < FEWEST_CLOSE:
+            continue
+        sigma = float(fitted.sigmas[i])
+        patched = float((np.abs(close) > PATCH * sigma).mean()) > PATCHED
+        if patched or sigma > ROUGHER * usual:
+            found[i] = sqrt(float(np.mean(close**2)))
+    return found
+
+
+def _gaps(fitted: FittedProfile) -> Array:
+    """Distance from each corner to the nearest points of its sides, shape (k - 1, 2), metres."""
+    found = np.zeros((len(fitted.corners), 2))
+    for i, places in enumerate(fitted.places):
+        for j, s in enumerate(places):
+            own = fitted.along[fitted.keep & (fitted.owner == i + j)]
+            found[i, j] = max(float(np.abs(own - s).min()) - BESIDE, 0.0)
     return found
 
 
