@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
 from tjscan.groove.bead import with_bead, with_root
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import Curve
@@ -26,7 +27,7 @@ from tjscan.groove.models import LEAST_SIDES, GrooveModel, Turn
 from tjscan.groove.refinement import FittedProfile, Row, refine
 from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
-from tjscan.groove.shape import undulations
+from tjscan.groove.shape import leaves, undulations
 from tjscan.groove.uncertainty import corner_estimates
 from tjscan.laser.profile import Profile
 
@@ -42,6 +43,9 @@ PARTLY: Final = 0.25
 SHORTER: Final = 0.8
 """A fitted side may be shorter than the model's shortest, or longer than its longest, by this
 factor."""
+
+SAME: Final = 0.3e-3
+"""Hypotheses whose corners differ by less, in metres, are refined once."""
 
 SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
@@ -62,7 +66,7 @@ ATTACHED: Final = 1.5e-3
 FEWEST_ATTACHED: Final = 2
 """Points of a side that show its corner."""
 
-SEEN_SHARE: Final = 0.4
+SEEN_SHARE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
 STRAIGHT: Final = 0.08e-3
@@ -100,8 +104,8 @@ def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[R
     row, found = locate(profile, settings)
     corners, covariance = corner_estimates(row, found.fitted, found.model)
     variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
-    # A root that is not seen well is read as such; a groove has its tops.
-    check_certainty(row, float(variances[[0, -1]].max()), settings)
+    # What is not seen well has its uncertainty; one of the tops has to be known.
+    check_certainty(row, float(variances[[0, -1]].min()), settings)
     return row, replace(found.fitted, corners=corners)
 
 
@@ -154,17 +158,17 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Candidate]:
 
 def _search(row: Row, settings: GrooveSettings) -> Candidate:
     """Look for a fit, harder until one convinces."""
-    found: list[Candidate] = []
+    search = _Search(row, settings)
     model, others = settings.model, settings.model.alternatives
+    stages = ((model,), others) if others else ((model,),)
     for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
         segments = find_segments(row.points, settings.tolerance, budget)
-        stages = ((model,), others) if others else ((model,),)
         for forms in stages:
             for form in forms:
-                found += _candidates(row, segments, replace(settings, model=form), budget)
+                search.add(form, _hypotheses(row, segments, replace(settings, model=form), budget))
             if forms is others:
-                found += _closed(row, found, settings)
-            sound = [c for c in found if objection(row, c, settings) is None]
+                search.close_roots()
+            sound = [c for c in search.found if objection(row, c, settings) is None]
             if not sound:
                 continue
             best = min(sound, key=lambda c: c.cost)
@@ -173,35 +177,50 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
                 return best
     if sound:
         return best
-    if found:
-        best = min(found, key=lambda c: c.cost)
+    if search.found:
+        best = min(search.found, key=lambda c: c.cost)
         raise GrooveNotFound("ambiguous", str(objection(row, best, settings)), row.points)
     raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
 
 
-def _closed(row: Row, found: list[Candidate], settings: GrooveSettings) -> list[Candidate]:
-    """Fits without a root's face, closed by one: where bevel and leg end, a bead may begin."""
-    closed: list[Candidate] = []
-    if not settings.model.has_root:
-        return closed
-    for one in found:
-        if len(one.model.sides) == len(settings.model.sides) - 1:
-            open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
-            hypothesis = with_root(row, open_, settings.tolerance)
-            refined = None if hypothesis is None else _candidate(row, hypothesis, settings)
-            if refined is not None:
-                closed.append(refined)
-    return closed
+class _Search:
+    """What was tried already, and what came of it."""
 
+    def __init__(self, row: Row, settings: GrooveSettings) -> None:
+        self.found: list[Candidate] = []
+        self._row, self._settings = row, settings
+        self._tried: list[tuple[GrooveModel, Array]] = []
+        self._closed = 0
 
-def _candidates(
-    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
-) -> list[Candidate]:
-    """Fits of one model, the likeliest hypotheses refined."""
-    hypotheses = _hypotheses(row, segments, settings, budget)
-    hypotheses.sort(key=lambda c: c.cost)
-    hypotheses = [c for c in hypotheses[:RIVALS] if c.cost <= hypotheses[0].cost + RIVAL_MARGIN]
-    return [c for h in hypotheses if (c := _candidate(row, h, settings)) is not None]
+    def add(self, model: GrooveModel, hypotheses: list[PolylineHypothesis]) -> None:
+        """Refine the likeliest hypotheses of one form that are new."""
+        hypotheses.sort(key=lambda c: c.cost)
+        for one in hypotheses[:RIVALS]:
+            if one.cost <= hypotheses[0].cost + RIVAL_MARGIN:
+                self._refine(model, one)
+
+    def close_roots(self) -> None:
+        """Close fits without a root's face by one: where bevel and leg end, a bead may begin."""
+        model = self._settings.model
+        fits, self._closed = self.found[self._closed :], len(self.found)
+        if not model.has_root:
+            return
+        for one in fits:
+            if len(one.model.sides) == len(model.sides) - 1:
+                open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
+                closed = with_root(self._row, open_, self._settings.tolerance)
+                if closed is not None:
+                    self._refine(model, closed)
+
+    def _refine(self, model: GrooveModel, hypothesis: PolylineHypothesis) -> None:
+        """Refine a hypothesis unless the like of it has been."""
+        for tried, corners in self._tried:
+            if tried is model and np.abs(corners - hypothesis.corners).max() < SAME:
+                return
+        self._tried.append((model, hypothesis.corners))
+        refined = _candidate(self._row, hypothesis, replace(self._settings, model=model))
+        if refined is not None:
+            self.found.append(refined)
 
 
 def _hypotheses(
@@ -314,17 +333,11 @@ def _turns(fitted: FittedProfile) -> list[float]:
 
 
 def _convincing(found: Candidate) -> bool:
-    """Whether sides are seen well, bevels up to their ends, the root beside another side."""
-    fitted, model = found.fitted, found.model
+    """Whether every side is seen well, and none but the root's face bends or leaves the points."""
+    fitted, sides = found.fitted, found.model.sides
     if fitted.shares.min() < SEEN_SHARE or undulations(fitted).max() > STRAIGHT:
         return False
-    seen = attached(fitted)
-    # Of an inner side its own points are asked for only: a neighbour's may be hidden.
-    inner = seen[:-1, 1] & seen[1:, 0]
-    bevels = [k for k, side in enumerate(model.sides[1:-1]) if not side.bead]
-    if not inner[bevels].all():
-        return False
-    return not model.has_root or bool(seen[-2:].all(axis=1).any())
+    return not any(leaves(fitted, k) for k, side in enumerate(sides[1:-1], 1) if not side.bead)
 
 
 def attached(fitted: FittedProfile) -> NDArray[np.bool_]:

@@ -188,9 +188,10 @@ def _without_root(
     total = np.zeros((8, 8))
     total[:2, :2] = p2
     total[6:, 6:] = covariance[-2:, -2:]
-    if opening > LEAST_OPENING and _beyond(row, leg, last, apex_leg, on_leg):
+    under = _under(row, leg, last, apex_leg, on_leg)
+    if opening > LEAST_OPENING and under is not None:
         step = _step(row, bevel, last, on_bevel)
-        hidden = int(abs(row.columns[last + 1] - row.columns[last]))
+        hidden = abs(int(row.columns[under] - row.columns[last]))
         s3 = s_last + 0.5 * step * hidden
         p3 = np.array(bevel.at(s3))
         s4 = leg.along(*p3.tolist())
@@ -213,11 +214,15 @@ def _without_root(
     return Corners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
 
 
-def _beyond(row: Row, leg: Curve, last: int, apex: float, on_leg: NDArray[np.bool_]) -> bool:
-    """Whether the leg is seen under the bevel, beyond where the two, drawn on, meet."""
-    after = slice(last + 1, last + 1 + UNDER)
-    s, _ = leg.local(row.points[after][on_leg[after]])
-    return int(np.count_nonzero(s < apex - LEAST_OPENING)) >= FEWEST_UNDER
+def _under(row: Row, leg: Curve, last: int, apex: float, on_leg: NDArray[np.bool_]) -> int | None:
+    """First point after the end of a bevel where the leg is seen under it; None if it is not.
+
+    It is there beyond where the two, drawn on, meet.
+    """
+    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + UNDER])
+    s, _ = leg.local(row.points[index])
+    under = index[s < apex - LEAST_OPENING]
+    return int(under[0]) if len(under) >= FEWEST_UNDER else None
 
 
 def _step(row: Row, bevel: Curve, last: int, on_bevel: NDArray[np.bool_]) -> float:

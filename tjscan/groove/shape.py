@@ -8,15 +8,15 @@ their corners.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove.curves import Curve
 from tjscan.groove.models import Side
-from tjscan.groove.noise import Correlation
 from tjscan.groove.refinement import FittedProfile, Row, noise_of, noise_variances
 
 BLOCK: Final = 10
@@ -51,9 +51,13 @@ PATCH, PATCHED = 3.5, 0.15
 """Standard deviations off its side where a point is on a patch, and the share of such points that
 makes a side patched: single spatter does not."""
 
-BENT: Final = 0.03
+BENT: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
-bevel may have, at odds of one to three."""
+bevel may have, and as often it does not."""
+
+LEAVING, LEAVING_STEP = 6, 0.25e-3
+"""Points in a row that leave a side, and the most by which one lies farther off than the last, in
+metres."""
 
 JUMP: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
@@ -100,14 +104,13 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
     model : tuple of Side
         What they are like.
     """
-    noise = fitted.noise or noise_of(row, fitted)
-    sigmas = np.sqrt(noise_variances(fitted, noise))
+    fitted = replace(fitted, noise=fitted.noise or noise_of(row, fitted))
     slow = undulations(fitted)
-    departures = _departures(fitted, noise, sigmas)
-    shift = 0.5 * departures
+    left = departures(fitted, model)
+    shift = 0.5 * left
     for k, side in enumerate(model):
         if side.bead:
-            shift[k - 1 : k + 1] += _pulled(fitted, k, departures)
+            shift[k - 1 : k + 1] += _pulled(fitted, k, left)
     slow = np.hypot(slow, _patches(fitted))
     sigma = np.hypot(np.abs(shift), np.column_stack((slow[:-1], slow[1:])))
     sigma = np.hypot(sigma, BENT * _gaps(fitted))
@@ -159,7 +162,11 @@ def _patches(fitted: FittedProfile) -> Array:
     k = len(fitted.curves)
     found = np.zeros(k)
     edges = np.searchsorted(fitted.owner, np.arange(k + 1)).tolist()
-    usual = float(np.median(fitted.sigmas))
+    # Noise lies along the rays: a side that slants shows less of it.
+    along = fitted.sigmas / np.array(
+        [_square(c, m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
+    )
+    usual = float(np.median(along))
     for i in range(k):
         inner = fitted.residuals[edges[i] + AT_CORNER : edges[i + 1] - AT_CORNER]
         close = inner[np.abs(inner) < CLOSE]
@@ -167,7 +174,7 @@ def _patches(fitted: FittedProfile) -> Array:
             continue
         sigma = float(fitted.sigmas[i])
         patched = float((np.abs(close) > PATCH * sigma).mean()) > PATCHED
-        if patched or sigma > ROUGHER * usual:
+        if patched or along[i] > ROUGHER * usual:
             found[i] = sqrt(float(np.mean(close**2)))
     return found
 
@@ -182,28 +189,82 @@ def _gaps(fitted: FittedProfile) -> Array:
     return found
 
 
-def _departures(fitted: FittedProfile, noise: Correlation, sigmas: Array) -> Array:
-    """How far the points beside each corner leave its sides, shape (k - 1, 2), in metres."""
+def departures(fitted: FittedProfile, model: tuple[Side, ...]) -> Array:
+    """How far the points beside each corner leave its sides, shape (k - 1, 2), in metres.
+
+    Parameters
+    ----------
+    fitted : FittedProfile
+        k sides, whose noise is known.
+    model : tuple of Side
+        What they are like.
+    """
+    noise = fitted.noise
+    if noise is None:
+        return np.zeros((len(fitted.corners), 2))
+    sigmas = np.sqrt(noise_variances(fitted, noise))
     found = np.zeros((len(fitted.corners), 2))
+    chance = np.ones_like(found)
     edges = np.searchsorted(fitted.owner, np.arange(len(fitted.curves) + 1)).tolist()
     near = np.abs(fitted.residuals) < NEAR
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
-            beside = near[a:b] & (np.abs(fitted.along[a:b] - s) < BESIDE)
+            # Columns lie far apart on a steep side.
+            most = min(FEWEST_BESIDE + 2, b - a)
+            away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
+            reach = min(max(BESIDE, float(away.max())), 2 * BESIDE)
+            beside = near[a:b] & (np.abs(fitted.along[a:b] - s) <= reach)
             residuals = fitted.residuals[a:b][beside]
             n = len(residuals)
             if n < FEWEST_BESIDE or _jumps(residuals):
                 continue
             # Before the corner the row ends at it, after it the row begins there.
-            inner, outer = np.array_split(residuals if j else residuals[::-1], 2)
-            if abs(np.median(outer)) > abs(np.median(inner)) + SIGNIFICANT * sigmas[i + j]:
+            inward = residuals if j else residuals[::-1]
+            inner, outer = _median(inward[: n // 2]), _median(inward[n // 2 :])
+            if abs(outer) > abs(inner) + SIGNIFICANT * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
-            away = float(np.median(residuals))
-            chance = _MEDIAN * sigmas[i + j] * sqrt(min(1.0, noise.inflation / n))
-            if abs(away) > SIGNIFICANT * chance:
-                found[i, j] = away
-    return found
+            found[i, j] = _median(residuals)
+            chance[i, j] = _MEDIAN * sigmas[i + j] * sqrt(min(1.0, noise.inflation / n))
+    ratio = found / chance
+    significant = np.abs(ratio) > SIGNIFICANT
+    for k, side in enumerate(model):
+        # Both flanks of a notch that are pulled in show it together.
+        both = ratio[k - 1, 0], ratio[min(k, len(ratio) - 1), 1]
+        if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT * sqrt(2):
+            significant[k - 1, 0] = significant[k, 1] = True
+    return np.where(significant, found, 0.0)
+
+
+def leaves(fitted: FittedProfile, k: int) -> bool:
+    """Whether points lead away from side k in a row: the surface turns there, it is no reflection.
+
+    Parameters
+    ----------
+    fitted : FittedProfile
+    k : int
+        Number of the side.
+    """
+    own = slice(*np.searchsorted(fitted.owner, (k, k + 1)).tolist())
+    residuals, keep = fitted.residuals[own], fitted.keep[own]
+    off = np.concatenate(([False], ~keep, [False]))
+    bounds = (off[1:] != off[:-1]).nonzero()[0]
+    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+        run = residuals[a:b]
+        if b - a < LEAVING or np.abs(run).max() > 1.5 * NEAR:
+            continue
+        # Reflections grow out of corners; what leaves a side does so from its inside.
+        ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
+        for place, outward in ends:
+            steps = np.abs(np.diff(np.concatenate((residuals[place : place + 1], outward))))
+            if steps.max() < LEAVING_STEP and abs(outward[-1]) > abs(outward[0]):
+                return True
+    return False
+
+
+def _median(values: Array) -> float:
+    """The upper median, without what NumPy's costs a few values."""
+    return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _jumps(residuals: Array) -> bool:
@@ -213,7 +274,14 @@ def _jumps(residuals: Array) -> bool:
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > JUMP)
 
 
-def _pulled(fitted: FittedProfile, k: int, departures: Array) -> Array:
+def _square(curve: Curve, s: float) -> float:
+    """Sine of the angle between a side and the ray that hits it at s."""
+    x, z = curve.at(s)
+    tx, tz = curve.tangent(s)
+    return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_SQUARE)
+
+
+def _pulled(fitted: FittedProfile, k: int, left: Array) -> Array:
     """Shifts of a bead's heights, shape (2, 2), where its neighbours are pulled in beside it.
 
     Light between the faces of a notch moves the points of its flanks, smoothly, towards the
@@ -223,12 +291,9 @@ def _pulled(fitted: FittedProfile, k: int, departures: Array) -> Array:
     found = np.zeros((2, 2))
     pull = 0.0
     for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1)):
-        x, z = fitted.corners[i].tolist()
-        tx, tz = fitted.curves[side].tangent(fitted.places[i][j])
-        square = abs(x * tz - z * tx) / hypot(x, z)
-        pull = max(pull, -departures[i, j] / max(square, LEAST_SQUARE))
+        square = _square(fitted.curves[side], fitted.places[i][j])
+        pull = max(pull, -left[i, j] / square)
     for i in (0, 1):
-        x, z = fitted.corners[k - 1 + i].tolist()
-        tx, tz = fitted.curves[k].tangent(fitted.places[k - 1 + i][1 - i])
-        found[i, 1 - i] = 0.5 * pull * abs(x * tz - z * tx) / hypot(x, z)
+        square = _square(fitted.curves[k], fitted.places[k - 1 + i][1 - i])
+        found[i, 1 - i] = 0.5 * pull * square
     return found
