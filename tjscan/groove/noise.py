@@ -110,7 +110,17 @@ def _half_lag(rho: Array) -> float:
 
 
 def lost_share(parameters: float, inflation: float, count: float) -> float:
-    """Share of the variance of correlated noise that a fit takes out of its residuals."""
+    """Share of the variance of correlated noise that a fit takes out of its residuals.
+
+    Parameters
+    ----------
+    parameters : float
+        Number of coefficients that were fitted.
+    inflation : float
+        By how much correlation raises the variance of a mean.
+    count : float
+        Number of points.
+    """
     return min(parameters * max(inflation, 1.0) / count, MOST_LOST)
 
 

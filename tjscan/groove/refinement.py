@@ -383,7 +383,13 @@ def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def noise_of(row: Row, fitted: FittedProfile) -> Correlation:
-    """Correlation of the noise, pooled over all sides."""
+    """Estimate the correlation of the columns' noise from the residuals of all sides.
+
+    Parameters
+    ----------
+    row : Row
+    fitted : FittedProfile
+    """
     keep = fitted.keep
     scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9)[fitted.owner[keep]]
     return correlation(scaled, row.columns[keep], row.count, int(fitted.parameters.sum()))

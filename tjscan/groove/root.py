@@ -43,7 +43,7 @@ CAP_HEIGHT: Final = 0.5e-3
 CAP_FOOT: Final = 0.5
 """An end of a cap lies lower than this share of its height: it grows out of the surface."""
 
-CAP_STEP: Final = 0.25
+CAP_STEP: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
 
 BURIED: Final = 0.5
