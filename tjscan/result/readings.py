@@ -113,6 +113,11 @@ def to_dict(reading: ReadResult) -> dict[str, Any]:
         fields |= {name: [value, sigma] for name, value, sigma in measures(section)}
         fields["work_angle_deg"] = float(np.degrees(section.work_angle))
         fields["rms_mm"] = 1e3 * section.rms
+        fields["model"] = section.model
+        fields["conditions"] = list(section.conditions)
+        fields["absent_corners"] = list(section.absent)
+        if np.isfinite(section.root_opening):
+            fields["root_opening_mm"] = 1e3 * section.root_opening
     return fields
 
 
