@@ -246,6 +246,23 @@ class StartSeesNoGroove(LaserFault):
         )
 
 
+class StartOnTack(LaserFault):
+    """A taught pose looks at a tack weld: the groove's root, where the scan starts, is buried.
+
+    Parameters
+    ----------
+    which : str
+        Which of the taught poses.
+    """
+
+    def __init__(self, which: str) -> None:
+        self.which = which
+        super().__init__(
+            f"at the {which} taught pose, the laser line crosses a tack weld. Move 20 mm on along "
+            "the groove and teach that pose again."
+        )
+
+
 class CalibrationRefused(TjscanError):
     """A calibration can't be trusted, so there is none.
 

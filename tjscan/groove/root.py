@@ -14,9 +14,9 @@ from tjscan.groove.curves import Curve, meet
 from tjscan.groove.fit import Candidate, attached
 from tjscan.groove.hypotheses import end_of
 from tjscan.groove.refinement import FittedProfile, Row, noise_of
+from tjscan.groove.section import TACK
 
 OPEN_ROOT: Final = "open root"
-TACK: Final = "tack"
 WELD_IN_ROOT: Final = "weld in the root"
 ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"

@@ -16,6 +16,9 @@ from tjscan.groove.measures import measured
 PARALLEL: Final = 1e-3
 """Sine of the angle between wall and leg below which they span no frame."""
 
+TACK: Final = "tack"
+"""Condition of a section whose root is buried under a tack weld."""
+
 _ARRAYS = (
     "points_s",
     "wall_s",
@@ -100,6 +103,11 @@ class GrooveSection:
     def work_angle(self) -> float:
         """Angle beta from z_g to the middle of the opening, in radians (paper, eq. 16)."""
         return 0.5 * (self.gamma_1 - self.gamma_2)  # (16)
+
+    @property
+    def on_tack(self) -> bool:
+        """Whether a tack weld lies over the root."""
+        return TACK in self.conditions
 
     @property
     def corner_covariances_s(self) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartSeesNoGroove
+from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, StartSeesNoGroove
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array, to_euler_zyx
 from tjscan.groove.section import GrooveSection
@@ -66,6 +66,8 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
     ------
     StartSeesNoGroove
         If the laser reads no groove from there.
+    StartOnTack
+        If it looks at a tack weld.
     ArmFault, LaserFault
         If a device fails, or the arm does not rest.
     ConfigurationError
@@ -81,6 +83,8 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
             groove = reader_of(job)(profile)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
+    if groove.on_tack:
+        raise StartOnTack(which)
     position_mm, euler_zyx_deg = written(state.T_b_f)
     key = (*(("station", job.station[0].name) if job.station else ("scan",)), which)
     write_pose(job_file, key, position_mm, euler_zyx_deg)

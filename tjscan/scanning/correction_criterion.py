@@ -106,10 +106,11 @@ def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: 
     -----
     Two independent estimates of the ideal set-point, the reading's and the prediction's, together
     are more certain than either: variances add as their inverses. Of the reading, the origin is as
-    uncertain as the worse of p2 and p4; the middle of the opening half as much as the opening; the
-    direction of motion as two origins a step apart.
+    uncertain as the worse of p2 and p4, where these are seen; the middle of the opening half as
+    much as the opening; the direction of motion as two origins a step apart.
     """
-    p = max(np.trace(groove.corner_covariances_s[k]) for k in (0, 2))
+    seen = [k for k, corner in ((0, "p2"), (2, "p4")) if corner not in groove.absent] or [0, 2]
+    p = max(np.trace(groove.corner_covariances_s[k]) for k in seen)
     along = 2 * p / step**2
     reading = np.array((p, p, p, 0.25 * groove.measure_covariance[0, 0], along, along))
     if ahead.covariance is None:

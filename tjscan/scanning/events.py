@@ -15,6 +15,7 @@ class ScanEvent(StrEnum):
     HALF_STEP = "half step"
     RETREAT = "retreat"
     STRAIGHT = "straight"
+    TACK = "tack"
     RESUMED = "resumed"
     STOP_REQUESTED = "stop requested"
     STOP = "stop"

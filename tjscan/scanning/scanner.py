@@ -13,6 +13,7 @@ from tjscan.core.errors import (
     JointMoved,
     PoseUnreachable,
     SetPointRefused,
+    StartOnTack,
     StartSeesNoGroove,
 )
 from tjscan.core.frames import Array
@@ -23,6 +24,7 @@ from tjscan.scanning.checks import (
     check_set_point,
     check_side,
     check_step,
+    doubt,
     measures_can_follow,
 )
 from tjscan.scanning.correction import correct
@@ -96,6 +98,8 @@ class Scanner:
         ------
         StartSeesNoGroove
             If no groove is seen from a taught pose.
+        StartOnTack
+            If a taught pose looks at a tack weld.
         PoseUnreachable
             If a taught pose can't be reached.
         ConfigurationError
@@ -146,13 +150,22 @@ class Scanner:
                 self._log.event(ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}")
                 return self._end(StopReason.REQUESTED)
             try:
-                self._log.section(self._step_with_retries(d_st))
+                self._keep(self._step_with_retries(d_st))
             except PoseUnreachable as error:
                 return self._end(StopReason.UNREACHABLE, str(error))
             except (GrooveNotFound, JointMoved) as error:
                 return self._end(StopReason.LOST, str(error))
             except SetPointRefused as error:
                 return self._end(StopReason.REFUSED, str(error))
+
+    def _keep(self, section: ScannedSection) -> None:
+        """Finish a section.
+
+        From one on a tack weld the scan steps on: wall and leg, which lead it, are seen there.
+        """
+        if section.groove.on_tack:
+            self._log.event(ScanEvent.TACK, f"section {section.view.index}: stepped over")
+        self._log.section(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
         """Make a step; where the groove is not read, one of `STEP_RETRIES`.
@@ -311,6 +324,8 @@ class Scanner:
             section = self._read_at(state, len(self._log.sections), Substep.TAUGHT)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
+        if section.groove.on_tack:
+            raise StartOnTack(which)
         self._log.section(section)
 
     def _check_last_section(self, state: ArmState) -> float:
@@ -327,7 +342,9 @@ class Scanner:
             now = self._read_at(state, index, Substep.RESUMED, last.T_s_t)
         except GrooveNotFound as error:
             raise JointMoved(f"the last section is not there any more: {error}") from None
-        moved = float(np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4].max())
+        apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
+        known = doubt(now.groove, last.groove) < tolerance
+        moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise JointMoved(
                 f"the last section lies {1e3 * moved:.2f} mm from where it was, "

@@ -91,6 +91,10 @@ def track_of(sections: Sequence[ScannedSection]) -> Track:
     lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
     # The origin is found along a tangent by both: their noise over the distance between them.
     reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + REPEATABILITY**2
+    # A corner that is not seen lies somewhere along its tangent.
+    along = np.einsum("nki,nkij,nkj->nk", tangents_s[..., [0, 2]], corners, tangents_s[..., [0, 2]])
+    absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
+    unseen = np.where(absent, along, 0.0)
     openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
     return Track(
         along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
@@ -108,5 +112,7 @@ def track_of(sections: Sequence[ScannedSection]) -> Track:
                 )
             )
         ),
-        shape_sigmas=np.sqrt(np.column_stack((reached, reached, openings[:, 1])) + LEAST_SIGMA**2),
+        shape_sigmas=np.sqrt(
+            np.column_stack((reached[:, None] + unseen, openings[:, 1])) + LEAST_SIGMA**2
+        ),
     )
