@@ -27,6 +27,7 @@ from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose, r
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.config import validate
+from tjscan.core.provenance import Provenance
 from tjscan.groove.find import DEFAULT
 from tjscan.job import read_calibration_job, read_job
 from tjscan.joint.export import write_joint
@@ -114,7 +115,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
         read_scan(file.parent).read_sections(lambda profile: scans[0].groove)
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
-    with Logbook(folder) as book:
+    with Logbook(folder, np.eye(4)) as book:
         T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
         for entry in (
             BoardTouch(0, T),
@@ -266,5 +267,6 @@ def _calibration(folder: Path) -> bytes:
         "residuals": [],
     }
     file = folder / "calibration.toml"
-    write_calibration(file, validate(CalibrationFile, data))
+    provenance = Provenance.now("calibrate.toml", "f")
+    write_calibration(file, validate(CalibrationFile, data), provenance)
     return file.read_bytes()

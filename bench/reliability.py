@@ -17,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
+from math import ceil
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -174,7 +175,7 @@ def _files(count: int) -> list[Row]:
         batches = [
             (i, seed)
             for i, share in enumerate(shares)
-            for seed in range(max(1, round(count * share / sum(shares) / size)))
+            for seed in range(ceil(count * share / sum(shares) / size))
         ]
         tallies = _spread(partial(_fuzz_batch, folder, size), batches)
     _say_what_is_wrong([told for tally in tallies for _, told in tally.wrong])

@@ -11,8 +11,10 @@ from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, t
 from tjscan.calibration.file import CalibrationFile, read_calibration, to_file, write_calibration
 from tjscan.calibration.hand_eye import HandEye, calibrate
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.provenance import Provenance
 
 WHEN = datetime(2026, 3, 4, 10, 30, tzinfo=UTC)
+PROVENANCE = Provenance.now("calibrate.toml, SHA-256 0123456789abcdef", "f")
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +28,8 @@ def result() -> HandEye:
 @pytest.fixture
 def kept(result: HandEye, tmp_path: Path) -> Path:
     file = tmp_path / "calibration.toml"
-    write_calibration(file, to_file(result, NOISE, arm="ur10e 1", laser="2610-100 7", date=WHEN))
+    found = to_file(result, NOISE, arm="ur10e 1", laser="2610-100 7", date=WHEN)
+    write_calibration(file, found, PROVENANCE)
     return file
 
 
@@ -35,6 +38,7 @@ def test_what_is_written_is_what_is_read(kept: Path, result: HandEye) -> None:
     np.testing.assert_allclose(found.T_f_s, result.T_f_s, atol=1e-14)
     np.testing.assert_allclose(found.covariance_si, result.covariance, rtol=1e-12)
     assert found.date == WHEN
+    assert Provenance.read(kept.read_text(encoding="utf-8"), "#") == PROVENANCE
     assert found.lines == 11
     assert found.method == "plane touched"
     assert [r.name for r in found.residuals if not r.used] == ["line 5"]

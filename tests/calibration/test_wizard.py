@@ -33,6 +33,7 @@ from tjscan.calibration.simulated import SimulatedProbe
 from tjscan.calibration.topics import (
     CALIBRATION_RECORDING,
     PROFILE_TOPIC,
+    TRANSFORMS_TOPIC,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
@@ -49,6 +50,7 @@ from tjscan.core.units import pose_to_rows, rows_to_pose
 from tjscan.job import read_calibration_job
 from tjscan.job.cell import Cell, mount_of
 from tjscan.laser.profile import Profile
+from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.runs.calibrate import (
@@ -98,12 +100,12 @@ class Stage:
         self.folder = folder
 
     def run(self, watcher: Watcher, **devices: Any) -> Outcome:
-        with Logbook(self.folder) as logbook, self.cell as cell:
+        with Logbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return Wizard(self.task, cell.arm, operator=watcher, logbook=logbook, **parts).run()
 
     def measured(self) -> MeasuredSoFar:
-        with Logbook(self.folder) as logbook:
+        with Logbook(self.folder, self.task.T_f_s) as logbook:
             return logbook.measured
 
 
@@ -258,7 +260,7 @@ def test_interrupted_before_every_question_it_loses_nothing_and_measures_nothing
         assert len(now) <= len(kept) + 1
         assert len(asked) > before or (directory / "calibration.toml").exists()
         kept = now
-    assert [name for name, _ in kept] == ["touch"] * 4 + ["line"] * 5 + ["fresh"]
+    assert [name for name, _ in kept] == ["boardtouch"] * 4 + ["line"] * 5 + ["fresh"]
     found = read_calibration(directory / "calibration.toml")
     assert off(found.T_f_s)[0] < 4e-3 * found.sigma_position_mm
 
@@ -273,7 +275,7 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
     watcher = Watcher()
     resume_calibration(copy, watcher)
     assert not any(question.moves for question in watcher.questions)
-    found, first = ((d / "calibration.toml").read_bytes() for d in (copy, calibrated))
+    found, first = (content(d / "calibration.toml") for d in (copy, calibrated))
     assert found == first
 
 
@@ -417,7 +419,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
     file = tmp_path / f"{CALIBRATION_RECORDING}.mcap"
-    with Logbook(tmp_path) as logbook:
+    with Logbook(tmp_path, TRUTH) as logbook:
         for entry in (
             BoardTouch(0, T),
             BoardTouch(1, None),
@@ -434,7 +436,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
         logbook.record_entry(LaserLineTaken(PosedProfile("cut off", T, profile)))
     cut = whole + file.read_bytes()[len(whole) :][:300]
     file.write_bytes(cut)
-    with Logbook(tmp_path) as logbook:
+    with Logbook(tmp_path, TRUTH) as logbook:
         found = logbook.measured
     assert file.read_bytes() == cut
     assert (tmp_path / f"{CALIBRATION_RECORDING}-2.mcap").exists()
@@ -447,6 +449,17 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     assert found.skipped_in_a_row == 0  # whoever goes on may have changed what was wrong
     assert found.verification_profile is not None
     assert found.verification_profile.name == "fresh"
+
+
+def test_every_part_shows_a_viewer_where_the_laser_sits_on_the_flange(tmp_path: Path) -> None:
+    for name in (f"{CALIBRATION_RECORDING}.mcap", f"{CALIBRATION_RECORDING}-2.mcap"):
+        with Logbook(tmp_path, TRUTH):
+            pass
+        (entry,) = read_messages(tmp_path / name, [TRANSFORMS_TOPIC])
+        (frame,) = entry.message.transforms
+        assert (frame.parent_frame_id, frame.child_frame_id) == ("f", "s")
+        place = frame.translation
+        assert (place.x, place.y, place.z) == tuple(TRUTH[:3, 3])
 
 
 @pytest.mark.parametrize(
@@ -465,20 +478,20 @@ def test_a_damaged_recording_is_refused(
     topic: Topic[dict[str, Any]] = make_json_topic(name, schema, {}, dict, dict)
     with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [topic]) as recording:
         recording.write(0, (topic, fields))
-    with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path):
+    with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path, TRUTH):
         pass
 
 
 def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [PROFILE_TOPIC]) as recording:
         recording.write(0, (PROFILE_TOPIC, PointCloud()))
-    with pytest.raises(RecordingError, match="a profile without a line"), Logbook(tmp_path):
+    with pytest.raises(RecordingError, match="a profile without a line"), Logbook(tmp_path, TRUTH):
         pass
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / f"{CALIBRATION_RECORDING}.mcap").write_text("nonsense", encoding="utf-8")
-    with pytest.raises(RecordingError, match="is no recording"), Logbook(tmp_path):
+    with pytest.raises(RecordingError, match="is no recording"), Logbook(tmp_path, TRUTH):
         pass
 
 

@@ -179,6 +179,18 @@ def test_a_length_is_believed_only_as_far_as_the_file_goes(tmp_path: Path) -> No
         numbers(file)
 
 
+def test_a_length_in_a_chunk_that_no_memory_could_hold_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    record = b"\x0b" + (2**64 - 1).to_bytes(8, "little") + b"short"
+    size = len(record).to_bytes(8, "little")
+    chunk = bytes(16) + size + bytes(8) + size + record
+    with RecordingWriter(file, TOPICS):
+        data = file.read_bytes()
+    file.write_bytes(data + b"\x06" + len(chunk).to_bytes(8, "little") + chunk)
+    with pytest.raises(RecordingError, match="damaged"):
+        numbers(file)
+
+
 def test_compressed_chunks_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
     chunk = bytes(28) + (4).to_bytes(4, "little") + b"zstd" + bytes(8)

@@ -15,6 +15,7 @@ from tjscan.comparison.distance import corner_errors
 from tjscan.core.config import validate
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform
+from tjscan.core.provenance import Provenance
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import read_job
@@ -129,7 +130,7 @@ def calibration_file(file: Path) -> Path:
             "residuals": [],
         },
     )
-    write_calibration(file, found)
+    write_calibration(file, found, Provenance.now("calibrate.toml", "f"))
     return file
 
 

@@ -16,6 +16,7 @@ from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_to_rows, rows_to_pose
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def _verification(found: Verification) -> VerificationTable:
     )
 
 
-def write_calibration(file: Path, calibration: CalibrationFile) -> None:
+def write_calibration(file: Path, calibration: CalibrationFile, provenance: Provenance) -> None:
     """Write ``calibration.toml``: whole, or not at all.
 
     Parameters
@@ -197,13 +198,15 @@ def write_calibration(file: Path, calibration: CalibrationFile) -> None:
         Replaced if it exists.
     calibration : CalibrationFile
         The content.
+    provenance : Provenance
+        Written at its head, in lines of comment.
 
     Raises
     ------
     RecordingError
         If it can't be written; what stood there before then still does.
     """
-    text = tomli_w.dumps(calibration.model_dump(exclude_none=True))
+    text = provenance.lines("#") + tomli_w.dumps(calibration.model_dump(exclude_none=True))
     with atomic_directory(file.parent) as draft:
         (draft / file.name).write_text(text, encoding="utf-8")
 

@@ -14,6 +14,7 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.topics import (
     ALL_TOPICS,
     CALIBRATION_RECORDING,
+    TRANSFORMS_TOPIC,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
@@ -22,6 +23,8 @@ from tjscan.calibration.topics import (
     messages_of_entry,
     read_entries,
 )
+from tjscan.core.frames import Array
+from tjscan.recording.foxglove import frame_transforms_message
 from tjscan.recording.writer import RecordingWriter, next_recording_file
 
 
@@ -79,6 +82,9 @@ class Logbook:
     directory : Path
         Where it is. What it holds already is where one goes on, in a part of its own; an entry
         that was cut off in the middle is dropped.
+    T_f_s : ndarray, shape (4, 4)
+        About where the laser sits on the flange, as assumed while measuring. It shows a viewer
+        where the profiles are, and is not read again.
 
     Raises
     ------
@@ -86,8 +92,8 @@ class Logbook:
         On entering or writing, if it can't be read or written, or is damaged.
     """
 
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
+    def __init__(self, directory: Path, T_f_s: Array) -> None:
+        self._directory, self._T_f_s = directory, T_f_s
 
     def __enter__(self) -> Self:
         begun = StartedOrResumed(datetime.now(UTC).replace(microsecond=0))
@@ -101,6 +107,9 @@ class Logbook:
                 next_recording_file(self._directory, CALIBRATION_RECORDING), ALL_TOPICS
             )
             self._recording = stack.enter_context(recording)
+            now = time.time_ns()
+            mount = frame_transforms_message(now, {("f", "s"): self._T_f_s})
+            self._recording.write(now, (TRANSFORMS_TOPIC, mount))
             self.record_entry(begun)
             self._stack = stack.pop_all()
         return self

@@ -1,4 +1,4 @@
-"""What the calibration brings to recordings, jobs, reports and studies."""
+"""What the calibration brings to reports."""
 
 from __future__ import annotations
 

@@ -226,8 +226,8 @@ class Wizard:
             raise CalibrationRefused(
                 "no line to be had",
                 f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
-                f"{self.measured.skipped_poses[-1].reason}. Check where the job says that the board "
-                "is, and how the laser sits on the flange",
+                f"{self.measured.skipped_poses[-1].reason}. Check where the job says that the "
+                "board is, and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)

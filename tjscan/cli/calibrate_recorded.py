@@ -21,6 +21,7 @@ from tjscan.cli.recorded_options import RecordedOptions, written
 from tjscan.core.config import validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.result.directory import CALIBRATION
 from tjscan.runs.directory import default_directory
@@ -55,7 +56,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         laser=options.laser_id or UNNAMED,
         date=datetime.now(UTC).replace(microsecond=0),
     )
-    write_calibration(file, found)
+    write_calibration(file, found, Provenance.now(options.lines.name, "f"))
     print_calibration(Calibrated(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")

@@ -12,6 +12,7 @@ FRAME_MEANING: Final = {
     "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
     "b": "the arm's base",
     "w": "the work area",
+    "f": "the arm's flange",
 }
 """What the letters of the frames of results mean."""
 

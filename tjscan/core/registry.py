@@ -115,10 +115,6 @@ class Task:
     ----------
     name : str
         As in `TASKS`.
-    topics : str
-        What it records.
-    tables : str
-        The tables that it reads in a job file.
     report : str
         Its chapters of a report.
     study : str
@@ -126,12 +122,10 @@ class Task:
     """
 
     name: str
-    topics: str = ""
-    tables: str = ""
     report: str = ""
     study: str = ""
 
-    def load(self, part: Literal["topics", "tables", "report", "study"]) -> Any:
+    def load(self, part: Literal["report", "study"]) -> Any:
         """Import a part.
 
         Parameters

@@ -67,7 +67,7 @@ def read_mcap_records(stream: BinaryIO) -> Iterator[McapRecord]:
             raise ValueError(f"at byte {place} is a record of {length} bytes: none is so long")
         try:
             yield from _parse(head + stream.read(length))
-        except (struct.error, ValueError, McapError) as error:
+        except (struct.error, ValueError, OverflowError, McapError) as error:
             raise ValueError(f"the record at byte {place} is damaged: {error}") from error
 
 

@@ -22,12 +22,13 @@ from tjscan.core.devices import Kind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import sole_writer
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows
 from tjscan.job import CalibrationJob, CalibrationTable, SimulatedBoardTable, read_calibration_job
 from tjscan.job.cell import Cell, laser_model, make_cell, mount_of
 from tjscan.laser.drivers import Scene
 from tjscan.laser.optics import Surface
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION, JOB, job_of
 from tjscan.runs.directory import make_directory
 
 OLD: Final = "measured.jsonl"
@@ -78,7 +79,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = mount_of(job, directory / JOB).T_f_s
     cell, probe = open_board_cell(job, T_f_s)
-    with sole_writer(directory), Logbook(directory) as logbook, cell:
+    with sole_writer(directory), Logbook(directory, T_f_s) as logbook, cell:
         task = task_of(job, T_f_s)
         outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.started_at
@@ -92,7 +93,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         date=begun,
         verification=outcome.verification,
     )
-    write_calibration(file, found)
+    write_calibration(file, found, Provenance.now(job_of(directory), "f"))
     return Calibrated(file, found, outcome.result.caveats)
 
 

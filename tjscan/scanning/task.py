@@ -1,4 +1,4 @@
-"""What the scan brings to recordings, jobs, reports and studies."""
+"""What the scan brings to reports and studies."""
 
 from __future__ import annotations
 
