@@ -6,8 +6,8 @@ from grooves import MM, Groove, Noise, seen, turned
 
 from tjscan.core.frames import Array
 from tjscan.groove.find import find_groove
-from tjscan.groove.root import OPEN_ROOT, SEAM_BESIDE, TACK
-from tjscan.groove.section import GrooveSection
+from tjscan.groove.root import OPEN_ROOT, SEAM_BESIDE
+from tjscan.groove.section import TACK, GrooveSection
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
