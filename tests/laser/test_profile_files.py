@@ -95,6 +95,13 @@ def test_what_a_file_lacks_is_asked_for(
         read_profiles(write(tmp_path, text), form)
 
 
+def test_a_recording_is_refused_with_how_its_profiles_are_read(tmp_path: Path) -> None:
+    (tmp_path / "scan.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(ConfigurationError, match=r"is a recording.*tjscan reprocess") as refusal:
+        read_profiles(tmp_path / "scan.mcap", ProfileFormat())
+    assert str(tmp_path) in str(refusal.value)
+
+
 @pytest.mark.parametrize("name", ["profile.csv", "profile.ply"])
 def test_bytes_that_are_no_profile_are_refused(tmp_path: Path, name: str) -> None:
     file = tmp_path / name

@@ -161,6 +161,12 @@ def _read_file(file: Path, form: ProfileFormat) -> ProfileTable:
     try:
         check_size(file, MOST_BYTES, "profiles")
         suffix = file.suffix.lower()
+        if suffix == ".mcap":
+            raise ConfigurationError(
+                "is a recording, not a table of profiles; to read the profiles of a scan again: "
+                f"tjscan reprocess {file.parent}",
+                file=file,
+            )
         if suffix == ".ply":
             return _read_ply(file, form)
         if suffix == ".npy":
