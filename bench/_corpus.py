@@ -29,29 +29,29 @@ from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.config import validate
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import DEFAULT
-from tjscan.job import read_calibration_job, read_job
+from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.joint.export import write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.readings import read_all
+from tjscan.result.readings import read_grooves
 from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
-from tjscan.result.table import read_sections
+from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ScannedSection, View
-from tjscan.scanning.topics import scan_recording
-from tjscan.study.file import read_study
-from tjscan.study.grid import trials_of
-from tjscan.study.row import Row
-from tjscan.study.store import PLAN, ROWS, make_study, read_plan, read_rows
+from tjscan.scanning.topics import open_scan_recording
+from tjscan.study.file import read_study_file
+from tjscan.study.grid import trials_of_study
+from tjscan.study.row import StudyRow
+from tjscan.study.store import PLAN, ROWS, make_study_directory, read_rows, read_trials
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
@@ -66,20 +66,20 @@ class _Sections:
     def __init__(self) -> None:
         self.scans: list[ScannedSection] = []
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         pass
 
-    def section(self, scan: ScannedSection) -> None:
+    def record_section(self, scan: ScannedSection) -> None:
         self.scans.append(scan)
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         pass
 
 
 def readers(folder: Path) -> Iterator[Reader]:
     """Every reader with whole files, which are made in a folder."""
     run, sections = folder / "run", _Sections()
-    job = read_job(EXAMPLES / "paper.toml", {"scan.sections": 3})
+    job = read_scan_job(EXAMPLES / "paper.toml", {"scan.sections": 3})
     run_scan(RunContext(job, EXAMPLES / "paper.toml", sections), run)
     yield from _configurations(folder, run)
     yield from _recordings(folder, run, sections.scans)
@@ -92,7 +92,7 @@ def readers(folder: Path) -> Iterator[Reader]:
 def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
     jobs = [(EXAMPLES / name).read_bytes() for name in ("paper.toml", "ur10e.toml")]
     resolved = (run / "job.toml").read_bytes()
-    yield Reader("job", "job.toml", (*jobs, resolved), read_job, 3)
+    yield Reader("job", "job.toml", (*jobs, resolved), read_scan_job, 3)
     calibrate = (EXAMPLES / "calibrate.toml").read_bytes()
     yield Reader("calibration job", "job.toml", (calibrate,), read_calibration_job, 0.5)
     joints = tuple(file.read_bytes() for file in sorted(CAD.glob("*.toml")))
@@ -104,7 +104,7 @@ def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
 
 def _options(file: Path) -> None:
     tokens = file.read_bytes().decode(errors="surrogateescape").split("\n")
-    read_job(EXAMPLES / "paper.toml", parse_overrides(tokens))
+    read_scan_job(EXAMPLES / "paper.toml", parse_overrides(tokens))
 
 
 def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterator[Reader]:
@@ -112,7 +112,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
 
     def read(file: Path) -> None:
         read_job_snapshot(file.parent)
-        read_scan(file.parent).read_sections(lambda profile: scans[0].groove)
+        read_recorded_scan(file.parent).read_sections(lambda profile: scans[0].groove)
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
     with Logbook(folder, np.eye(4)) as book:
@@ -133,14 +133,14 @@ def _measured(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with scan_recording(
+    with open_scan_recording(
         file, JobSnapshot('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')
     ) as recording:
         for scan in scans:
             short = replace(scan, view=replace(scan.view, profile=_short(scan.view.profile)))
-            recording.view(short.view)
-            recording.event("half step", f"section {seed}")
-            recording.section(short)
+            recording.record_view(short.view)
+            recording.record_event("half step", f"section {seed}")
+            recording.record_section(short)
     return file.read_bytes()
 
 
@@ -164,7 +164,7 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
 
     def groove(file: Path) -> None:
         table = read_profiles(file, form)
-        list(read_all(table.profiles, DEFAULT))
+        list(read_grooves(table.profiles, DEFAULT))
 
     yield Reader("groove", "groove.csv", (lines,), groove, 0.15)
 
@@ -176,7 +176,7 @@ def _tables(run: Path) -> Iterator[Reader]:
     points = b"x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n7,8,10\n"
     yield Reader("touched points", "points.csv", (points,), read_points, 4)
     sections = (run / "sections.csv").read_bytes()
-    yield Reader("sections", "sections.csv", (sections,), read_sections, 4)
+    yield Reader("sections", "sections.csv", (sections,), read_sections_csv, 4)
     summary = (run / "summary.json").read_bytes()
     yield Reader("summary", "summary.json", (summary,), read_summary, 4)
 
@@ -193,18 +193,18 @@ def _tables(run: Path) -> Iterator[Reader]:
 
 def _studies(folder: Path) -> Iterator[Reader]:
     studies = tuple((EXAMPLES / f"{name}-study.toml").read_bytes() for name in ("paper", "joints"))
-    yield Reader("study", "study.toml", studies, read_study, 2)
+    yield Reader("study", "study.toml", studies, read_study_file, 2)
     file = folder / "study.toml"
     file.write_text(
         f'job = "{EXAMPLES / "paper.toml"}"\n[grid]\nscan.step_mm = [40.0, 50.0]\n',
         encoding="utf-8",
     )
-    trials = trials_of(read_study(file), file)
-    make_study(folder / "study", trials)
+    trials = trials_of_study(read_study_file(file), file)
+    make_study_directory(folder / "study", trials)
     plan = (folder / "study" / PLAN).read_bytes()
-    yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_plan(f.parent), 1)
+    yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_trials(f.parent), 1)
     short = ScanOutcome(False, "cut", "short")
-    rows = b"".join(Row.of(t, short).to_json().encode() + b"\n" for t in trials)
+    rows = b"".join(StudyRow.from_trial(t, short).to_json().encode() + b"\n" for t in trials)
     yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, trials), 1)
 
 
@@ -257,7 +257,7 @@ def _calibration(folder: Path) -> bytes:
         "date": datetime(2026, 3, 4, tzinfo=UTC),
         "method": "plane touched",
         "lines": 12,
-        "T_f_s_mm": read_job(EXAMPLES / "paper.toml").calibration.T_f_s_mm,
+        "T_f_s_mm": read_scan_job(EXAMPLES / "paper.toml").calibration.T_f_s_mm,
         "covariance": np.diag(np.full(6, variance)).tolist(),
         "sigma_position_mm": float(np.sqrt(3 * variance)),
         "sigma_rotation_deg": float(np.sqrt(3 * variance)),

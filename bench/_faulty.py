@@ -13,14 +13,14 @@ from _sensors import Fault, FaultyLaser, frozen, missing
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import transform
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import ResultFrame
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.journal import Journals
-from tjscan.scanning.progress import complete
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
+from tjscan.scanning.progress import plan_is_fulfilled
 
 JOB: Final = EXAMPLES / "paper.toml"
 SPURIOUS: Final = 0.3
@@ -81,22 +81,22 @@ def faulty_scan(seed: int) -> FaultyScan:
     first, count = dice.randrange(MOST_CAPTURES), dice.randint(1, 5)
     if kind == "spurious" and dice.random() < 0.5:
         count = 10_000  # for good
-    job = read_job(JOB, {"simulation.seed": 1000 + seed})
+    job = read_scan_job(JOB, {"simulation.seed": 1000 + seed})
     joint = RunContext(job, JOB).joint
     cell = RunContext(job, JOB).cell()
     fault = {"missing": missing, "frozen": frozen, "spurious": strewn(seed)}[kind]
     bad = range(first, first + count)
     cell = replace(cell, laser=FaultyLaser(cell.laser, lambda k: fault if k in bad else None))
     try:
-        result = scan_in(cell, job, Journals())
+        result = scan_in_cell(cell, job, CombinedJournal())
     except TjscanError as error:
         return FaultyScan(kind, False, True, 0.0, str(error))
     except Exception as error:
         return FaultyScan(kind, False, False, 0.0, repr(error))
     if job.joint is None or joint is None:
         raise SystemExit(f"{JOB} names no joint to compare with")
-    T = ResultFrame(job.joint.T_w_j).T_r_b
+    T = JointOrBaseFrame(job.joint.T_w_j).T_r_b
     points = np.array([transform(T, section.points_b) for section in result.sections])
     worst = 1e3 * float(corner_errors(points, feature_edges(joint)).max())
-    done = complete(result.stop, job.scan)
+    done = plan_is_fulfilled(result.stop, job.scan)
     return FaultyScan(kind, done, True, worst, result.detail)

@@ -20,7 +20,7 @@ from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
 from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 SECTIONS: Final = 8
 LASER_FAULTS: Final = ("noise_mm", "bias_mm", "dropout", "missing", "ghosts", "flyers")
@@ -75,7 +75,7 @@ def finish(process: subprocess.Popen[bytes]) -> tuple[int, str]:
 
 def corners(run: Path) -> Array:
     """The five points of every section as recorded, mm, shape (n, 5, 3)."""
-    found = read_scan(run).sections
+    found = read_recorded_scan(run).sections
     return 1e3 * np.array([found[i].points_b for i in sorted(found)])
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from _table import Row, main
 
 from tjscan.core.frames import Array
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.journal import Journals
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.section import View
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
@@ -33,9 +33,9 @@ def milliseconds(work: Callable[[], Any]) -> float:
 
 def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
-    job = read_job(PAPER)
+    job = read_scan_job(PAPER)
     cell = RunContext(job, PAPER).cell()
-    views = scan_in(cell, job, Journals()).views
+    views = scan_in_cell(cell, job, CombinedJournal()).views
     return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 
 

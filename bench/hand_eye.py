@@ -32,7 +32,7 @@ from tjscan.calibration.topics import LaserLineTaken
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, from_rounded, inverse, pose
-from tjscan.job import read_calibration_job, read_job
+from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.runs.calibrate import start_calibration
@@ -334,7 +334,7 @@ def end_to_end() -> list[Row]:
 def corner_error(keys: dict[str, Any], folder: Path) -> float:
     """Mean corner error in millimetres of the paper's scan, with keys replaced."""
     file = EXAMPLES / "paper.toml"
-    summary = run_scan(RunContext(read_job(file, keys), file), folder)
+    summary = run_scan(RunContext(read_scan_job(file, keys), file), folder)
     if summary.corner_error_mm is None:
         raise SystemExit(f"{file} names no joint to compare with")
     return summary.corner_error_mm.mean

@@ -32,12 +32,12 @@ from _table import Row, main
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.reader import read_scan
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ScannedSection, View
-from tjscan.scanning.topics import ScanJournal, scan_recording
+from tjscan.scanning.topics import RecordingJournal, open_scan_recording
 
 WORKERS: Final = 2
 HANG: Final = 5.0
@@ -116,7 +116,7 @@ def _cuts(folder: Path, run: Path, count: int) -> list[Row]:
         size = dice.randrange(len(data) + 1)
         (folder / "scan.mcap").write_bytes(data[:size])
         try:
-            found = len(read_scan(folder).sections)
+            found = len(read_recorded_scan(folder).sections)
         except TjscanError:
             failed += 1
             continue
@@ -237,37 +237,37 @@ def _bound_memory() -> None:
 class _Timed:
     """A recording, and the seconds that it takes."""
 
-    def __init__(self, recording: ScanJournal) -> None:
+    def __init__(self, recording: RecordingJournal) -> None:
         self._recording, self.seconds = recording, 0.0
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         began = perf_counter()
-        self._recording.view(view)
+        self._recording.record_view(view)
         self.seconds += perf_counter() - began
 
-    def section(self, scan: ScannedSection) -> None:
+    def record_section(self, scan: ScannedSection) -> None:
         began = perf_counter()
-        self._recording.section(scan)
+        self._recording.record_section(scan)
         self.seconds += perf_counter() - began
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         began = perf_counter()
-        self._recording.event(name, detail)
+        self._recording.record_event(name, detail)
         self.seconds += perf_counter() - began
 
 
 def _overhead(times: int, sections: int) -> Row:
     """Share of a scan's wall time that recording takes, the arm moving in real time."""
     file = EXAMPLES / "paper.toml"
-    job = read_job(file, {"scan.sections": sections, "simulation.arm.realtime": True})
+    job = read_scan_job(file, {"scan.sections": sections, "simulation.arm.realtime": True})
     shares = []
     for _ in range(times):
         cell = RunContext(job, file).cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
-            with scan_recording(Path(name) / "scan.mcap") as recording:
+            with open_scan_recording(Path(name) / "scan.mcap") as recording:
                 timed = _Timed(recording)
-                scan_in(cell, job, timed)
+                scan_in_cell(cell, job, timed)
                 ending = perf_counter()
             ended = perf_counter()
         shares.append((timed.seconds + ended - ending) / (ended - began))

@@ -17,14 +17,14 @@ from _table import Row, main
 
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.frames import transform
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.result.frame import ResultFrame
-from tjscan.result.summary import Summary
+from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext
-from tjscan.runs.results import summarise
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.journal import Journals
+from tjscan.runs.results import summarise_scan
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import StopReason
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
@@ -42,25 +42,25 @@ PAPERS_STEP_ERRORS: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
 
 
 @cache
-def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Summary, float]:
+def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[ScanSummary, float]:
     """Scan an example, and return its summary and the seconds that the loop took."""
     file = JOBS[way]
     keys = {"scan.prediction_case": case, "scan.step_mm": step_mm}
-    job = read_job(file, keys | (FAULTLESS if faultless else {}))
+    job = read_scan_job(file, keys | (FAULTLESS if faultless else {}))
     joint = RunContext(job, file).joint
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
     cell = RunContext(job, file).cell()
     start = perf_counter()
-    result = scan_in(cell, job, Journals())
+    result = scan_in_cell(cell, job, CombinedJournal())
     seconds = perf_counter() - start
-    frame = ResultFrame(job.joint.T_w_j)
+    frame = JointOrBaseFrame(job.joint.T_w_j)
     corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
     errors = corner_errors(corners, feature_edges(joint))
-    return summarise(result, job.scan, frame, errors), seconds
+    return summarise_scan(result, job.scan, frame, errors), seconds
 
 
-def step_error(summary: Summary) -> float:
+def step_error(summary: ScanSummary) -> float:
     """Mean step error in percent of the nominal step."""
     mean = summary.step_mm.mean
     return float("nan") if mean is None else 100 * abs(mean / summary.step_mm.nominal - 1)
@@ -85,7 +85,7 @@ def command_seconds() -> float:
 
 def profile_ms() -> float:
     """Median time of one simulated profile of 640 points, all faults on."""
-    job = read_job(JOBS["ccw"])
+    job = read_scan_job(JOBS["ccw"])
     cell, times = RunContext(job, JOBS["ccw"]).cell(), []
     with cell:
         cell.arm.move_joint(job.starts[0].T)

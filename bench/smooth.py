@@ -19,13 +19,13 @@ from typing import Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.job import read_job
-from tjscan.result.frame import ResultFrame
+from tjscan.job import read_scan_job
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.context import RunContext
-from tjscan.runs.results import summarise
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.journal import Journals
-from tjscan.scanning.method import predictor_of
+from tjscan.runs.results import summarise_scan
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
+from tjscan.scanning.method import predictor_for_plan
 from tjscan.scanning.progress import groove_length
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
@@ -74,13 +74,13 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
     """Scan one way, by one case, with one step and one seed."""
     way, case, step_mm, seed = key
     file = JOBS[way]
-    job = read_job(
+    job = read_scan_job(
         file,
         {"scan.prediction_case": case, "scan.step_mm": step_mm, "simulation.seed": seed},
     )
     cell = RunContext(job, file).cell()
-    result = scan_in(cell, job, Journals())
-    summary = summarise(result, job.scan, ResultFrame(), None)
+    result = scan_in_cell(cell, job, CombinedJournal())
+    summary = summarise_scan(result, job.scan, JointOrBaseFrame(), None)
     metres = max(groove_length(result.sections[1:]), 1e-9)
     return Scanned(
         complete=summary.complete,
@@ -96,10 +96,10 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
 
 def predictor_ms() -> float:
     """Median processor time of one prediction from thirty sections."""
-    job = read_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
+    job = read_scan_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
     cell = RunContext(job, JOBS["ccw"]).cell()
-    sections = scan_in(cell, job, Journals()).sections
-    predictor, times = predictor_of(job.scan), []
+    sections = scan_in_cell(cell, job, CombinedJournal()).sections
+    predictor, times = predictor_for_plan(job.scan), []
     for _ in range(50):
         start = process_time()
         predictor(sections, 0.015)

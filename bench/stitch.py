@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, inverse, pose, rotation_angle, unit
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.context import RunContext, reader_of
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.journal import Journals
-from tjscan.stitching.stations import Station, station_of
-from tjscan.stitching.stitch import Stitched, stitch
+from tjscan.runs.context import RunContext, groove_reader
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
+from tjscan.stitching.stations import Station, station_from_recording
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "whole-joint.toml"
 SEEDS: Final = (1, 2, 3, 4, 5)
@@ -60,27 +60,29 @@ def scan(seed: int) -> Scanned:
     """Scan the example from both stations."""
     rng = np.random.default_rng(seed)
     stations, truth = [], []
-    whole = read_job(EXAMPLE, {"simulation.seed": seed})
+    whole = read_scan_job(EXAMPLE, {"simulation.seed": seed})
     for name in whole.stations:
         job = whole.at(name)
         joint = RunContext(job, EXAMPLE).joint
         if joint is None or job.joint is None:
             raise SystemExit(f"{EXAMPLE} names no joint to compare with")
         cell = RunContext(job, EXAMPLE).cell()
-        result = scan_in(cell, job, Journals())
+        result = scan_in_cell(cell, job, CombinedJournal())
         true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
         away, turned = (
             unit(rng.standard_normal(3)) * rng.uniform(0.5, 1) * size for size in NOMINAL_ERRORS
         )
         off = pose(Rotation.from_rotvec(turned).as_matrix() @ true[:3, :3], true[:3, 3] + away)
-        stations.append(station_of(name, off, result.sections, result.views, reader_of(job)))
+        stations.append(
+            station_from_recording(name, off, result.sections, result.views, groove_reader(job))
+        )
         truth.append(inverse(job.joint.T_w_j) @ true)
     return Scanned(tuple(stations), tuple(truth))
 
 
-def judge(stitched: Stitched, scanned: Scanned) -> Errors:
+def judge(stitched: StitchedGroove, scanned: Scanned) -> Errors:
     """Hold a stitching against the truth."""
-    joint = RunContext(read_job(EXAMPLE), EXAMPLE).joint
+    joint = RunContext(read_scan_job(EXAMPLE), EXAMPLE).joint
     if joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     names = [station.name for station in scanned.stations]
@@ -120,7 +122,7 @@ def not_refused(scanned: Scanned) -> int:
         last = kept[-1].view.time
         every = tuple(one for one in short.all_sections if one.view.time <= last)
         try:
-            stitched = stitch(
+            stitched = stitch_stations(
                 [scanned.stations[0], replace(short, sections=kept, all_sections=every)]
             )
         except StitchingRefused:
@@ -144,7 +146,7 @@ def whole_seconds() -> tuple[float, bool]:
 def measure() -> list[Row]:
     """Measure every limit."""
     scans = [scan(seed) for seed in SEEDS]
-    errors = [judge(stitch(one.stations), one) for one in scans]
+    errors = [judge(stitch_stations(one.stations), one) for one in scans]
     seconds, told = whole_seconds()
     n = len(SEEDS)
     return [

@@ -27,16 +27,16 @@ from tjscan.core.errors import (
     TargetRefused,
 )
 from tjscan.core.frames import Array, pose
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import run_scan, scan_in
-from tjscan.scanning.journal import Journals
-from tjscan.scanning.reader import read_scan
+from tjscan.runs.scan import run_scan, scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.result import ScanResult
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
@@ -94,8 +94,8 @@ def driven(host: str) -> dict[str, Any]:
 
 def scan(keys: dict[str, Any]) -> ScanResult:
     """Scan the paper's joint."""
-    job = read_job(PAPER, keys)
-    return scan_in(RunContext(job, PAPER).cell(), job, Journals())
+    job = read_scan_job(PAPER, keys)
+    return scan_in_cell(RunContext(job, PAPER).cell(), job, CombinedJournal())
 
 
 def difference_mm(loopback: LoopbackProcess) -> float:
@@ -127,7 +127,7 @@ def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int)
     park(loopback)
     timer = Timer(0.0 if move else seconds, loopback.order, [f"{fault} {move}" if move else fault])
     timer.start()
-    job = read_job(PAPER, driven(loopback.host))
+    job = read_scan_job(PAPER, driven(loopback.host))
     with TemporaryDirectory() as folder:
         try:
             run_scan(RunContext(job, PAPER), Path(folder) / "run")
@@ -137,7 +137,7 @@ def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int)
             if not known:
                 print(f"{fault}: ended in {error!r}", file=sys.stderr)
         timer.join()
-        read_scan(Path(folder) / "run")
+        read_recorded_scan(Path(folder) / "run")
         return known
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tjscan.groove.measured import MeasuredSection
     from tjscan.groove.section import GrooveSection
     from tjscan.laser.profile import Profile
-    from tjscan.result.summary import Summary
+    from tjscan.result.summary import ScanSummary
 
 File = str | PathLike[str]
 LengthUnit = Literal["mm", "um", "m"]
@@ -53,7 +53,7 @@ class Scan:
         All points of the sections' profiles, metres.
     sections : tuple of MeasuredSection
         The sections one by one, with their covariances.
-    summary : Summary
+    summary : ScanSummary
         The scan in a few numbers, in the units that their names state.
     """
 
@@ -65,7 +65,7 @@ class Scan:
     sigmas: Array
     cloud: Array
     sections: tuple[MeasuredSection, ...]
-    summary: Summary
+    summary: ScanSummary
 
     @classmethod
     def read(cls, directory: File) -> Scan:
@@ -77,12 +77,12 @@ class Scan:
             If it holds no finished run, or its files are damaged.
         """
         from tjscan.result.directory import SECTIONS
-        from tjscan.result.shapes import finished_summary, read_run_shape
-        from tjscan.result.table import read_sections
+        from tjscan.result.shapes import read_finished_summary, read_run_shape
+        from tjscan.result.table import read_sections_csv
 
         folder = Path(directory)
-        summary, shape = finished_summary(folder), read_run_shape(folder)
-        sections = read_sections(folder / SECTIONS)
+        summary, shape = read_finished_summary(folder), read_run_shape(folder)
+        sections = read_sections_csv(folder / SECTIONS)
         return cls(
             folder,
             summary.frame,
@@ -123,15 +123,15 @@ def scan(
         measured until then.
     """
     from tjscan.core.config import naming
-    from tjscan.job import read_job
+    from tjscan.job import read_scan_job
     from tjscan.runs.context import RunContext
-    from tjscan.runs.directory import default_directory
+    from tjscan.runs.directory import default_run_directory
     from tjscan.runs.scan import run_scan
 
     file = Path(job)
     with naming(file):
-        parsed = read_job(file, dict(keys or {})).at(station)
-    folder = default_directory(file, station) if directory is None else Path(directory)
+        parsed = read_scan_job(file, dict(keys or {})).at(station)
+    folder = default_run_directory(file, station) if directory is None else Path(directory)
     run_scan(RunContext(parsed, file), folder)
     return Scan.read(folder)
 
@@ -325,7 +325,7 @@ class Recording:
         return tuple(view.profile for view in self._views)
 
     @property
-    def sections(self) -> Array:
+    def section_numbers(self) -> Array:
         """Number of the section that each profile was taken for, shape (n,)."""
         return readonly([view.index for view in self._views])
 

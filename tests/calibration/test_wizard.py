@@ -43,21 +43,21 @@ from tjscan.calibration.topics import (
     read_entries,
 )
 from tjscan.calibration.wizard import MAX_SKIPPED_IN_A_ROW, MOST_RETOUCHES, Outcome, Wizard
-from tjscan.cli.operators import AtTerminal
+from tjscan.cli.operators import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
 from tjscan.core.frames import Array, inverse, pose
 from tjscan.core.units import pose_to_rows, rows_to_pose
 from tjscan.job import read_calibration_job
-from tjscan.job.cell import Cell, mount_of
+from tjscan.job.cell import Cell, sensor_mount_of_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.runs.calibrate import (
-    open_board_cell,
+    calibration_task,
+    make_board_cell,
     resume_calibration,
     start_calibration,
-    task_of,
 )
 
 JOB = EXAMPLES / "calibrate.toml"
@@ -93,10 +93,10 @@ class Stage:
 
     def __init__(self, folder: Path, **keys: Any) -> None:
         job = read_calibration_job(JOB, SHORT | {k.replace("__", "."): v for k, v in keys.items()})
-        T_f_s = mount_of(job, JOB).T_f_s
-        self.task: Task = task_of(job, T_f_s)
+        T_f_s = sensor_mount_of_job(job, JOB).T_f_s
+        self.task: Task = calibration_task(job, T_f_s)
         self.cell: Cell
-        self.cell, self.probe = open_board_cell(job, T_f_s)
+        self.cell, self.probe = make_board_cell(job, T_f_s)
         self.folder = folder
 
     def run(self, watcher: Watcher, **devices: Any) -> Outcome:
@@ -170,7 +170,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> None:
     found = read_calibration(calibrated / "calibration.toml", arm="ur10e", laser="simulated")
-    guess = off(mount_of(read_calibration_job(JOB), JOB).T_f_s)
+    guess = off(sensor_mount_of_job(read_calibration_job(JOB), JOB).T_f_s)
     position, rotation = off(found.T_f_s)
     assert position < 3e-3 * found.sigma_position_mm < guess[0]
     assert rotation < 3 * np.radians(found.sigma_rotation_deg)
@@ -508,7 +508,7 @@ def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
 @settings(max_examples=20, deadline=None)
 def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
     job = read_calibration_job(JOB, {"board.touches": count})
-    task = task_of(job, TRUTH)
+    task = calibration_task(job, TRUTH)
     places = touch_places(task) @ inverse(task.T_b_board)[:3, :3].T
     places += inverse(task.T_b_board)[:3, 3]
     assert places.shape == (count, 3)
@@ -526,7 +526,7 @@ def test_at_the_terminal_a_move_is_allowed_or_passed_over(
 ) -> None:
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
     with create_pipe_input() as pipe, create_app_session(input=pipe, output=DummyOutput()):
-        operator = AtTerminal()
+        operator = TerminalOperator()
         pipe.send_text(keys)
         assert operator.confirm(Question("Move?", default=True, moves=True)) is expected
         if keys.count("[B") == 1:  # and don't ask again

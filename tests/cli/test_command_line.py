@@ -14,7 +14,7 @@ from written import content
 
 from tjscan.groove.find import find_groove
 from tjscan.result.table import COLUMNS
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 RUN_FILES = {
     "job.toml",
@@ -69,7 +69,7 @@ def test_summary_says_what_it_must(run: Path) -> None:
 
 
 def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> None:
-    scan = read_scan(run)
+    scan = read_recorded_scan(run)
     assert len(scan.views) == 8
     assert len(scan.sections) == 5
     last = {view.index: view for view in scan.views}  # the correction comes after the prediction

@@ -17,7 +17,7 @@ from command import tjscan
 
 from tjscan.core.errors import Interrupted
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
 
@@ -36,7 +36,7 @@ CRAWLING = (
 
 def recorded(run: Path) -> tuple[np.ndarray, list[str]]:
     """The five points of every section as recorded, in mm, and the names of events."""
-    scan = read_scan(run)
+    scan = read_recorded_scan(run)
     points = [scan.sections[i].points_b for i in sorted(scan.sections)]
     return 1e3 * np.array(points), [event.name for event in scan.events]
 
@@ -126,10 +126,14 @@ class StopsAfter(Notes):
         super().__init__()
         self.stop, self._profiles, self._at_once = StopRequest(), profiles, at_once
 
-    def view(self, view: View) -> None:
-        super().view(view)
+    def record_view(self, view: View) -> None:
+        super().record_view(view)
         if len(self.views) == self._profiles:
-            (self.stop.ask_at_once if self._at_once else self.stop.ask)()
+            (
+                self.stop.request_stop_now
+                if self._at_once
+                else self.stop.request_stop_after_section
+            )()
 
 
 @pytest.mark.parametrize(("profiles", "sections"), [(1, 2), (2, 2), (3, 3), (4, 3), (5, 4)])
@@ -154,12 +158,12 @@ def test_nothing_moves_after_an_end_at_once(profiles: int) -> None:
 def test_a_request_stops_the_arm_of_the_scan_that_hears_it_and_no_other() -> None:
     stops: list[str] = []
     request = StopRequest()
-    assert not request.heard
-    with request.halting(lambda: stops.append("arm")):
-        assert request.heard
-        request.ask()
+    assert not request.scan_is_running
+    with request.halt_arm_on_stop_now(lambda: stops.append("arm")):
+        assert request.scan_is_running
+        request.request_stop_after_section()
         assert stops == []
-        request.ask_at_once()
-    assert not request.heard
-    request.ask_at_once()
+        request.request_stop_now()
+    assert not request.scan_is_running
+    request.request_stop_now()
     assert stops == ["arm"]

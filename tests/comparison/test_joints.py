@@ -17,8 +17,8 @@ from tjscan.core.frames import Array, inverse, pose, rot_z, rotation_angle, tran
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_mesh
-from tjscan.result.frame import ResultFrame
-from tjscan.runs.results import groove_points
+from tjscan.result.frame import JointOrBaseFrame
+from tjscan.runs.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 PAPER, LEANING = CAD / "tjoint-600x457.toml", CAD / "yjoint-600x457-60deg.toml"
@@ -107,7 +107,7 @@ def test_tubes_are_found_in_a_foreign_cloud_too() -> None:
 
 
 def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
-    points_b = groove_points(scan_example({}).sections, ResultFrame())
+    points_b = all_profile_points(scan_example({}).sections, JointOrBaseFrame())
     found = compare(
         Shape("run", Stated("mm", "the run", "b"), points_b), read_shape(PAPER), "joint"
     )

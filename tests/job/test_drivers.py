@@ -16,7 +16,7 @@ from ur_cell import address
 
 from tjscan.core.config import written
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.laser.drivers import LASERS
 from tjscan.robot.drivers import ARMS
 from tjscan.robot.loopback.process import LoopbackProcess
@@ -61,7 +61,7 @@ def acme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def bare(folder: Path, overrides: dict[str, Any]) -> Path:
     """The example without a simulated world and without a joint."""
-    data = written(read_job(PAPER, overrides))
+    data = written(read_scan_job(PAPER, overrides))
     del data["simulation"], data["joint"]
     file = folder / "bare.toml"
     file.write_text(tomli_w.dumps(data), encoding="utf-8")
@@ -115,7 +115,7 @@ def test_a_wrong_driver_or_table_is_named_with_what_would_be_right(
     overrides: dict[str, Any], key: str, words: str
 ) -> None:
     with pytest.raises(ConfigurationError, match=words) as caught:
-        read_job(PAPER, overrides)
+        read_scan_job(PAPER, overrides)
     assert caught.value.key == key
 
 
@@ -131,7 +131,7 @@ def test_what_is_simulated_needs_its_world(
 ) -> None:
     file = bare(tmp_path, {})
     with pytest.raises(ConfigurationError, match=words):
-        RunContext(read_job(file, overrides), file).cell()
+        RunContext(read_scan_job(file, overrides), file).cell()
 
 
 @pytest.mark.usefixtures("acme")
@@ -140,7 +140,7 @@ class TestDriverOfAnotherPackage:
 
     def test_its_settings_are_read_in_si_and_written_as_they_stood(self) -> None:
         table = {"host": "10.0.0.2", "exposure_us": 80.0}
-        job = read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
+        job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
         assert job.laser.settings.exposure == pytest.approx(80e-6)
         assert written(job)["laser"]["acme"] == table
 
@@ -156,15 +156,15 @@ class TestDriverOfAnotherPackage:
         self, table: dict[str, Any], key: str, words: str
     ) -> None:
         with pytest.raises(ConfigurationError, match=words) as caught:
-            read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
+            read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
         assert caught.value.key == key
 
     def test_a_real_laser_needs_the_real_arm_that_carries_it(self) -> None:
         with pytest.raises(ConfigurationError, match="a real laser can't sit on a simulated arm"):
-            read_job(PAPER, {"laser.driver": "acme", "laser.acme.host": "x"})
+            read_scan_job(PAPER, {"laser.driver": "acme", "laser.acme.host": "x"})
 
     def test_a_package_that_it_lacks_is_named(self) -> None:
-        job = read_job(PAPER, UR | {"laser.driver": "acme", "laser.acme.host": "x"})
+        job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme.host": "x"})
         with pytest.raises(ConfigurationError, match="pip install no_such_package") as caught:
             RunContext(job, PAPER).cell()
         assert caught.value.key == "laser.driver"
@@ -173,7 +173,7 @@ class TestDriverOfAnotherPackage:
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
-        RunContext(read_job(PAPER, UR), PAPER).cell()
+        RunContext(read_scan_job(PAPER, UR), PAPER).cell()
     assert caught.value.key == "arm.driver"
 
 

@@ -8,7 +8,7 @@ import pytest
 from tjscan.cli.overrides import parse_overrides
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import DEFAULT
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 
 JOB = """
 [scan]
@@ -37,7 +37,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_lengths_become_metres_once(tmp_path: Path) -> None:
-    job = read_job(write(tmp_path, JOB))
+    job = read_scan_job(write(tmp_path, JOB))
     assert job.calibration.T_f_s is not None
     assert job.calibration.T_f_s[:3, 3] == pytest.approx((0.0, -0.115, 0.168))
     assert job.starts[0].T[:3, 3] == pytest.approx((0.8, 0.0, 0.3))
@@ -66,7 +66,7 @@ def test_a_wrong_key_or_value_is_named_with_what_would_be_right(
 ) -> None:
     file = write(tmp_path, JOB.replace(old, new, 1))
     with pytest.raises(ConfigurationError) as caught:
-        read_job(file)
+        read_scan_job(file)
     assert caught.value.file == file
     assert caught.value.key == key
     assert hint in str(caught.value)
@@ -80,20 +80,20 @@ def test_a_file_that_is_no_job_is_refused(tmp_path: Path, content: bytes, hint: 
     file = tmp_path / "job.toml"
     file.write_bytes(content)
     with pytest.raises(ConfigurationError, match=hint):
-        read_job(file)
+        read_scan_job(file)
 
 
 def test_a_missing_file_names_the_nearest(tmp_path: Path) -> None:
     write(tmp_path, JOB)
     with pytest.raises(ConfigurationError, match=r"no such file. Did you mean: job\.toml\?"):
-        read_job(tmp_path / "jobb.toml")
+        read_scan_job(tmp_path / "jobb.toml")
 
 
 def test_dotted_options_replace_keys(tmp_path: Path) -> None:
     overrides = parse_overrides(
         ["--scan.step-mm", "20", "--scan.direction=clockwise", "--simulation.laser.ghosts", "0"]
     )
-    job = read_job(write(tmp_path, JOB), overrides)
+    job = read_scan_job(write(tmp_path, JOB), overrides)
     assert job.scan.step == 0.02
     assert job.scan.direction == "clockwise"
     assert job.simulation is not None
@@ -109,12 +109,12 @@ def test_options_that_are_none_are_refused(tokens: list[str]) -> None:
 @pytest.mark.parametrize("key", ["scan.step_mm.x", "scan.step-mmm", "scann.step_mm"])
 def test_an_option_for_a_key_that_is_none_is_refused(tmp_path: Path, key: str) -> None:
     with pytest.raises(ConfigurationError):
-        read_job(write(tmp_path, JOB), {key: 1})
+        read_scan_job(write(tmp_path, JOB), {key: 1})
 
 
 def test_jobs_are_frozen(tmp_path: Path) -> None:
-    job = read_job(write(tmp_path, JOB))
-    assert isinstance(job, JobFile)
+    job = read_scan_job(write(tmp_path, JOB))
+    assert isinstance(job, ScanJob)
     with pytest.raises(FrozenInstanceError):
         job.scan.step = 0.01  # type: ignore[misc]
 
@@ -126,11 +126,11 @@ def test_a_calibration_is_a_pose_or_a_file_and_not_both(tmp_path: Path, table: s
     matrix, rest = end.split("\n", 1)
     text = start + (table + matrix if table else "") + "\n" + rest
     with pytest.raises(ConfigurationError, match="either T_f_s_mm or file"):
-        read_job(write(tmp_path, text))
+        read_scan_job(write(tmp_path, text))
 
 
 def test_a_calibration_on_the_command_line_displaces_that_of_the_job(tmp_path: Path) -> None:
-    job = read_job(
+    job = read_scan_job(
         write(tmp_path, JOB), parse_overrides(["--calibration.file", "mine/calibration.toml"])
     )
     assert job.calibration.T_f_s is None
@@ -139,13 +139,13 @@ def test_a_calibration_on_the_command_line_displaces_that_of_the_job(tmp_path: P
 
 
 def test_devices_are_called_by_their_ids_or_by_what_they_are(tmp_path: Path) -> None:
-    job = read_job(write(tmp_path, JOB))
+    job = read_scan_job(write(tmp_path, JOB))
     assert (job.arm.device, job.laser.device) == ("ur10e", "simulated")
-    job = read_job(write(tmp_path, JOB), {"arm.id": "arm 3", "laser.id": "2610-100 7"})
+    job = read_scan_job(write(tmp_path, JOB), {"arm.id": "arm 3", "laser.id": "2610-100 7"})
     assert (job.arm.device, job.laser.device) == ("arm 3", "2610-100 7")
 
 
 def test_a_groove_is_read_as_its_table_says_and_as_always_without_one(tmp_path: Path) -> None:
-    assert read_job(write(tmp_path, JOB)).groove == DEFAULT
-    settings = read_job(write(tmp_path, JOB), {"groove.largest_sigma_mm": 0.2}).groove
+    assert read_scan_job(write(tmp_path, JOB)).groove == DEFAULT
+    settings = read_scan_job(write(tmp_path, JOB), {"groove.largest_sigma_mm": 0.2}).groove
     assert settings.largest_sigma == pytest.approx(2e-4)

@@ -17,12 +17,12 @@ from tjscan.core import config
 from tjscan.core.config import read_toml
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, from_euler_zyx, inverse, rotation_angle, transform
-from tjscan.job import JobFile, read_calibration_job, read_job
-from tjscan.job.cell import clearance_of
+from tjscan.job import ScanJob, read_calibration_job, read_scan_job
+from tjscan.job.cell import clearance_of_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.context import RunContext, frame_of
-from tjscan.runs.scan import scan_in
-from tjscan.scanning.progress import complete
+from tjscan.runs.context import RunContext, result_frame_of_job
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.progress import plan_is_fulfilled
 from tjscan.scanning.result import ScanResult
 
 SAME = 1e-12
@@ -35,8 +35,8 @@ ELSEWHERE = from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
-    job = read_job(file, overrides).at(station)
-    return scan_in(RunContext(job, file).cell(), job, Notes())
+    job = read_scan_job(file, overrides).at(station)
+    return scan_in_cell(RunContext(job, file).cell(), job, Notes())
 
 
 def corners(result: ScanResult) -> Array:
@@ -61,15 +61,15 @@ def test_what_is_measured_in_b_does_not_depend_on_where_w_is(tmp_path: Path) -> 
 def test_solids_about_the_workpiece_stand_where_the_base_is_believed_to_be(
     tmp_path: Path,
 ) -> None:
-    job = read_job(WHOLE).at("left")
+    job = read_scan_job(WHOLE).at("left")
     data = data_of(WHOLE)
     T_b_w = inverse(pose_of(data["station"][0]))
     for solid in data["clearance"]["solid"]:
         if solid.pop("frame", "b") == "w":
             solid |= {**solid, **_table(T_b_w @ pose_of(solid))}
-    in_b = read_job(written(tmp_path, data)).at("left")
+    in_b = read_scan_job(written(tmp_path, data)).at("left")
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (5, 6)):
-        told, same = (clearance_of(one).nearest(q) for one in (job, in_b))
+        told, same = (clearance_of_job(one).nearest(q) for one in (job, in_b))
         assert told is not None
         assert same is not None
         assert told[0] == same[0]
@@ -84,7 +84,7 @@ def _table(T: Array) -> dict[str, Any]:
 
 def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     result = scan(WHOLE, {"scan.sections": 5}, "left")
-    job = read_job(WHOLE).at("left")
+    job = read_scan_job(WHOLE).at("left")
     joint = RunContext(job, WHOLE).joint
     assert job.joint is not None
     assert joint is not None
@@ -99,25 +99,25 @@ def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
 
 
 def test_results_of_a_station_are_told_in_b(tmp_path: Path) -> None:
-    assert frame_of(read_job(PAPER)).name == "j"
-    assert frame_of(read_job(WHOLE)).name == "b"
+    assert result_frame_of_job(read_scan_job(PAPER)).name == "j"
+    assert result_frame_of_job(read_scan_job(WHOLE)).name == "b"
 
 
 class TestWholeJoint:
     """The example with both its stations."""
 
     def test_its_bases_are_wrong_by_millimetres_and_a_degree_or_two(self) -> None:
-        for job in read_job(WHOLE).places:
+        for job in read_scan_job(WHOLE).places:
             off = inverse(job.T_w_b) @ job.T_w_b_true
             assert 5e-3 < np.linalg.norm(off[:3, 3]) < 10e-3
             assert np.radians(1) < rotation_angle(np.eye(4), off) < np.radians(2)
 
     def test_it_goes_all_round_and_overlaps_at_both_crowns(self) -> None:
         seen = []
-        for job in read_job(WHOLE).places:
+        for job in read_scan_job(WHOLE).places:
             assert job.joint is not None
             result = scan(WHOLE, {}, job.station[0].name)
-            assert complete(result.stop, job.scan), result.detail
+            assert plan_is_fulfilled(result.stop, job.scan), result.detail
             T_j_b = inverse(job.joint.T_w_j) @ job.T_w_b_true
             origins = transform(T_j_b, [section.T_b_g[:3, 3] for section in result.sections])
             azimuth = np.degrees(np.unwrap(np.arctan2(origins[:, 1], origins[:, 0])))
@@ -132,7 +132,7 @@ class TestWholeJoint:
 
 @pytest.mark.parametrize("key", ["station.right.length_mm", "station.1.length_mm"])
 def test_keys_of_a_station_are_replaced_by_its_name_or_number(key: str) -> None:
-    job = read_job(WHOLE, {key: 500.0})
+    job = read_scan_job(WHOLE, {key: 500.0})
     assert job.at("right").scan.length == 0.5
     assert job.at("left").scan.length == 0.87
 
@@ -140,11 +140,13 @@ def test_keys_of_a_station_are_replaced_by_its_name_or_number(key: str) -> None:
 def test_a_station_called_with_a_dash_is_named_by_an_option(tmp_path: Path) -> None:
     file = written(tmp_path, paper_at_a_station(np.eye(4), "Left-1"))
     overrides = parse_overrides(["--station.left-1.position-mm", "[1, 2, 3]"])
-    assert read_job(file, overrides).station[0].position == (1e-3, 2e-3, 3e-3)
+    assert read_scan_job(file, overrides).station[0].position == (1e-3, 2e-3, 3e-3)
 
 
 def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
-    job = read_job(WHOLE, {"station.right.direction": "clockwise", "station.right.sections": 7})
+    job = read_scan_job(
+        WHOLE, {"station.right.direction": "clockwise", "station.right.sections": 7}
+    )
     left, right = job.places
     assert (left.scan.direction, left.scan.sections) == ("counterclockwise", None)
     assert (right.scan.direction, right.scan.sections) == ("clockwise", 7)
@@ -153,7 +155,7 @@ def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
 
 
 def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
-    left, right = (job.simulation for job in read_job(WHOLE).places)
+    left, right = (job.simulation for job in read_scan_job(WHOLE).places)
     assert left is not None
     assert right is not None
     assert left.seed != right.seed
@@ -162,11 +164,11 @@ def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
 
 def test_a_job_at_no_station_is_refused_with_their_names() -> None:
     with pytest.raises(ConfigurationError, match="left, right"):
-        read_job(WHOLE).starts  # noqa: B018
+        read_scan_job(WHOLE).starts  # noqa: B018
     with pytest.raises(ConfigurationError, match="did you mean: left"):
-        read_job(WHOLE).at("lefft")
+        read_scan_job(WHOLE).at("lefft")
     with pytest.raises(ConfigurationError, match="it has none"):
-        read_job(PAPER).at("left")
+        read_scan_job(PAPER).at("left")
 
 
 def _doubled(data: dict[str, Any]) -> None:
@@ -216,7 +218,7 @@ def test_what_is_wrong_with_stations_is_named_with_its_key_and_file(
     spoil(data)
     file = written(tmp_path, data)
     with pytest.raises(ConfigurationError) as caught:
-        read_job(file)
+        read_scan_job(file)
     assert (caught.value.file, caught.value.key) == (file, key)
     assert hint in str(caught.value)
 
@@ -231,7 +233,7 @@ def test_what_is_wrong_with_stations_is_named_with_its_key_and_file(
 )
 def test_an_option_for_a_station_that_is_none_is_refused(key: str, hint: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        read_job(WHOLE, {key: 500.0})
+        read_scan_job(WHOLE, {key: 500.0})
     assert (caught.value.file, caught.value.key) == (WHOLE, key)
     assert hint in str(caught.value)
 
@@ -240,20 +242,20 @@ def test_an_option_for_a_station_that_is_none_is_refused(key: str, hint: str) ->
 def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -> None:
     import tomli_w
 
-    for job in read_job(file).places:
+    for job in read_scan_job(file).places:
         copy = tmp_path / "copy.toml"
         text = tomli_w.dumps(config.written(job))
         copy.write_text(text, encoding="utf-8")
-        again = read_job(copy)
-        assert isinstance(again, JobFile)
+        again = read_scan_job(copy)
+        assert isinstance(again, ScanJob)
         assert again == job == again.at()
 
 
 def test_a_real_arm_stands_at_one_station() -> None:
     real = {"arm.driver": "ur", "arm.ur.host": "127.0.0.9"}
     with pytest.raises(ConfigurationError, match="--station"):
-        read_job(WHOLE, real).places  # noqa: B018
-    assert len(read_job(WHOLE, real).at("left").places) == 1
+        read_scan_job(WHOLE, real).places  # noqa: B018
+    assert len(read_scan_job(WHOLE, real).at("left").places) == 1
 
 
 def test_the_doctor_looks_at_every_station(capsys: pytest.CaptureFixture[str]) -> None:
@@ -277,4 +279,4 @@ def test_a_calibration_is_made_at_one_station(
     assert not out.exists()
     job = read_calibration_job(file).at("right")
     assert job.stations == ("right",)
-    np.testing.assert_allclose(job.T_w_b, read_job(WHOLE).at("right").T_w_b, atol=SAME)
+    np.testing.assert_allclose(job.T_w_b, read_scan_job(WHOLE).at("right").T_w_b, atol=SAME)

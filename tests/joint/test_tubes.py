@@ -25,8 +25,8 @@ from tjscan.joint.tubes.find import find_tubes
 from tjscan.joint.tubes.fit import fit_tubes
 from tjscan.joint.tubes.frame import joint_frame, place
 from tjscan.joint.tubes.walls import Repeatability, WallPoints
-from tjscan.result.frame import ResultFrame
-from tjscan.runs.results import groove_points
+from tjscan.result.frame import JointOrBaseFrame
+from tjscan.runs.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 JOINTS = [read_joint(file) for file in sorted(CAD.glob("?joint-*.toml"))]
@@ -203,7 +203,7 @@ def test_leg_and_brace_are_found_in_a_cloud(joint: JointDefinition) -> None:
 
 
 def test_leg_and_brace_are_found_in_the_separate_lines_of_a_scan() -> None:
-    points = groove_points(scan_example({}).sections, ResultFrame(None))
+    points = all_profile_points(scan_example({}).sections, JointOrBaseFrame(None))
     tubes = find_tubes(points)
     T_b_j, shape = place(tubes.brace, tubes.leg, np.array((1.0, 0.0, 0.0)))
     assert np.linalg.norm(inverse(T_b_j)[:3, :3] @ (T_b_j[:3, 3] - (0.522, 0.903, -0.128))) < 5e-4

@@ -12,17 +12,17 @@ from cells import FAULTLESS, PAPER
 from command import tjscan
 
 from tjscan.core.errors import RecordingError
-from tjscan.report.charts import draw_course
+from tjscan.report.charts import draw_scan_charts
 from tjscan.report.data import read_report_data
-from tjscan.report.page import render
-from tjscan.result.chapter import Chapter, Chart, Event
+from tjscan.report.page import render_page
+from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.runs import calibration_report, scan_report
 
-FED = Chapter(
+FED = ReportChapter(
     facts=(("wire feeder", "spool 7 <full>"),),
     findings=("The wire slipped twice.",),
-    charts=(Chart("wire speed", "bead", "speed / mm/s", np.arange(3.0), np.ones(3), 1.0),),
-    events=(Event(datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC), "slip", "at bead 2"),),
+    charts=(ReportChart("wire speed", "bead", "speed / mm/s", np.arange(3.0), np.ones(3), 1.0),),
+    events=(ReportEvent(datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC), "slip", "at bead 2"),),
 )
 
 
@@ -38,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_report_shows_the_chapter_of_any_algorithm(run: Path) -> None:
     data = read_report_data(run)
     (place,) = data.places
-    page = render(replace(data, places=(replace(place, chapters=(FED,)),)))
+    page = render_page(replace(data, places=(replace(place, chapters=(FED,)),)))
     for words in (
         "wire feeder",
         "spool 7 &lt;full&gt;",
@@ -54,14 +54,14 @@ def test_charts_of_one_title_are_drawn_together(run: Path) -> None:
     data = read_report_data(run)
     (place,) = data.places
     two = tuple(replace(place, name=name, chapters=(FED,)) for name in ("left", "right"))
-    picture = draw_course(replace(data, places=two))
+    picture = draw_scan_charts(replace(data, places=two))
     assert picture is not None
     assert b64decode(picture.data.split(",")[1]).startswith(b"\x89PNG")
-    assert draw_course(replace(data, places=())) is None
+    assert draw_scan_charts(replace(data, places=())) is None
 
 
 def test_the_chapter_of_a_scan_holds_every_section(run: Path) -> None:
-    chapter = scan_report.chapter(run)
+    chapter = scan_report.scan_chapter(run)
     assert sorted(chapter.profiles) == list(range(4))
     steps, times = chapter.charts
     assert steps.nominal == pytest.approx(40)
@@ -73,7 +73,7 @@ def test_the_chapter_of_a_scan_holds_every_section(run: Path) -> None:
 
 
 def test_a_directory_without_a_recording_has_no_chapter_of_a_scan(tmp_path: Path) -> None:
-    assert scan_report.chapter(tmp_path).facts == ()
+    assert scan_report.scan_chapter(tmp_path).facts == ()
 
 
 def test_a_recording_that_lost_sections_is_refused(run: Path, tmp_path: Path) -> None:
@@ -82,9 +82,9 @@ def test_a_recording_that_lost_sections_is_refused(run: Path, tmp_path: Path) ->
     recording = (cut / "scan.mcap").read_bytes()
     (cut / "scan.mcap").write_bytes(recording[: len(recording) // 2])
     with pytest.raises(RecordingError, match="cut short"):
-        scan_report.chapter(cut)
+        scan_report.scan_chapter(cut)
 
 
 def test_a_calibration_that_is_stated_is_a_finding(run: Path) -> None:
-    (finding,) = calibration_report.chapter(run).findings
+    (finding,) = calibration_report.calibration_chapter(run).findings
     assert "was not calibrated with this program" in finding

@@ -20,20 +20,20 @@ from tjscan.groove.find import find_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
-from tjscan.report.findings import findings
-from tjscan.report.page import render
-from tjscan.report.write import write_report
+from tjscan.report.findings import report_findings
+from tjscan.report.page import render_page
+from tjscan.report.write import write_run_report
 from tjscan.result.section import MEASURES
 from tjscan.result.stitching import (
     OverlapReport,
     StationReport,
     StitchingReport,
-    read_stitching,
-    write_stitching,
+    read_stitching_report,
+    write_stitching_report,
 )
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
-from tjscan.result.table import read_sections, write_sections
-from tjscan.scanning.reader import read_scan
+from tjscan.result.table import read_sections_csv, write_sections_csv
+from tjscan.scanning.reader import read_recorded_scan
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 
@@ -106,7 +106,7 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
         "cloud to mesh",
         "corners to feature edges",
         f"{summary.flange_travel_mm:.0f}",
-        f"{read_scan(run).started:%Y-%m-%d}",
+        f"{read_recorded_scan(run).started:%Y-%m-%d}",
     ):
         assert words in text
     assert page.count("<img") == 6
@@ -118,7 +118,7 @@ def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
     summary = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
     summary |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
     (odd / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    found = Page(write_report(odd).read_text(encoding="utf-8"))
+    found = Page(write_run_report(odd).read_text(encoding="utf-8"))
     assert "script" not in found.tags
     assert found.tags.count("img") == 6
     assert odd.name in found.text
@@ -126,7 +126,7 @@ def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
 
 
 def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> None:
-    sections = read_sections(run / "sections.csv")
+    sections = read_sections_csv(run / "sections.csv")
     design = designed_measures(sections, read_joint(CAD))
     measured = np.array([section.measures for section in sections])
     assert (
@@ -135,7 +135,7 @@ def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> N
 
 
 def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
-    log = read_scan(run)
+    log = read_recorded_scan(run)
     assert sorted(log.sections) == list(range(6))
     assert len(log.views) == read_summary(run / "summary.json").scans
     for found in log.sections.values():
@@ -150,13 +150,13 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
 def test_gaps_and_what_is_over_tolerance_are_reported(run: Path, tmp_path: Path) -> None:
     gappy = tmp_path / "gappy"
     shutil.copytree(run, gappy)
-    sections = read_sections(run / "sections.csv")
-    write_sections(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
-    found = list(findings(read_report_data(gappy, CAD, tolerance=1e-9)))
+    sections = read_sections_csv(run / "sections.csv")
+    write_sections_csv(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
+    found = list(report_findings(read_report_data(gappy, CAD, tolerance=1e-9)))
     assert any("of groove were not seen, azimuth 3° to 3" in words for words in found)
     assert any("Outside the tolerance" in words for words in found)
     assert any("12 of 12 corners lie farther" in words for words in found)
-    assert not any("not seen" in words for words in findings(read_report_data(run)))
+    assert not any("not seen" in words for words in report_findings(read_report_data(run)))
 
 
 def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path:
         "\n".join([rows[0], *(re.sub(r"^(\d+,[^,]*),[^,]*", r"\1,", row) for row in rows[1:])]),
         encoding="utf-8",
     )
-    found = Page(render(read_report_data(bare)))
+    found = Page(render_page(read_report_data(bare)))
     assert "azimuths are not known in frame b" in found.text
     assert found.tags.count("img") == 4
     assert "Compared with" not in found.text
@@ -212,8 +212,8 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     (directory / "scan.mcap").unlink()
     (directory / "joint.toml").unlink()
     shutil.copytree(run, directory / "left & <b>")
-    sections = read_sections(run / "sections.csv")
-    write_sections(
+    sections = read_sections_csv(run / "sections.csv")
+    write_sections_csv(
         directory / "sections.csv",
         [replace(s, station="left & <b>+right") for s in sections],
         ORIGIN,
@@ -267,12 +267,12 @@ def stitched(run: Path, tmp_path: Path) -> Path:
         stations=(station, replace(station, name="right", source="right")),
         overlaps=(overlap,),
     )
-    write_stitching(directory / "stations.json", report)
+    write_stitching_report(directory / "stations.json", report)
     return directory
 
 
 def test_a_stitched_run_shows_its_stations(stitched: Path) -> None:
-    found = Page(write_report(stitched).read_text(encoding="utf-8"))
+    found = Page(write_run_report(stitched).read_text(encoding="utf-8"))
     for words in (
         "2 stations, stitched",
         "457.19 mm wide (± 0.06, two sigma)",
@@ -290,13 +290,13 @@ def test_a_stitched_run_shows_its_stations(stitched: Path) -> None:
 
 
 def test_a_loop_that_no_overlap_closes_is_reported(stitched: Path) -> None:
-    report = read_stitching(stitched)
+    report = read_stitching_report(stitched)
     assert report is not None
-    write_stitching(
+    write_stitching_report(
         stitched / "stations.json",
         replace(report, covered_deg=360.0, loop_gap_before_mm=None, loop_gap_after_mm=None),
     )
-    text = Page(write_report(stitched).read_text(encoding="utf-8")).text
+    text = Page(write_run_report(stitched).read_text(encoding="utf-8")).text
     assert "no overlap closes the way round" in text
 
 

@@ -21,12 +21,12 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Length, Provenance
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.result.directions import direction_along
-from tjscan.result.directory import job_of
+from tjscan.result.directions import line_directions
+from tjscan.result.directory import job_label_of_run
 from tjscan.result.document import DOCUMENT
-from tjscan.result.export import by_azimuth, export
+from tjscan.result.export import export_run, sorted_by_azimuth
 from tjscan.result.summary import read_summary
-from tjscan.result.table import read_sections, write_sections
+from tjscan.result.table import read_sections_csv, write_sections_csv
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 SCHEMA = Path(__file__).parent.parent.parent / "docs" / "export.schema.json"
@@ -52,7 +52,7 @@ def scanned(directory: Path, job: Path) -> Path:
 
 def document_of(run: Path, units: Length = "mm") -> dict[str, Any]:
     """The JSON that a run exports."""
-    found: dict[str, Any] = json.loads(export(run, "json", units).read_bytes())
+    found: dict[str, Any] = json.loads(export_run(run, "json", units).read_bytes())
     return found
 
 
@@ -103,7 +103,7 @@ def test_nine_directions_of_ten_are_as_right_as_promised(
         at = np.searchsorted(along, np.arange(start, start + 0.4 * along[-1], step))
         seen = line[at] + rng.normal(scale=50e-6, size=(len(at), 3))
         directions = truth[at] / np.linalg.norm(truth[at], axis=1, keepdims=True)
-        off.append(np.degrees(between(directions, direction_along(seen, directions))))
+        off.append(np.degrees(between(directions, line_directions(seen, directions))))
     assert np.percentile(np.concatenate([one[2:-2] for one in off]), 90) < inside
     assert np.percentile([one[[0, -1]] for one in off], 90) < at_ends
 
@@ -117,14 +117,14 @@ def test_vectors_have_length_one(run: Path) -> None:
 
 
 def test_the_document_keeps_to_its_schema_and_says_what_it_holds(run: Path) -> None:
-    text = export(run, "json").read_bytes()
+    text = export_run(run, "json").read_bytes()
     document = json.loads(text)
     again = DOCUMENT.model_validate_json(text).model_dump_json()
     assert json.loads(again) == document
     assert (document["schema_name"], document["version"]) == ("tjscan.groove", 2)
     stated = document["provenance"]
     assert (stated["length"], stated["angle"], stated["frame"]) == ("mm", "deg", "j")
-    assert stated["job"] == job_of(run)
+    assert stated["job"] == job_label_of_run(run)
     assert stated["job"].startswith("paper.toml, SHA-256 ")
     assert document["run"] == run.name
 
@@ -135,7 +135,7 @@ def test_the_schema_is_the_one_in_the_documents() -> None:
 
 
 def test_the_document_agrees_with_the_sections_file(run: Path) -> None:
-    sections, document = read_sections(run / "sections.csv"), document_of(run)
+    sections, document = read_sections_csv(run / "sections.csv"), document_of(run)
     np.testing.assert_allclose(
         column(document, "points"), [1e3 * section.points for section in sections], atol=1e-6
     )
@@ -162,7 +162,7 @@ def test_metres_are_a_thousandth_of_millimetres(run: Path) -> None:
 
 def test_the_table_is_flat_and_holds_the_same_numbers(run: Path) -> None:
     document = document_of(run, "m")
-    text = export(run, "csv", "m").read_text(encoding="utf-8")
+    text = export_run(run, "csv", "m").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     rows = list(csv.DictReader(lines))
     assert len(rows) == len(document["sections"])
@@ -176,7 +176,7 @@ def test_the_table_is_flat_and_holds_the_same_numbers(run: Path) -> None:
 
 def test_the_cloud_is_read_by_others_with_its_normals(run: Path) -> None:
     document = document_of(run)
-    text = export(run, "ply").read_bytes()
+    text = export_run(run, "ply").read_bytes()
     assert b"comment units: mm" in text
     assert b"comment frame: j" in text
     cloud = trimesh.load(io.BytesIO(text), file_type="ply", process=False)
@@ -209,9 +209,11 @@ def test_the_command_writes_a_file_or_says_why_not(run: Path, tmp_path: Path) ->
 
 def test_one_section_gives_no_direction(run: Path, tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_bytes((run / "summary.json").read_bytes())
-    write_sections(tmp_path / "sections.csv", read_sections(run / "sections.csv")[:1], ORIGIN)
+    write_sections_csv(
+        tmp_path / "sections.csv", read_sections_csv(run / "sections.csv")[:1], ORIGIN
+    )
     with pytest.raises(ConfigurationError, match="two sections"):
-        export(tmp_path, "json")
+        export_run(tmp_path, "json")
 
 
 @pytest.mark.skipif(
@@ -232,7 +234,7 @@ def test_weldx_reads_the_frames_again(run: Path, tmp_path: Path) -> None:
     weldx = pytest.importorskip("weldx", reason="the extra tjscan[weldx] is not installed")
     file = tmp_path / "groove.weldx"
     assert tjscan("export", run, "--to", "weldx", "--units", "m", "--out", file) == 0
-    sections = by_azimuth(read_sections(run / "sections.csv"))
+    sections = sorted_by_azimuth(read_sections_csv(run / "sections.csv"))
     with weldx.WeldxFile(file, mode="r") as made:
         assert made["groove"]["provenance"]["length"] == "m"
         frames = made["coordinate_systems"]
@@ -247,11 +249,11 @@ def test_a_picture_says_where_it_comes_from(run: Path) -> None:
     entries = Image.open(run / "scan.png").text  # type: ignore[attr-defined]
     assert entries["units"] == "mm, deg"
     assert entries["frame"].startswith("j ")
-    assert entries["job"] == job_of(run)
+    assert entries["job"] == job_label_of_run(run)
 
 
 def test_every_file_of_a_run_says_where_it_comes_from(run: Path) -> None:
-    job = job_of(run)
+    job = job_label_of_run(run)
     table = (run / "sections.csv").read_text(encoding="utf-8")
     copied = (run / "job.toml").read_text(encoding="utf-8")
     cloud = (run / "groove.ply").read_bytes().split(b"end_header")[0].decode()

@@ -12,10 +12,10 @@ from measured import ORIGIN, a_section
 from tjscan.core.frames import Array, inverse
 from tjscan.core.provenance import Length, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.document import to_json
+from tjscan.result.document import sections_to_json
 from tjscan.result.ply import sections_to_ply
-from tjscan.result.section import BY_NAME, FIELDS, MEASURED, Field, section_of
-from tjscan.result.table import to_csv
+from tjscan.result.section import BY_NAME, FIELDS, MEASURED, SectionQuantity, section_from_values
+from tjscan.result.table import sections_to_csv
 
 SECTIONS = tuple(a_section(seed) for seed in range(1, 6))
 SUFFIX = {
@@ -34,18 +34,24 @@ def provenance(length: Length) -> Provenance:
 
 def table(length: Length) -> dict[str, list[str]]:
     """Columns of the CSV."""
-    lines = [line for line in to_csv(SECTIONS, provenance(length)).splitlines() if line[0] != "#"]
+    lines = [
+        line
+        for line in sections_to_csv(SECTIONS, provenance(length)).splitlines()
+        if line[0] != "#"
+    ]
     rows = [line.replace('"left, upper"', "left upper").split(",") for line in lines]
     return dict(zip(rows[0], map(list, zip(*rows[1:], strict=True)), strict=True))
 
 
 def document(length: Length) -> dict[str, Any]:
     """The JSON."""
-    found: dict[str, Any] = json.loads(to_json(SECTIONS, provenance(length), "run", "known"))
+    found: dict[str, Any] = json.loads(
+        sections_to_json(SECTIONS, provenance(length), "run", "known")
+    )
     return found
 
 
-def tolerance(field: Field, values: Array, length: Length) -> Array:
+def tolerance(field: SectionQuantity, values: Array, length: Length) -> Array:
     """Half of the last printed digit, in the file's unit."""
     if field.decimals is None:
         return 0.6e-5 * np.abs(values)
@@ -54,7 +60,7 @@ def tolerance(field: Field, values: Array, length: Length) -> Array:
     return np.full_like(values, 0.51 * 10 ** -(field.decimals + shift))
 
 
-def expected(field: Field, length: Length) -> Array:
+def expected(field: SectionQuantity, length: Length) -> Array:
     """What a file must hold, converted here from SI units."""
     raw = np.asarray(field.take(SECTIONS), dtype=float)
     return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
@@ -62,9 +68,11 @@ def expected(field: Field, length: Length) -> Array:
 
 @EVERY
 @LENGTHS
-def test_names_of_columns_end_in_the_unit_of_their_numbers(field: Field, length: Length) -> None:
+def test_names_of_columns_end_in_the_unit_of_their_numbers(
+    field: SectionQuantity, length: Length
+) -> None:
     suffix = SUFFIX[length][field.unit.suffix]
-    columns = field.columns(length)
+    columns = field.column_names(length)
     assert all(not suffix or column.endswith(f"_{suffix}") for column in columns)
     found = np.array([[float(v) for v in table(length)[name]] for name in columns]).T
     values = expected(field, length).reshape(len(SECTIONS), -1)
@@ -73,7 +81,9 @@ def test_names_of_columns_end_in_the_unit_of_their_numbers(field: Field, length:
 
 @EVERY
 @LENGTHS
-def test_json_holds_each_field_in_the_unit_that_it_states(field: Field, length: Length) -> None:
+def test_json_holds_each_field_in_the_unit_that_it_states(
+    field: SectionQuantity, length: Length
+) -> None:
     stated = document(length)
     assert stated["fields"][field.name]["unit"] == SUFFIX[length][field.unit.suffix]
     assert stated["fields"][field.name]["meaning"] == field.meaning
@@ -86,7 +96,7 @@ def test_json_holds_each_field_in_the_unit_that_it_states(field: Field, length: 
 @LENGTHS
 def test_every_format_says_where_it_comes_from(length: Length) -> None:
     stated = provenance(length)
-    assert Provenance.read(to_csv(SECTIONS, stated), "#") == stated
+    assert Provenance.read(sections_to_csv(SECTIONS, stated), "#") == stated
     assert Provenance.read(sections_to_ply(SECTIONS, stated).decode(), "comment") == stated
     found = document(length)["provenance"]
     assert (found["program"], found["job"]) == (stated.program, stated.job)
@@ -113,12 +123,12 @@ def test_sections_come_back_from_csv_and_json(length: Length) -> None:
         for field in MEASURED:
             if field.name == "station":
                 continue
-            factor = field.unit_in(length).factor
-            numbers = [float(cells[name][k]) for name in field.columns(length)]
+            factor = field.unit_for_lengths(length).factor
+            numbers = [float(cells[name][k]) for name in field.column_names(length)]
             from_csv[field.name] = factor * np.reshape(numbers, field.shape)
             from_json[field.name] = factor * np.asarray(written[k][field.name])
-        same(section_of(from_csv), was)
-        same(section_of(from_json), was)
+        same(section_from_values(from_csv), was)
+        same(section_from_values(from_json), was)
 
 
 @LENGTHS
@@ -139,14 +149,14 @@ def test_points_come_back_from_ply(length: Length) -> None:
 
 
 def test_each_column_stands_once() -> None:
-    columns = [column for field in FIELDS for column in field.columns()]
+    columns = [column for field in FIELDS for column in field.column_names()]
     assert len(set(columns)) == len(columns)
 
 
 def test_an_unknown_azimuth_is_left_empty() -> None:
     sections = [a_section(1, azimuth=float("nan")), a_section(2)]
-    assert BY_NAME["azimuth"].cells(sections)[0] == [""]
-    text = to_json(sections, ORIGIN, "run", "known")
+    assert BY_NAME["azimuth"].printed_columns(sections)[0] == [""]
+    text = sections_to_json(sections, ORIGIN, "run", "known")
     assert json.loads(text)["sections"][0]["azimuth"] is None
 
 

@@ -6,15 +6,15 @@ import pytest
 from cells import PAPER, scan_example
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import read_job
-from tjscan.result.frame import ResultFrame
+from tjscan.job import read_scan_job
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.summary import (
-    Summary,
+    ScanSummary,
     read_summary,
     summarise_stations,
     write_summary,
 )
-from tjscan.runs.results import measure_all, summarise
+from tjscan.runs.results import sections_in_result_frame, summarise_scan
 from tjscan.scanning.result import ScanResult
 
 
@@ -24,18 +24,18 @@ def result() -> ScanResult:
 
 
 @pytest.fixture(scope="module")
-def summary(result: ScanResult) -> Summary:
-    plan = read_job(PAPER, {"scan.sections": 4}).scan
-    return summarise(result, plan, ResultFrame(), None, "a board of steel")
+def summary(result: ScanResult) -> ScanSummary:
+    plan = read_scan_job(PAPER, {"scan.sections": 4}).scan
+    return summarise_scan(result, plan, JointOrBaseFrame(), None, "a board of steel")
 
 
-def test_a_summary_comes_back(summary: Summary, tmp_path: Path) -> None:
+def test_a_summary_comes_back(summary: ScanSummary, tmp_path: Path) -> None:
     write_summary(tmp_path / "summary.json", summary)
     assert read_summary(tmp_path / "summary.json") == summary
 
 
-def test_stations_are_added_up(result: ScanResult, summary: Summary, tmp_path: Path) -> None:
-    sections = measure_all(result.sections, ResultFrame())
+def test_stations_are_added_up(result: ScanResult, summary: ScanSummary, tmp_path: Path) -> None:
+    sections = sections_in_result_frame(result.sections, JointOrBaseFrame())
     whole = summarise_stations({"left": summary, "right": summary}, sections, "j")
     assert [station.name for station in whole.stations] == ["left", "right"]
     assert whole.scans == 2 * summary.scans

@@ -14,7 +14,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import MEASURES
-from tjscan.result.table import COLUMNS, read_sections, write_sections
+from tjscan.result.table import COLUMNS, read_sections_csv, write_sections_csv
 
 PRINTED_MM = 0.51e-4
 """Half of the last of four decimals."""
@@ -28,7 +28,7 @@ SIX_DIGITS = 1e-5
 
 
 def written(file: Path, sections: list[MeasuredSection]) -> Path:
-    write_sections(file, sections, ORIGIN)
+    write_sections_csv(file, sections, ORIGIN)
     return file
 
 
@@ -43,7 +43,7 @@ def test_sections_come_back_to_the_printed_digits(
 ) -> None:
     sections = [a_section(seed, azimuth=azimuth, sure=sure) for seed in seeds]
     file = written(tmp_path_factory.mktemp("sections") / "sections.csv", sections)
-    again = read_sections(file)
+    again = read_sections_csv(file)
     assert len(again) == len(sections)
     for was, now in zip(sections, again, strict=True):
         assert (now.index, now.station) == (was.index, was.station)
@@ -72,7 +72,7 @@ def test_what_was_read_is_written_the_same(
 ) -> None:
     folder = tmp_path_factory.mktemp("sections")
     first = written(folder / "first.csv", [a_section(seed, sure=sure) for seed in seeds])
-    second = written(folder / "second.csv", list(read_sections(first)))
+    second = written(folder / "second.csv", list(read_sections_csv(first)))
     assert second.read_bytes() == first.read_bytes()
 
 
@@ -83,7 +83,7 @@ def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
     moved = tmp_path / "moved.csv"
     with moved.open("w", encoding="utf-8-sig", newline="") as stream:
         csv.writer(stream).writerows(rows)
-    again = written(tmp_path / "again.csv", list(read_sections(moved)))
+    again = written(tmp_path / "again.csv", list(read_sections_csv(moved)))
     assert again.read_bytes() == file.read_bytes()
 
 
@@ -135,7 +135,7 @@ def test_a_malformed_file_is_refused_with_its_place(
     with file.open("w", encoding="utf-8", newline="") as stream:
         csv.writer(stream).writerows(rows)
     with pytest.raises(ConfigurationError) as refused:
-        read_sections(file)
+        read_sections_csv(file)
     assert words in str(refused.value)
 
 
@@ -143,10 +143,10 @@ def test_a_malformed_file_is_refused_with_its_place(
 def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "sections.csv"
     with pytest.raises(ConfigurationError, match="can't be read"):
-        read_sections(file)
+        read_sections_csv(file)
     file.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"sections\.csv"):
-        read_sections(file)
+        read_sections_csv(file)
 
 
 def test_a_table_says_where_it_comes_from(tmp_path: Path) -> None:
@@ -172,5 +172,5 @@ def test_a_table_without_lines_above_it_is_read(tmp_path: Path) -> None:
     old = tmp_path / "old.csv"
     lines = file.read_text(encoding="utf-8").splitlines()[ABOVE:]
     old.write_text("\r\n".join([*lines, ""]), encoding="utf-8", newline="")
-    again = written(tmp_path / "again.csv", list(read_sections(old)))
+    again = written(tmp_path / "again.csv", list(read_sections_csv(old)))
     assert again.read_bytes() == file.read_bytes()

@@ -15,8 +15,8 @@ from tjscan.core.config import written
 from tjscan.core.devices import Device
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform
-from tjscan.job import read_job
-from tjscan.job.cell import clearance_of
+from tjscan.job import read_scan_job
+from tjscan.job.cell import clearance_of_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, Clearance
 from tjscan.robot.collision import SEEN, CollisionModel, check_links
@@ -27,9 +27,9 @@ from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import check_job, scan_in
+from tjscan.runs.scan import check_scan_job, scan_in_cell
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scanned_surface import ScannedSurface, strip_triangles
+from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
 """Before the arm, the flange looking down."""
@@ -376,7 +376,7 @@ def test_what_has_been_seen_is_in_the_way() -> None:
     grid = np.array(
         [[(x + u, y, z - 0.3 + v) for v in np.linspace(0, 0.3, 5)] for u in (-0.1, 0, 0.1)]
     )
-    keeps.see(grid.reshape(-1, 3), strip_triangles(3, 5))
+    keeps.see(grid.reshape(-1, 3), grid_triangles(3, 5))
     with pytest.raises(PathBlocked) as refusal:
         keeps.linear(HOME, aside(0.5))
     assert refusal.value.other == SEEN
@@ -385,7 +385,7 @@ def test_what_has_been_seen_is_in_the_way() -> None:
 def test_the_strip_covers_every_cell_of_its_grid_once() -> None:
     rows, columns = 4, 5
     points = np.array([(i, k, 0.0) for i in range(rows) for k in range(columns)])
-    corners = points[strip_triangles(rows, columns)]
+    corners = points[grid_triangles(rows, columns)]
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
@@ -396,9 +396,9 @@ def test_the_strip_covers_every_cell_of_its_grid_once() -> None:
 @pytest.mark.parametrize("file", [PAPER, CLOCKWISE, EXAMPLES / "ur10e.toml"])
 def test_the_examples_ways_are_clear(file: object) -> None:
     assert isinstance(file, type(PAPER))
-    job = read_job(file)
+    job = read_scan_job(file)
     assert {one.name for one in job.clearance.solid} == {"leg", "brace", "floor", "pillar"}
-    check_job(RunContext(job, file))
+    check_scan_job(RunContext(job, file))
 
 
 CLAMP = {
@@ -411,19 +411,19 @@ CLAMP = {
 
 
 def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() -> None:
-    job = read_job(PAPER)
+    job = read_scan_job(PAPER)
     solids = [*written(job)["clearance"]["solid"], CLAMP]
-    job = read_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
+    job = read_scan_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     notes = Notes()
     cell = RunContext(job, PAPER).cell()
-    result = scan_in(cell, job, notes)
+    result = scan_in_cell(cell, job, notes)
     assert result.stop is StopReason.UNREACHABLE
     assert "clamp" in result.detail
     assert 2 <= len(notes.sections) < 16
 
 
 def test_a_detour_of_a_scan_is_an_event() -> None:
-    job = read_job(PAPER)
+    job = read_scan_job(PAPER)
     assert job.simulation is not None
     assert job.simulation.arm is not None
     assert job.scan.first is not None
@@ -437,22 +437,22 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
         "position_mm": (1e3 * (halfway[:3, 3] + 0.05 * halfway[:3, 2])).tolist(),
     }
     solids = [*written(job)["clearance"]["solid"], crate]
-    job = read_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
+    job = read_scan_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
     notes = Notes()
-    scan_in(RunContext(job, PAPER).cell(), job, notes)
+    scan_in_cell(RunContext(job, PAPER).cell(), job, notes)
     (name, detail), *_ = notes.events
     assert name == "detour"
     assert detail.startswith("round crate, 50 mm back, across in joint space and forward: ")
 
 
 def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
-    job = read_job(PAPER, {"scan.sections": 3})
+    job = read_scan_job(PAPER, {"scan.sections": 3})
     cell = RunContext(job, PAPER).cell()
-    result = scan_in(cell, job, Notes())
-    fresh = clearance_of(job)
+    result = scan_in_cell(cell, job, Notes())
+    fresh = clearance_of_job(job)
     q = result.views[-1].q
     before = {pair.other for pair in fresh._model.pairs}
-    ScannedSurface(fresh, result.sections)
+    ScannedSurfaceObstacle(fresh, result.sections)
     assert {pair.other for pair in fresh._model.pairs} - before == {SEEN}
     seen = [
         d
@@ -464,7 +464,7 @@ def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
 
 
 def test_solids_of_a_job_stand_where_it_says() -> None:
-    job = read_job(PAPER)
+    job = read_scan_job(PAPER)
     solids = {one.name: one.solid for one in job.clearance.solid}
     np.testing.assert_allclose(solids["leg"].T[:3, :3], rot_y(np.pi / 2), atol=1e-15)
     leg = solids["leg"].shape
@@ -486,7 +486,7 @@ def test_solids_of_a_job_stand_where_it_says() -> None:
 def test_a_solid_that_is_none_is_refused(solid: dict[str, object], message: str) -> None:
     solid = {"name": "thing", "position_mm": [0.0, 0.0, 0.0], **solid}
     with pytest.raises(ConfigurationError, match=message):
-        read_job(PAPER, {"clearance.solid": [solid]})
+        read_scan_job(PAPER, {"clearance.solid": [solid]})
 
 
 def test_waypoints_begin_and_end_where_they_should() -> None:

@@ -41,7 +41,7 @@ from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 pytest.importorskip("rtde_control")
 
@@ -363,7 +363,7 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
             loopback.wait_for("program stopped")
             program.communicate()
             assert program.returncode == 130
-        events = read_scan(tmp_path / "run").events
+        events = read_recorded_scan(tmp_path / "run").events
         assert [event.name for event in events] == ["arm", "interrupted"]
         assert "serial number 00000000000" in events[0].detail
 
@@ -386,7 +386,7 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
     assert tjscan("scan", PAPER, *ur, "--out", run) == 4
     assert "protective stop" in capsys.readouterr().err
-    scan = read_scan(run)
+    scan = read_recorded_scan(run)
     assert len(scan.sections) == 3
     assert any(event.name == "failed" for event in scan.events)
     # While the stop stands, nothing goes on; when the operator has cleared it, the scan does.

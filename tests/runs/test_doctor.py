@@ -9,7 +9,7 @@ import pytest
 from cells import CLOCKWISE, EXAMPLES, PAPER
 from command import tjscan
 
-from tjscan.runs.doctor import examine
+from tjscan.runs.doctor import check_job_and_cell
 
 
 @pytest.mark.parametrize("file", [PAPER, CLOCKWISE, EXAMPLES / "ur10e.toml"])
@@ -73,9 +73,9 @@ def test_an_arm_that_stands_at_a_start_pose_sees_its_groove() -> None:
     # Close to the first pose: the doctor tells what the laser sees from where the arm stands.
     from taught import standing
 
-    from tjscan.job import read_job
+    from tjscan.job import read_scan_job
 
-    T = read_job(PAPER).starts[0].T
+    T = read_scan_job(PAPER).starts[0].T
     home = [float(word) for word in standing(T).strip("[]").split(",")]
-    findings = {f.what: f for f in examine(PAPER, {"simulation.arm.home_deg": home})}
+    findings = {f.what: f for f in check_job_and_cell(PAPER, {"simulation.arm.home_deg": home})}
     assert "and a groove" in findings["profile"].detail

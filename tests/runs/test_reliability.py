@@ -9,7 +9,7 @@ from _fuzz import section_ends
 from cells import PAPER
 from command import tjscan
 
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 CUTS = 60
 WRONG_MM = 1.0
@@ -30,7 +30,7 @@ def test_every_whole_section_before_a_cut_is_read(run: Path, tmp_path: Path) -> 
     sizes = [dice.randrange(len(data)) for _ in range(CUTS)]
     for size in [*sizes, *ends, *(end - 1 for end in ends), 0, len(data)]:
         (tmp_path / "scan.mcap").write_bytes(data[:size])
-        assert len(read_scan(tmp_path).sections) == sum(end <= size for end in ends)
+        assert len(read_recorded_scan(tmp_path).sections) == sum(end <= size for end in ends)
 
 
 def test_zeros_behind_the_last_section_are_what_a_lost_power_leaves(
@@ -39,7 +39,7 @@ def test_zeros_behind_the_last_section_are_what_a_lost_power_leaves(
     data = (run / "scan.mcap").read_bytes()
     ends = section_ends(data)
     (tmp_path / "scan.mcap").write_bytes(data[: ends[3]] + bytes(5000))
-    assert len(read_scan(tmp_path).sections) == 4
+    assert len(read_recorded_scan(tmp_path).sections) == 4
 
 
 @pytest.mark.parametrize("seed", range(len(KINDS)))

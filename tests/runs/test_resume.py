@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import sole_writer
 from tjscan.recording.writer import recording_files
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
@@ -43,7 +43,7 @@ def corners(run: Path) -> np.ndarray:
 
 def recorded_corners(run: Path) -> np.ndarray:
     """The five points of every section as recorded, in mm."""
-    sections = read_scan(run).sections
+    sections = read_recorded_scan(run).sections
     return 1e3 * np.array([sections[i].points_b for i in sorted(sections)])
 
 
@@ -215,7 +215,7 @@ def test_a_run_whose_calibration_was_edited_does_not_go_on(
 def test_what_may_change_is_told_and_recorded(whole: Path, tmp_path: Path) -> None:
     run = cut(whole, tmp_path / "cut", 0.5)
     assert tjscan("scan", "--resume", run, "--scan.sections", "12") == 0
-    changed = [event.detail for event in read_scan(run).events if event.name == "changed"]
+    changed = [event.detail for event in read_recorded_scan(run).events if event.name == "changed"]
     assert changed == ["scan.sections was not there, is 12"]
 
 

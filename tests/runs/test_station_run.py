@@ -20,11 +20,11 @@ from written import content
 from tjscan.calibration.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.writer import recording_files
-from tjscan.report.write import write_report
+from tjscan.report.write import write_run_report
 from tjscan.result.summary import read_summary
-from tjscan.result.table import read_sections
+from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.context import RunContext
 from tjscan.runs.stations import StationScan, resume_stations, run_stations
@@ -67,14 +67,14 @@ class Watched:
         yield Notes()
 
 
-def quick(file: Path = WHOLE) -> JobFile:
+def quick(file: Path = WHOLE) -> ScanJob:
     """A job that is soon done."""
-    return read_job(file, {"scan.sections": 4})
+    return read_scan_job(file, {"scan.sections": 4})
 
 
 def in_directory(directory: Path) -> RunContext:
     """The job that a run directory holds."""
-    return RunContext(read_job(directory / "job.toml"), directory / "job.toml")
+    return RunContext(read_scan_job(directory / "job.toml"), directory / "job.toml")
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,10 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Story:
     """Both stations, four sections each."""
     directory = tmp_path_factory.mktemp("runs") / "whole"
     no, yes, before, later = Asked(False), Asked(True), Watched(), Watched()
-    context = RunContext(quick(), WHOLE, finished=write_report)
+    context = RunContext(quick(), WHOLE, finished=write_run_report)
     refused = run_stations(context, directory, no, before)
     begun = (directory / "right").exists()
-    held = replace(in_directory(directory), finished=write_report)
+    held = replace(in_directory(directory), finished=write_run_report)
     done = resume_stations(held, {}, yes, later)
     return Story(directory, refused, begun, (no, yes), (before.names, later.names), done)
 
@@ -124,15 +124,15 @@ def cut(station: Path, share: float = 0.6) -> None:
 
 def test_each_station_leaves_a_run_directory_of_its_own(whole: Path) -> None:
     assert {"job.toml", "joint.toml", "left", "right"} <= {file.name for file in whole.iterdir()}
-    assert read_job(whole / "job.toml").stations == ("left", "right")
+    assert read_scan_job(whole / "job.toml").stations == ("left", "right")
     for name in ("left", "right"):
         assert {file.name for file in (whole / name).iterdir()} == STATION_FILES
-        assert read_job(whole / name / "job.toml") == quick().at(name).model_copy(
-            update={"joint": read_job(whole / name / "job.toml").joint}
+        assert read_scan_job(whole / name / "job.toml") == quick().at(name).model_copy(
+            update={"joint": read_scan_job(whole / name / "job.toml").joint}
         )
         summary = read_summary(whole / name / "summary.json")
         assert (summary.frame, summary.corner_error_mm) == ("b", None)
-        sections = read_sections(whole / name / "sections.csv")
+        sections = read_sections_csv(whole / name / "sections.csv")
         assert {section.station for section in sections} == {name}
 
 
@@ -167,7 +167,7 @@ def test_who_says_no_stops_before_the_next_station_and_goes_on_later(story: Stor
 
 def test_a_request_to_stop_begins_no_other_station(tmp_path: Path) -> None:
     stop = StopRequest()
-    stop.ask()
+    stop.request_stop_after_section()
     context = RunContext(quick(), WHOLE, stop=stop)
     left, right = run_stations(context, tmp_path / "run", Asked(True), Watched())
     assert not left.done
@@ -228,14 +228,14 @@ def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
 
 def test_teaching_a_station_changes_its_pose_alone(tmp_path: Path) -> None:
     file = written(tmp_path, data_of(WHOLE))
-    old = read_job(file)
+    old = read_scan_job(file)
     T = old.at("right").starts[1].T
     stands = pose(T[:3, :3] @ rot_y(0.01), T[:3, 3] + (0.002, -0.003, 0.001))
     q = Kinematics.load("ur10e").inverse(stands, near=np.radians((32, 181, 58, -67, -96, 32)))
     home = json.dumps(np.degrees(q).tolist())
     key = "--simulation.station.right.home-deg"
     assert tjscan("teach", file, "--station", "right", "--which", "second", key, home) == 0
-    new = read_job(file)
+    new = read_scan_job(file)
     np.testing.assert_allclose(new.at("right").starts[1].T, stands, atol=1e-5)
     assert new.station[0] == old.station[0]
     assert new.station[1].first == old.station[1].first
@@ -289,7 +289,7 @@ def test_what_all_stations_saw_is_one_groove(
     assert [one.name for one in summary.stations] == ["left", "right"]
     assert summary.corner_error_mm is not None
     assert summary.corner_error_mm.mean < 0.1
-    assert {section.station for section in read_sections(out / "sections.csv")} == {
+    assert {section.station for section in read_sections_csv(out / "sections.csv")} == {
         "left",
         "right",
         "left+right",

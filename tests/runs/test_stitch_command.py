@@ -11,10 +11,10 @@ import pytest
 from cells import EXAMPLES
 from command import tjscan
 
-from tjscan.job import read_job
-from tjscan.result.table import read_sections
+from tjscan.job import read_scan_job
+from tjscan.result.table import read_sections_csv
 from tjscan.runs.context import RunContext
-from tjscan.runs.directory import make_directory
+from tjscan.runs.directory import make_run_directory
 from tjscan.runs.scan import run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"
@@ -24,7 +24,7 @@ EXAMPLE = EXAMPLES / "whole-joint.toml"
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the runs of both stations of the example."""
     folder = tmp_path_factory.mktemp("stations")
-    job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
+    job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
     for name in job.stations:
         run_scan(RunContext(job.at(name), EXAMPLE), folder / name)
     return folder
@@ -46,12 +46,12 @@ def test_two_runs_become_one_groove(
     assert json.loads((out / "stations.json").read_text()) == told["stitching"]
     for name in ("groove.ply", "scan.png", "stitch.png", "report.html"):
         assert (out / name).stat().st_size > 1000
-    sections = read_sections(out / "sections.csv")
+    sections = read_sections_csv(out / "sections.csv")
     assert {section.station for section in sections} == {"left", "right", "left+right"}
     assert (np.diff([section.azimuth for section in sections]) > 0).all()
     # What came out can be stitched again: it holds what it was made of.
     assert tjscan("stitch", out, "--out", tmp_path / "again") == 0
-    assert read_sections(tmp_path / "again" / "sections.csv")[0].azimuth == sections[0].azimuth
+    assert read_sections_csv(tmp_path / "again" / "sections.csv")[0].azimuth == sections[0].azimuth
     assert tjscan("compare", out, out / "joint.toml", "--tolerance-mm", 0.3) == 0
 
 
@@ -69,25 +69,25 @@ def test_a_result_can_be_moved_and_reported_from_anywhere(
 
 
 def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_path: Path) -> None:
-    job = read_job(EXAMPLE, {"scan.step_mm": 40.0})
+    job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
     assert job.joint is not None
     whole, out = tmp_path / "whole", tmp_path / "again"
-    make_directory(whole, job, EXAMPLE, joint=EXAMPLE.parent / job.joint.file)
+    make_run_directory(whole, job, EXAMPLE, joint=EXAMPLE.parent / job.joint.file)
     for name in job.stations:
         shutil.copytree(runs / name, whole / name)
     assert tjscan("reprocess", whole, "--out", out, "--groove.noise-mm", "0.06") == 0
     assert "noise_mm = 0.06" in (out / "left" / "job.toml").read_text()
-    assert {one.station for one in read_sections(out / "left" / "sections.csv")} == {"left"}
-    stations = {section.station for section in read_sections(out / "sections.csv")}
+    assert {one.station for one in read_sections_csv(out / "left" / "sections.csv")} == {"left"}
+    stations = {section.station for section in read_sections_csv(out / "sections.csv")}
     assert stations == {"left", "right", "left+right"}
 
 
 def test_a_refusal_leaves_its_picture_and_nothing_else(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    job = read_job(EXAMPLE, {"scan.sections": 6})
+    job = read_scan_job(EXAMPLE, {"scan.sections": 6})
     run_scan(RunContext(job.at("right"), EXAMPLE), tmp_path / "right")
-    left = read_job(EXAMPLE, {"scan.sections": 6}).at("left")
+    left = read_scan_job(EXAMPLE, {"scan.sections": 6}).at("left")
     run_scan(RunContext(left, EXAMPLE), tmp_path / "left")
     out = tmp_path / "stitched"
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1

@@ -17,8 +17,8 @@ from taught import HALF_DIGIT, example, standing
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import from_euler_zyx, pose, rot_y, rotation_angle
 from tjscan.core.units import MM
-from tjscan.job import read_job
-from tjscan.runs.teach import write_pose, written
+from tjscan.job import read_scan_job
+from tjscan.runs.teach import pose_for_job_file, write_start_pose
 
 
 @pytest.mark.parametrize("which", ["first", "second"])
@@ -26,12 +26,12 @@ def test_the_pose_written_is_the_pose_read_and_all_else_stays(
     tmp_path: Path, which: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = example(tmp_path, EXAMPLES / "ur10e.toml")
-    before, old = job.read_text(encoding="utf-8"), read_job(job)
-    T = read_job(job).starts[0].T
+    before, old = job.read_text(encoding="utf-8"), read_scan_job(job)
+    T = read_scan_job(job).starts[0].T
     stands = pose(T[:3, :3] @ rot_y(0.02), T[:3, 3] + (0.003, -0.012, 0.004))
     home = standing(stands)
     assert tjscan("teach", job, "--which", which, "--simulation.arm.home_deg", home, "--json") == 0
-    new, told = read_job(job), json.loads(capsys.readouterr().out)
+    new, told = read_scan_job(job), json.loads(capsys.readouterr().out)
     found = new.starts[which == "second"]
     assert np.abs(found.T[:3, 3] - stands[:3, 3]).max() < HALF_DIGIT[0]
     assert rotation_angle(found.T, stands) < 2 * HALF_DIGIT[1]
@@ -69,15 +69,15 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
     job.chmod(0o640)
     link = tmp_path / "link.toml"
     link.symlink_to(job)
-    write_pose(link, ("scan", "first"), (7.5, 8.0, 9.0), (1.0, -2.0, 3.0))
+    write_start_pose(link, ("scan", "first"), (7.5, 8.0, 9.0), (1.0, -2.0, 3.0))
     text = job.read_text(encoding="utf-8")
     assert "# by hand" in text
     assert text.startswith(head)
     assert text.endswith(rest)
     assert link.is_symlink()
     assert stat.S_IMODE(job.stat().st_mode) == 0o640
-    assert read_job(link).starts[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
-    assert read_job(link).starts[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
+    assert read_scan_job(link).starts[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
+    assert read_scan_job(link).starts[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
 
 
 @settings(max_examples=50)
@@ -89,7 +89,7 @@ def test_any_pose_survives_being_written(
     position: tuple[float, ...], angles: tuple[float, ...]
 ) -> None:
     T = from_euler_zyx(position, angles)
-    position_mm, euler_zyx_deg = written(T)
+    position_mm, euler_zyx_deg = pose_for_job_file(T)
     again = from_euler_zyx(1e-3 * np.array(position_mm), np.radians(euler_zyx_deg))
     assert np.abs(again[:3, 3] - T[:3, 3]).max() <= HALF_DIGIT[0]
     assert rotation_angle(again, T) <= 2 * HALF_DIGIT[1]
@@ -100,5 +100,5 @@ def test_a_file_that_is_no_job_any_more_is_left_alone(tmp_path: Path) -> None:
     for text in ("scan = 3", "[scan]\nfirst = 3", "[scan", "[scan]\n[scan.first]\n"):
         job.write_text(text, encoding="utf-8")
         with pytest.raises(ConfigurationError, match=str(job)):
-            write_pose(job, ("scan", "first"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            write_start_pose(job, ("scan", "first"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         assert job.read_text(encoding="utf-8") == text

@@ -8,17 +8,17 @@ import pytest
 from cells import scan_example
 from seams import NONE, Noise, Seam, seam
 
-from tjscan.scanning.adaptive import CHOICES, Adaptive, adaptive_rule
+from tjscan.scanning.adaptive import CHOICES, AdaptiveStepSettings, adaptive_step_rule
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.smooth import smooth_predictor
+from tjscan.scanning.smooth import tube_fit_predictor
 
-LIMITS = Adaptive(0.01, 0.1)
+LIMITS = AdaptiveStepSettings(0.01, 0.1)
 
 
 def round_the_joint(world: Seam, sections: int) -> tuple[list[ScannedSection], list[float]]:
     """Sections at the rule's steps from before the crown on, and these steps."""
-    rule, predictor = adaptive_rule(LIMITS), smooth_predictor(world.plan)
+    rule, predictor = adaptive_step_rule(LIMITS), tube_fit_predictor(world.plan)
     scans, steps = world.walk(-1.2, 0.03, 3), []
     for _ in range(sections):
         steps.append(rule(scans))
@@ -42,7 +42,7 @@ def test_nothing_changes_by_much_more_than_is_allowed(joint: str) -> None:
 def test_noise_is_not_taken_for_change() -> None:
     world = seam()
     scans = world.walk(-1.2, 0.02, 8)
-    rule = adaptive_rule(LIMITS)
+    rule = adaptive_step_rule(LIMITS)
     quiet = rule(scans)
     noisy = [
         rule(replace(world, noise=Noise(), rng=np.random.default_rng(seed)).walk(-1.2, 0.02, 8))
@@ -57,11 +57,11 @@ def test_noise_is_not_taken_for_change() -> None:
 def test_steps_keep_their_bounds_and_depend_on_the_sections_alone() -> None:
     scans = seam(noise=Noise()).walk(0.3, 0.03, 4)
     strict = replace(LIMITS, angle_change=radians(0.01))
-    generous = Adaptive(0.01, 0.1, radians(80), 1.0, radians(80))
-    assert adaptive_rule(strict)(scans) == strict.least
-    assert adaptive_rule(generous)(scans) == pytest.approx(generous.most)
-    step = adaptive_rule(LIMITS)(scans)
-    assert step == adaptive_rule(LIMITS)(tuple(scans))
+    generous = AdaptiveStepSettings(0.01, 0.1, radians(80), 1.0, radians(80))
+    assert adaptive_step_rule(strict)(scans) == strict.least
+    assert adaptive_step_rule(generous)(scans) == pytest.approx(generous.most)
+    step = adaptive_step_rule(LIMITS)(scans)
+    assert step == adaptive_step_rule(LIMITS)(tuple(scans))
     places = (step - LIMITS.least) / (LIMITS.most - LIMITS.least) * (CHOICES - 1)
     assert places == pytest.approx(round(places))
 
@@ -69,7 +69,8 @@ def test_steps_keep_their_bounds_and_depend_on_the_sections_alone() -> None:
 def test_less_is_allowed_shorter_steps_follow() -> None:
     scans = seam(noise=Noise()).walk(0.3, 0.03, 4)
     steps = [
-        adaptive_rule(replace(LIMITS, angle_change=radians(a)))(scans) for a in (0.5, 1, 2, 4, 8)
+        adaptive_step_rule(replace(LIMITS, angle_change=radians(a)))(scans)
+        for a in (0.5, 1, 2, 4, 8)
     ]
     assert steps == sorted(steps)
 

@@ -16,10 +16,10 @@ from tjscan.core.frames import Array, inverse, pose, rot_x, rotation_angle
 from tjscan.scanning.checks import FARTHEST, LARGEST_VIEW_SHIFT, check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.retries import LARGEST_SHIFT, TURN, Nudge
+from tjscan.scanning.retries import LARGEST_SHIFT, TURN, ViewAdjustment
 from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.scanning.set_point import SetPoint, StepRequest
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
 BEFORE, LAST = ring_section(-ANGLE), ring_section(0.0)
@@ -79,13 +79,15 @@ def test_what_passes_leads_no_further_than_the_step_allows(
 def test_the_papers_set_points_and_every_nudge_of_them_pass(
     case: int, share: float, offset: int
 ) -> None:
-    to = paper_predictor(CASES[case], Direction.COUNTERCLOCKWISE)([BEFORE, LAST], share * PLAN.step)
+    to = paper_predictor(CASES[case], ScanDirection.COUNTERCLOCKWISE)(
+        [BEFORE, LAST], share * PLAN.step
+    )
     request = StepRequest(LAST, to.T_b_t[:3, 3], share * PLAN.step)
     check_set_point(to, request, PLAN)
     for nudge in (
-        Nudge(standoff=offset * LARGEST_SHIFT),
-        Nudge(offset=offset * LARGEST_SHIFT),
-        Nudge(work_angle=offset * TURN),
+        ViewAdjustment(standoff=offset * LARGEST_SHIFT),
+        ViewAdjustment(offset=offset * LARGEST_SHIFT),
+        ViewAdjustment(work_angle=offset * TURN),
     ):
         check_set_point(nudge.applied(to, PLAN.direction), request, PLAN)
 

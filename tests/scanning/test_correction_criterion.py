@@ -15,15 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
 from tjscan.groove.find import find_groove
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.recording.writer import recording_files
-from tjscan.scanning.correction import correct
-from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation, uncertainty
+from tjscan.scanning.correction import correction_target_pose
+from tjscan.scanning.correction_criterion import (
+    CorrectionCriterion,
+    view_deviation,
+    view_deviation_sigmas,
+)
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import Substep
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 ANGLE = 0.175
 SKIPPING = {"scan.skip.enabled": True}
@@ -38,15 +42,15 @@ def change(off: Array) -> Array:
 @given(offs)
 def test_a_deviation_is_how_far_frame_t_is_off(off: Array) -> None:
     taken = ring_section(ANGLE, off=change(off))
-    np.testing.assert_allclose(deviation(taken, IDEAL), off, atol=1e-9)
+    np.testing.assert_allclose(view_deviation(taken, IDEAL), off, atol=1e-9)
 
 
 def test_a_raised_sensor_and_a_smaller_work_angle_are_the_same_deviation() -> None:
-    for direction, sign in ((Direction.COUNTERCLOCKWISE, 1), (Direction.CLOCKWISE, -1)):
+    for direction, sign in ((ScanDirection.COUNTERCLOCKWISE, 1), (ScanDirection.CLOCKWISE, -1)):
         plan = replace(PLAN, direction=direction)
         taken = ring_section(ANGLE, plan=plan)
         wanted = SetPoint(taken.T_b_t, plan.target(GROOVE.work_angle + 0.02))
-        off = deviation(taken, wanted)
+        off = view_deviation(taken, wanted)
         assert off[3] == pytest.approx(sign * 0.02, abs=1e-9)
 
 
@@ -55,34 +59,35 @@ def test_what_is_nearer_and_surer_is_allowed_where_the_further_is(
     off: Array, sigma: Array, share: float
 ) -> None:
     skip = CorrectionCriterion(True, 0.2, 0.2, 0.2)
-    if skip.allows(off, sigma):
-        assert skip.allows(share * off, sigma)
-        assert skip.allows(off, share * sigma)
-    assert not skip.allows(off + 1.0, sigma)
+    if skip.allows_skipping(off, sigma):
+        assert skip.allows_skipping(share * off, sigma)
+        assert skip.allows_skipping(off, share * sigma)
+    assert not skip.allows_skipping(off + 1.0, sigma)
 
 
 def test_reading_and_prediction_together_are_surer_than_either() -> None:
-    direction = Direction.COUNTERCLOCKWISE
-    alone = uncertainty(GROOVE, SetPoint(np.eye(4), np.eye(4)), 0.04, direction)
+    direction = ScanDirection.COUNTERCLOCKWISE
+    alone = view_deviation_sigmas(GROOVE, SetPoint(np.eye(4), np.eye(4)), 0.04, direction)
     P = np.diag([(1e-4) ** 2] * 3 + [1e-6] * 4)
-    both = uncertainty(GROOVE, SetPoint(np.eye(4), np.eye(4), P), 0.04, direction)
+    both = view_deviation_sigmas(GROOVE, SetPoint(np.eye(4), np.eye(4), P), 0.04, direction)
     assert (both < alone).all()
     assert (both**2 < [1e-8] * 3 + [2e-6, 1e-6, 1e-6]).all()
     certain = SetPoint(np.eye(4), np.eye(4), np.zeros((7, 7)))
-    assert (uncertainty(GROOVE, certain, 0.04, direction) == 0).all()
+    assert (view_deviation_sigmas(GROOVE, certain, 0.04, direction) == 0).all()
 
 
 def test_a_shorter_step_tells_the_direction_of_motion_less_well() -> None:
     ahead = SetPoint(np.eye(4), np.eye(4))
     short, long = (
-        uncertainty(GROOVE, ahead, step, Direction.COUNTERCLOCKWISE) for step in (0.01, 0.1)
+        view_deviation_sigmas(GROOVE, ahead, step, ScanDirection.COUNTERCLOCKWISE)
+        for step in (0.01, 0.1)
     )
     assert short[4:] == pytest.approx(10 * long[4:])
 
 
 def test_the_papers_cases_always_correct_unless_the_job_says_otherwise() -> None:
-    assert read_job(PAPER).scan.skip is None
-    skip = read_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0}).scan.skip
+    assert read_scan_job(PAPER).scan.skip is None
+    skip = read_scan_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0}).scan.skip
     assert skip is not None
     assert skip.position == pytest.approx(3e-3)
 
@@ -98,12 +103,15 @@ def test_a_scan_that_skips_is_as_good_with_fewer_views(file: Path, step_mm: int)
     assert (
         example_corner_errors(quick, file).mean() < example_corner_errors(full, file).mean() + 2e-5
     )
-    plan = read_job(file, keys | SKIPPING).scan
+    plan = read_scan_job(file, keys | SKIPPING).scan
     assert plan.skip is not None
     for before, scan in zip(quick.sections[1:], quick.sections[2:], strict=False):
         if scan.view.substep is Substep.PREDICTION:
-            ideal = SetPoint(correct(before.T_b_g, scan.T_b_g), plan.target(scan.groove.work_angle))
-            assert plan.skip.allows(deviation(scan, ideal), np.zeros(6))
+            ideal = SetPoint(
+                correction_target_pose(before.T_b_g, scan.T_b_g),
+                plan.target(scan.groove.work_angle),
+            )
+            assert plan.skip.allows_skipping(view_deviation(scan, ideal), np.zeros(6))
 
 
 def test_nothing_is_skipped_where_nothing_is_tolerated() -> None:
@@ -122,12 +130,12 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     options = [word for key, value in keys.items() for word in (f"--{key}", str(value).lower())]
     run = tmp_path / "run"
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
-    whole = read_scan(run).read_sections(find_groove)
+    whole = read_recorded_scan(run).read_sections(find_groove)
     assert Substep.PREDICTION in {scan.view.substep for scan in whole}
     recording = recording_files(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
-    again = read_scan(run).read_sections(find_groove)
+    again = read_recorded_scan(run).read_sections(find_groove)
     assert [s.view.substep for s in again] == [s.view.substep for s in whole]
     for one, other in zip(again, whole, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-12)

@@ -9,7 +9,7 @@ from tjscan.core.frames import inverse, pose, rot_z
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import StopReason, complete, finished, groove_length
+from tjscan.scanning.progress import StopReason, groove_length, plan_is_fulfilled, reason_to_stop
 from tjscan.scanning.section import ScannedSection, Substep, View
 
 RADIUS = 0.2286
@@ -39,7 +39,7 @@ def steps_until_closed(gap: float, nominal: float) -> float:
     sections = []
     for i in count():
         sections.append(section(i * angle, i))
-        if finished(plan(nominal), sections, nominal) is StopReason.CLOSED:
+        if reason_to_stop(plan(nominal), sections, nominal) is StopReason.CLOSED:
             return float(i * angle)
     raise AssertionError
 
@@ -63,13 +63,17 @@ def test_the_length_counts_from_the_second_section_and_ends_at_the_nearest_step(
     step = groove_length(sections[:2])
     for steps in (3, 7):
         asked = plan(step, length=(steps + 0.4) * step)
-        ends = [n for n in range(2, 12) if finished(asked, sections[:n], step) is StopReason.LENGTH]
+        ends = [
+            n
+            for n in range(2, 12)
+            if reason_to_stop(asked, sections[:n], step) is StopReason.LENGTH
+        ]
         assert ends[0] == 2 + steps
 
 
 def test_what_was_asked_decides_whether_a_scan_is_complete() -> None:
-    assert complete(StopReason.LENGTH, plan(0.04, length=0.5))
-    assert complete(StopReason.CLOSED, plan(0.04, length=5.0))
-    assert complete(StopReason.UNREACHABLE, plan(0.04))
-    assert not complete(StopReason.UNREACHABLE, plan(0.04, length=0.5))
-    assert not complete(StopReason.LOST, plan(0.04))
+    assert plan_is_fulfilled(StopReason.LENGTH, plan(0.04, length=0.5))
+    assert plan_is_fulfilled(StopReason.CLOSED, plan(0.04, length=5.0))
+    assert plan_is_fulfilled(StopReason.UNREACHABLE, plan(0.04))
+    assert not plan_is_fulfilled(StopReason.UNREACHABLE, plan(0.04, length=0.5))
+    assert not plan_is_fulfilled(StopReason.LOST, plan(0.04))

@@ -13,9 +13,9 @@ from tjscan.core.frames import pose, rot_y
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.scanning.checks import check_side
-from tjscan.scanning.events import EventCounts
-from tjscan.scanning.merge import AGREEING, merge
+from tjscan.scanning.checks import check_section_orientation
+from tjscan.scanning.events import RetryCounts
+from tjscan.scanning.merge import AGREEING, merge_repeated_profiles
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING
@@ -49,7 +49,7 @@ def test_up_to_five_bad_profiles_in_a_row_cost_no_section(fault: Fault) -> None:
     result = scan_with(bursts(fault, 3), notes)
     assert result.stop is StopReason.SECTIONS
     assert result.counts.taken_again > 0
-    assert result.counts == EventCounts(taken_again=result.counts.taken_again)
+    assert result.counts == RetryCounts(taken_again=result.counts.taken_again)
     assert example_corner_errors(result).max() < TRUE_CORNER
     assert {name for name, _ in notes.events} == {"taken again", "stop"}
 
@@ -72,7 +72,7 @@ def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> No
         through=lambda laser: Remembering(laser, lambda k: out_of_a_ring if k in failing else None),
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.counts == EventCounts(taken_again=MISSING)
+    assert result.counts == RetryCounts(taken_again=MISSING)
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
@@ -146,7 +146,7 @@ def test_where_nothing_is_read_a_shorter_step_is_made(first: int, nudges: int) -
         FAULTLESS | SHORT, notes=notes, read=reading_fails_at(range(first, first + 2 + nudges))
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.counts == EventCounts(taken_again=1, nudges=nudges, half_steps=1)
+    assert result.counts == RetryCounts(taken_again=1, nudges=nudges, half_steps=1)
     assert step_lengths(result.sections)[2] == pytest.approx(0.020, rel=0.03)
     assert step_lengths(result.sections)[3] == pytest.approx(0.040, rel=0.03)
 
@@ -156,7 +156,7 @@ def test_where_that_does_not_help_the_last_section_is_seen_again() -> None:
         FAULTLESS | SHORT, read=reading_fails_at(range(SIDE_VIEW, SIDE_VIEW + 12))
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.counts == EventCounts(taken_again=2, nudges=8, half_steps=1, retreats=1)
+    assert result.counts == RetryCounts(taken_again=2, nudges=8, half_steps=1, retreats=1)
     assert [v.index for v in result.views if v.substep is Substep.RESUMED] == [3]
     assert step_lengths(result.sections)[2] == pytest.approx(0.010, rel=0.05)
 
@@ -216,7 +216,7 @@ def profiles(count: int, spurious_share: float, seed: int) -> tuple[Profile, lis
 @pytest.mark.parametrize("seed", range(5))
 def test_what_most_profiles_agree_on_is_kept_and_nothing_else(seed: int) -> None:
     true, noisy = profiles(7, 0.3, seed)
-    merged = merge(noisy)
+    merged = merge_repeated_profiles(noisy)
     assert merged is not None
     assert merged.time == 2.0
     off = np.abs(merged.z_s - true.z_s)[merged.valid]
@@ -226,21 +226,21 @@ def test_what_most_profiles_agree_on_is_kept_and_nothing_else(seed: int) -> None
 
 def test_profiles_without_faults_merge_to_their_mean() -> None:
     true, noisy = profiles(7, 0.0, 1)
-    merged = merge(noisy)
+    merged = merge_repeated_profiles(noisy)
     assert merged is not None
     assert np.nanstd(merged.z_s - true.z_s) < 0.03e-3 / np.sqrt(5)
 
 
 def test_copies_of_one_profile_agree_on_nothing() -> None:
     _, noisy = profiles(1, 0.3, 1)
-    assert merge(noisy * 7) is None
+    assert merge_repeated_profiles(noisy * 7) is None
     _, noisy = profiles(AGREEING - 1, 0.0, 1)
-    assert merge(noisy) is None
+    assert merge_repeated_profiles(noisy) is None
 
 
 def test_a_groove_seen_from_behind_is_refused() -> None:
     groove = scan_example(FAULTLESS | {"scan.sections": 3}).sections[-1].groove
-    check_side(groove)
+    check_section_orientation(groove)
     for axis in (rot_y(np.pi), np.diag((1.0, -1.0, -1.0))):
         with pytest.raises(GrooveNotFound, match="not above"):
-            check_side(replace(groove, T_s_g=pose(axis) @ groove.T_s_g))
+            check_section_orientation(replace(groove, T_s_g=pose(axis) @ groove.T_s_g))

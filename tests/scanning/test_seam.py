@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seams import Noise, seam
 
-from tjscan.scanning.seam.fit import Walls, fit_seam
-from tjscan.scanning.seam.track import MOST_SECTIONS, track_of
-from tjscan.scanning.target import Direction
+from tjscan.scanning.seam.fit import LocalWalls, fit_tubes_to_sections
+from tjscan.scanning.seam.track import MOST_SECTIONS, recent_section_arrays
+from tjscan.scanning.target import ScanDirection
 
 
 @pytest.mark.parametrize("joint", ["tjoint-600x457", "yjoint-600x457-60deg", "tjoint-406x324"])
-@pytest.mark.parametrize("direction", Direction)
-def test_without_noise_five_sections_hold_both_tubes(joint: str, direction: Direction) -> None:
+@pytest.mark.parametrize("direction", ScanDirection)
+def test_without_noise_five_sections_hold_both_tubes(joint: str, direction: ScanDirection) -> None:
     world = seam(joint, direction)
-    fitted = fit_seam(track_of(world.walk(0.3, 0.05, 5)))
+    fitted = fit_tubes_to_sections(recent_section_arrays(world.walk(0.3, 0.05, 5)))
     walls, true = fitted.walls(), world.definition
     # A prior that asks for other sizes moves them by little.
     np.testing.assert_allclose(
@@ -31,7 +31,7 @@ def test_with_noise_the_radii_are_as_uncertain_as_told() -> None:
     off = []
     for seed in range(20):
         world = seam(noise=Noise(), seed=seed)
-        fitted = fit_seam(track_of(world.walk(0.3, 0.05, 5)))
+        fitted = fit_tubes_to_sections(recent_section_arrays(world.walk(0.3, 0.05, 5)))
         told = 0.7 * np.sqrt(fitted.covariance[4, 4])  # of ln(1/r); 0.7 is the prior's unit
         off.append(np.log(fitted.walls().curvatures[0] * world.definition.brace_radius) / told)
     # Tubes are round here: what is allowed for their being out of round is not used up.
@@ -46,12 +46,14 @@ def test_at_the_crown_the_seam_bends_as_both_tubes_do() -> None:
     true = world.definition
     # There z = R - (r phi)²/2R, and the radius about the axis is r.
     expected = np.hypot(1 / true.brace_radius, 1 / true.leg_radius)
-    assert fit_seam(track_of(scans)).curvature() == pytest.approx(expected, rel=0.05)
+    assert fit_tubes_to_sections(recent_section_arrays(scans)).curvature() == pytest.approx(
+        expected, rel=0.05
+    )
 
 
 def test_only_the_last_sections_count() -> None:
     scans = seam().walk(-1.0, 0.01, MOST_SECTIONS + 3)
-    track = track_of(scans)
+    track = recent_section_arrays(scans)
     assert len(track.along) == MOST_SECTIONS
     assert track.along[-1] == 0
     assert track.along[0] == pytest.approx(-0.01 * (MOST_SECTIONS - 1), rel=1e-3)
@@ -67,7 +69,7 @@ def test_only_the_last_sections_count() -> None:
 def test_how_far_a_point_lies_outside_a_tube_is_exact(
     radius: float, h: float, c: float, along: float
 ) -> None:
-    walls = Walls(
+    walls = LocalWalls(
         np.zeros((2, 3)),
         np.tile((0.0, 0.0, 1.0), (2, 1)),
         np.tile((0.0, 1.0, 0.0), (2, 1)),
@@ -81,7 +83,7 @@ def test_how_far_a_point_lies_outside_a_tube_is_exact(
 
 
 def test_a_wall_without_curvature_is_a_plane() -> None:
-    walls = Walls(np.zeros((2, 3)), np.eye(3)[[2, 2]], np.eye(3)[[1, 1]], np.zeros(2))
+    walls = LocalWalls(np.zeros((2, 3)), np.eye(3)[[2, 2]], np.eye(3)[[1, 1]], np.zeros(2))
     distance, slope = walls.outside(np.full((2, 1, 3), 0.03), np.full((2, 1, 3), 0.6))
     np.testing.assert_allclose(distance, 0.03)
     np.testing.assert_allclose(slope, 0.6)

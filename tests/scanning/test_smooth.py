@@ -15,18 +15,18 @@ from tjscan.core.frames import Array, inverse, pose, rotation_angle
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
 from tjscan.scanning.checks import check_set_point
-from tjscan.scanning.correction import correct
-from tjscan.scanning.correction_criterion import CorrectionCriterion, deviation
+from tjscan.scanning.correction import correction_target_pose
+from tjscan.scanning.correction_criterion import CorrectionCriterion, view_deviation
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint, StepRequest
-from tjscan.scanning.smooth import smooth_predictor
-from tjscan.scanning.target import Direction
+from tjscan.scanning.smooth import tube_fit_predictor
+from tjscan.scanning.target import ScanDirection
 
 JOINTS = pytest.mark.parametrize(
     "joint", ["tjoint-600x457", "yjoint-600x457-60deg", "tjoint-406x324"]
 )
-WAYS = pytest.mark.parametrize("direction", Direction, ids=["ccw", "cw"])
+WAYS = pytest.mark.parametrize("direction", ScanDirection, ids=["ccw", "cw"])
 EXACT = 1e-6
 """Metres and radians: what the searches for the tubes and the section leave."""
 SKIP = CorrectionCriterion(enabled=True)
@@ -40,14 +40,14 @@ def walk_of(seam: Seam, step: float, sections: int, azimuth: float = 0.4) -> lis
 @WAYS
 @pytest.mark.parametrize(("step", "metres"), [(0.01, 0.05e-3), (0.04, 0.2e-3), (0.1, 1.2e-3)])
 def test_without_noise_three_sections_foretell_the_next(
-    joint: str, direction: Direction, step: float, metres: float
+    joint: str, direction: ScanDirection, step: float, metres: float
 ) -> None:
     # The tubes are found but for their prior; what else is left is the shape of the bevel: of the
     # opening, some degrees over 100 mm, the work angle takes half.
     world = seam(joint, direction)
     scans = walk_of(world, step, 5)
     for n in (3, 4):
-        off, turned = misses(smooth_predictor(world.plan)(scans[:n], step), scans[n])
+        off, turned = misses(tube_fit_predictor(world.plan)(scans[:n], step), scans[n])
         assert off < metres
         assert turned < radians(0.3) + radians(5) * step / 0.1
 
@@ -55,11 +55,11 @@ def test_without_noise_three_sections_foretell_the_next(
 @JOINTS
 @WAYS
 def test_two_sections_lead_to_the_third_and_tell_their_doubt(
-    joint: str, direction: Direction
+    joint: str, direction: ScanDirection
 ) -> None:
     world = seam(joint, direction)
     scans = walk_of(world, 0.04, 3)
-    ahead = smooth_predictor(world.plan)(scans[:2], 0.04)
+    ahead = tube_fit_predictor(world.plan)(scans[:2], 0.04)
     off, turned = misses(ahead, scans[2])
     assert off < 5e-3
     assert turned < radians(8)
@@ -69,10 +69,10 @@ def test_two_sections_lead_to_the_third_and_tell_their_doubt(
 
 @WAYS
 @pytest.mark.parametrize("step", [0.01, 0.04, 0.1])
-def test_the_step_has_the_length_asked_for(direction: Direction, step: float) -> None:
+def test_the_step_has_the_length_asked_for(direction: ScanDirection, step: float) -> None:
     world = seam(direction=direction, noise=Noise())
     scans = walk_of(world, step, 4)
-    ahead = smooth_predictor(world.plan)(scans, step)
+    ahead = tube_fit_predictor(world.plan)(scans, step)
     gone = ahead.T_b_t[:3, 3] - scans[-1].T_b_g[:3, 3]
     assert np.linalg.norm(gone) == pytest.approx(step, abs=EXACT)
     assert gone @ (scans[-1].T_b_g[:3, 3] - scans[-2].T_b_g[:3, 3]) > 0
@@ -90,7 +90,7 @@ def test_prediction_does_not_depend_on_where_the_base_stands(
     world = seam(noise=Noise())
     scans = walk_of(world, 0.04, 4)
     moved = [moved_by(T_a_b, scan) for scan in scans]
-    predictor = smooth_predictor(replace(world.plan, criterion=SKIP))
+    predictor = tube_fit_predictor(replace(world.plan, criterion=SKIP))
     in_b, in_a = predictor(scans, 0.04), predictor(moved, 0.04)
     np.testing.assert_allclose(in_a.T_b_t, T_a_b @ in_b.T_b_t, atol=EXACT)
     np.testing.assert_allclose(in_a.T_s_t, in_b.T_s_t, atol=EXACT)
@@ -104,10 +104,13 @@ def moved_by(T_a_b: Array, scan: ScannedSection) -> ScannedSection:
 @pytest.mark.parametrize("joint", ["tjoint-600x457", "yjoint-600x457-60deg"])
 def test_clockwise_mirrors_counterclockwise(joint: str) -> None:
     ways = {}
-    for direction, azimuth in ((Direction.COUNTERCLOCKWISE, 0.5), (Direction.CLOCKWISE, -0.5)):
+    for direction, azimuth in (
+        (ScanDirection.COUNTERCLOCKWISE, 0.5),
+        (ScanDirection.CLOCKWISE, -0.5),
+    ):
         world = seam(joint, direction)
         scans = walk_of(world, 0.04, 4, azimuth)
-        ways[direction] = smooth_predictor(world.plan)(scans, 0.04)
+        ways[direction] = tube_fit_predictor(world.plan)(scans, 0.04)
     ccw, cw = ways.values()
     # The plane of both axes, y = 0, is the mirror.
     mirror = np.diag((1.0, -1.0, 1.0))
@@ -122,7 +125,7 @@ def test_clockwise_mirrors_counterclockwise(joint: str) -> None:
 def test_the_same_sections_give_the_same_set_point_and_old_ones_do_not_count() -> None:
     world = seam(noise=Noise())
     scans = walk_of(world, 0.01, 34, -1.0)
-    predictor = smooth_predictor(world.plan)
+    predictor = tube_fit_predictor(world.plan)
     first, again, recent = (predictor(s, 0.01) for s in (scans, list(scans), scans[-30:]))
     np.testing.assert_array_equal(first.T_b_t, again.T_b_t)
     np.testing.assert_array_equal(first.T_b_t, recent.T_b_t)
@@ -137,7 +140,7 @@ def test_it_does_not_amplify_the_noise_of_the_last_sections() -> None:
     for seed in range(25):
         noisy = replace(world, noise=Noise(), rng=np.random.default_rng(seed))
         seen = [noisy.look(SetPoint(s.T_b_t, s.T_s_t)) for s in scans]
-        smooth_.append(smooth_predictor(world.plan)(seen, step).T_b_t[:3, 3])
+        smooth_.append(tube_fit_predictor(world.plan)(seen, step).T_b_t[:3, 3])
         case_3.append(paper_predictor(CASES[3], world.direction)(seen, step).T_b_t[:3, 3])
         read.append(seen[-1].T_b_g[:3, 3])
     spread = [float(np.linalg.norm(np.std(p, axis=0))) for p in (smooth_, case_3, read)]
@@ -155,10 +158,10 @@ def test_the_covariance_is_that_of_the_misses(step: float) -> None:
     for seed in range(40):
         noisy = replace(world, noise=Noise(), rng=np.random.default_rng(seed))
         seen = [noisy.look(SetPoint(s.T_b_t, s.T_s_t)) for s in scans[:-1]]
-        ahead = smooth_predictor(world.plan)(seen, step)
+        ahead = tube_fit_predictor(world.plan)(seen, step)
         assert ahead.covariance is not None
         true = world.look(SetPoint(ahead.T_b_t, ahead.T_s_t))
-        T_b_t = correct(seen[-1].T_b_g, true.T_b_g)
+        T_b_t = correction_target_pose(seen[-1].T_b_g, true.T_b_g)
         away = inverse(ahead.T_b_t) @ T_b_t
         miss = np.concatenate((away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec()))
         parts = [1, 2, 3]  # along x it is known, and turns about y and z follow from shifts
@@ -168,15 +171,17 @@ def test_the_covariance_is_that_of_the_misses(step: float) -> None:
 
 
 @WAYS
-def test_the_hand_lags_within_the_tolerances_and_turns_less(direction: Direction) -> None:
+def test_the_hand_lags_within_the_tolerances_and_turns_less(direction: ScanDirection) -> None:
     world = seam(direction=direction, noise=Noise())
     scans = walk_of(world, 0.04, 6)
     last = scans[-1]
-    eager = smooth_predictor(world.plan)(scans, 0.04)
-    lazy = smooth_predictor(replace(world.plan, criterion=SKIP))(scans, 0.04)
+    eager = tube_fit_predictor(world.plan)(scans, 0.04)
+    lazy = tube_fit_predictor(replace(world.plan, criterion=SKIP))(scans, 0.04)
     seen = world.look(lazy)
-    ideal = SetPoint(correct(last.T_b_g, seen.T_b_g), world.plan.target(seen.groove.work_angle))
-    off = deviation(seen, ideal)
+    ideal = SetPoint(
+        correction_target_pose(last.T_b_g, seen.T_b_g), world.plan.target(seen.groove.work_angle)
+    )
+    off = view_deviation(seen, ideal)
     assert abs(off[3]) < SKIP.work_angle
     assert 0.5 * SKIP.rotation < np.linalg.norm(off[4:]) < SKIP.rotation
     turns = [rotation_angle(last.view.T_b_s, to.T_b_t @ inverse(to.T_s_t)) for to in (eager, lazy)]
@@ -192,8 +197,8 @@ def test_where_the_tubes_tell_nothing_the_papers_case_3_predicts(
 
     world = seam()
     scans = walk_of(world, 0.04, 3)
-    monkeypatch.setattr(smooth, "fit_seam", lost)
-    ahead = smooth_predictor(world.plan)(scans, 0.04)
+    monkeypatch.setattr(smooth, "fit_tubes_to_sections", lost)
+    ahead = tube_fit_predictor(world.plan)(scans, 0.04)
     case_3 = paper_predictor(CASES[3], world.direction)(scans, 0.04)
     np.testing.assert_array_equal(ahead.T_b_t, case_3.T_b_t)
     assert ahead.covariance is None
@@ -207,7 +212,7 @@ def test_tubes_that_are_out_of_round_are_followed() -> None:
     oval = [squeezed(scan) for scan in scans]
     off = [
         np.linalg.norm(
-            smooth_predictor(world.plan)(oval[:n], 0.02).T_b_t[:3, 3] - oval[n].T_b_g[:3, 3]
+            tube_fit_predictor(world.plan)(oval[:n], 0.02).T_b_t[:3, 3] - oval[n].T_b_g[:3, 3]
         )
         for n in range(6, 16)
     ]
@@ -232,7 +237,7 @@ def test_a_section_that_was_misread_is_not_believed() -> None:
     points[1] += 1.5e-3 * turn @ groove.T_s_g[:3, 2]
     wrong = replace(groove, wall_s=turn @ groove.wall_s, points_s=points)
     seen = [*scans[:4], replace(scans[4], groove=wrong), *scans[5:8]]
-    predictor = smooth_predictor(world.plan)
+    predictor = tube_fit_predictor(world.plan)
     off, _ = misses(predictor(seen, 0.02), scans[8])
     assert off < 0.4e-3
 
@@ -245,14 +250,14 @@ def test_two_sections_of_which_one_was_misread_lead_nowhere_wild() -> None:
         turn = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))
         wrong = replace(scans[1].groove, wall_s=turn @ scans[1].groove.wall_s)
         seen = [scans[0], replace(scans[1], groove=wrong)]
-        ahead = smooth_predictor(world.plan)(seen, 0.02)
+        ahead = tube_fit_predictor(world.plan)(seen, 0.02)
         check_set_point(ahead, StepRequest(seen[1], ahead.T_b_t[:3, 3], 0.02), world.plan)
 
 
 def test_whatever_the_sections_say_there_is_a_set_point_the_guard_lets_pass_or_case_3() -> None:
     rng, world = np.random.default_rng(5), seam(noise=Noise())
     scans = walk_of(world, 0.03, 5)
-    predictor = smooth_predictor(replace(world.plan, criterion=SKIP))
+    predictor = tube_fit_predictor(replace(world.plan, criterion=SKIP))
     for _ in range(40):
         size = 10 ** rng.uniform(-3, -0.7)
         seen = [

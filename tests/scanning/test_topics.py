@@ -23,9 +23,9 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.writer import RecordingWriter
-from tjscan.scanning.reader import read_scan, read_views
+from tjscan.scanning.reader import read_recorded_scan, read_views
 from tjscan.scanning.section import Substep, View
-from tjscan.scanning.topics import PROFILE, TOPICS, scan_recording
+from tjscan.scanning.topics import PROFILE, TOPICS, open_scan_recording
 
 ROUNDING = 1e-12
 """Of a pose that is written as a quaternion, and multiplied a few times."""
@@ -53,10 +53,10 @@ def view(index: int, intensity: bool = True) -> View:
 
 def record(file: Path, count: int) -> list[View]:
     views = [view(i, intensity=i % 2 == 0) for i in range(count)]
-    with scan_recording(file) as journal:
+    with open_scan_recording(file) as journal:
         for v in views:
-            journal.view(v)
-        journal.event("stop", "enough")
+            journal.record_view(v)
+        journal.record_event("stop", "enough")
     return views
 
 
@@ -98,9 +98,9 @@ def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> Non
 @pytest.mark.parametrize("days", [0, 40])
 def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
     began = time.time()
-    with scan_recording(tmp_path / "scan.mcap") as journal:
+    with open_scan_recording(tmp_path / "scan.mcap") as journal:
         for i in range(3):
-            journal.view(replace(view(i), time=86400.0 * days + i))
+            journal.record_view(replace(view(i), time=86400.0 * days + i))
     stamps = [1e-9 * log_time for topic, _, log_time, _ in contents(tmp_path) if topic == "/view"]
     assert began - 1 < stamps[0] <= time.time() + 1
     np.testing.assert_allclose(np.diff(stamps), 1.0, atol=1e-6)
@@ -110,7 +110,7 @@ def test_a_profile_without_its_view_is_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "scan.mcap", TOPICS) as recording:
         recording.write(0, (PROFILE, PointCloud()))
     with pytest.raises(RecordingError, match="a profile without a view"):
-        read_scan(tmp_path)
+        read_recorded_scan(tmp_path)
 
 
 def contents(run: Path) -> list[tuple[str, str, int, Any]]:
@@ -157,7 +157,7 @@ def test_own_messages_hold_what_their_schemas_name(run: Path) -> None:
 
 
 def test_a_viewer_finds_the_arm_the_laser_and_the_groove_where_they_were(run: Path) -> None:
-    scan = read_scan(run)
+    scan = read_recorded_scan(run)
     at: dict[str, Any] = {}
     sections = iter(scan.sections.values())
     for topic, _, _, message in contents(run):
@@ -193,7 +193,7 @@ def test_a_viewer_can_move_the_arm_by_its_urdf(run: Path) -> None:
 
 
 def test_a_viewer_finds_points_scene_joints_and_log(run: Path) -> None:
-    scan, found = read_scan(run), contents(run)
+    scan, found = read_recorded_scan(run), contents(run)
     clouds = [m for topic, _, _, m in found if topic == "/profile"]
     joints = [m for topic, _, _, m in found if topic == "/joints"]
     assert len(clouds) == len(joints) == len(scan.views)

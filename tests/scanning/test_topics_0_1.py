@@ -10,7 +10,7 @@ from command import tjscan
 
 from tjscan.groove.find import find_groove
 from tjscan.recording.reader import read_header
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
 ROUNDING = 1e-12
@@ -36,7 +36,7 @@ def test_it_is_read(old: Path) -> None:
     head = read_header(old / "scan.mcap")
     assert head is not None
     assert (head.version, head.format) == ("0.1.0", 1)
-    scan = read_scan(old)
+    scan = read_recorded_scan(old)
     assert (len(scan.views), list(scan.sections)) == (6, [0, 1, 2, 3])
     assert scan.stop.startswith("number of sections reached")
     assert scan.events[-1].name == "stop"
@@ -64,9 +64,9 @@ def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
     (old / "scan.mcap").write_bytes(data[: int(INTERRUPTED * len(data))])
     for name in ("sections.csv", "summary.json"):
         (old / name).unlink()
-    before = read_scan(old)
+    before = read_recorded_scan(old)
     assert 2 <= len(before.sections) < 4
     assert tjscan("scan", "--resume", old) == 0
-    assert len(read_scan(old).sections) == 4
+    assert len(read_recorded_scan(old).sections) == 4
     formats = [read_header(old / name) for name in ("scan.mcap", "scan-2.mcap")]
     assert [head.format for head in formats if head is not None] == [1, 2]

@@ -5,18 +5,18 @@ import pytest
 
 from tjscan.core.frames import Array, inverse
 from tjscan.core.lie import exp
-from tjscan.stitching.graph import gap, spanning_tree_poses
-from tjscan.stitching.overlaps import Arc, Overlap
-from tjscan.stitching.registration import Registration
+from tjscan.stitching.graph import overlap_gap, spanning_tree_poses
+from tjscan.stitching.overlaps import AzimuthArc, StationOverlap
+from tjscan.stitching.registration import StationRegistration
 
 EXACT = 1e-9
 
 
-def registration(first: int, second: int, T: Array, sigma: float) -> Registration:
+def registration(first: int, second: int, T: Array, sigma: float) -> StationRegistration:
     """An overlap with nothing but a pose and its uncertainty."""
     nothing, flags = np.zeros((1, 6)), np.ones(1, dtype=bool)
-    return Registration(
-        Overlap(first, second, Arc(0.0, 0.3), (3, 3)),
+    return StationRegistration(
+        StationOverlap(first, second, AzimuthArc(0.0, 0.3), (3, 3)),
         T,
         np.diag(np.repeat((sigma**2, 0.0), 3)),
         np.array((0.3, 0.1, 0.2)),
@@ -45,7 +45,7 @@ def test_overlaps_that_agree_place_every_station(seed: int) -> None:
     T, closing = spanning_tree_poses(6, edges)
     np.testing.assert_allclose(T, truth, atol=EXACT)
     assert len(closing) == len(pairs) - 5
-    assert max(gap(edge, T) for edge in closing) < EXACT
+    assert max(overlap_gap(edge, T) for edge in closing) < EXACT
 
 
 def test_the_surest_overlaps_place_and_the_others_close() -> None:
@@ -55,7 +55,7 @@ def test_the_surest_overlaps_place_and_the_others_close() -> None:
     T, closing = spanning_tree_poses(3, [loose, *sure])
     np.testing.assert_allclose(T, truth, atol=EXACT)
     assert closing == [loose]
-    assert gap(loose, T) == pytest.approx(1e-3, rel=0.1)
+    assert overlap_gap(loose, T) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_of_two_overlaps_of_the_same_stations_the_surer_one_places() -> None:

@@ -18,12 +18,12 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, rotation_angle
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.tubes.walls import Repeatability
-from tjscan.runs.stitching_report import report_stitching
-from tjscan.stitching.draft import Draft
+from tjscan.runs.stitching_report import stitching_report
+from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.stations import Station
-from tjscan.stitching.stitch import Stitched, stitch
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
 NAMES = sorted(file.stem for file in CAD.glob("?joint-*.toml"))
 PAPERS = "tjoint-600x457"
@@ -48,7 +48,7 @@ def two(
     return [station for station, _ in made], [T_j_b for _, T_j_b in made]
 
 
-def off_truth(stitched: Stitched, truth: Sequence[Array]) -> list[Array]:
+def off_truth(stitched: StitchedGroove, truth: Sequence[Array]) -> list[Array]:
     """What would bring the true place of each station to the one found, half a turn apart."""
     apart = [
         max(
@@ -61,7 +61,7 @@ def off_truth(stitched: Stitched, truth: Sequence[Array]) -> list[Array]:
     return [one.T_j_b @ inverse(turn @ T) for one, T in zip(stitched.stations, truth, strict=True)]
 
 
-def same(one: Stitched, other: Stitched, turn: Array, tolerance: float = 1e-9) -> None:
+def same(one: StitchedGroove, other: StitchedGroove, turn: Array, tolerance: float = 1e-9) -> None:
     assert [p.station.name for p in one.stations] == [p.station.name for p in other.stations]
     for a, b in zip(one.stations, other.stations, strict=True):
         np.testing.assert_allclose(turn @ a.T_j_b, b.T_j_b, atol=tolerance)
@@ -71,7 +71,7 @@ def same(one: Stitched, other: Stitched, turn: Array, tolerance: float = 1e-9) -
 @pytest.mark.parametrize("name", NAMES)
 def test_exact_stations_are_placed_exactly(name: str) -> None:
     stations, truth = two(name)
-    stitched = stitch(stations)
+    stitched = stitch_stations(stations)
     # The leaning joint's groove angle is prescribed with a kink, which is not smooth.
     tolerance = 20 * EXACT if name.startswith("y") else EXACT
     for T in off_truth(stitched, truth):
@@ -87,7 +87,7 @@ def test_exact_stations_are_placed_exactly(name: str) -> None:
 
 def test_exact_sections_are_fused_exactly() -> None:
     stations, _ = two()
-    stitched = stitch(stations)
+    stitched = stitch_stations(stations)
     fused = [section for section in stitched.sections if section.station == "left+right"]
     assert len(fused) == 8
     corners = np.array([section.points for section in fused])
@@ -97,7 +97,7 @@ def test_exact_sections_are_fused_exactly() -> None:
 
 def test_the_order_of_the_stations_changes_nothing() -> None:
     stations, _ = two(arm=Repeatability())
-    same(stitch(stations), stitch(stations[::-1]), np.eye(4), 1e-12)
+    same(stitch_stations(stations), stitch_stations(stations[::-1]), np.eye(4), 1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -105,7 +105,7 @@ def test_turning_the_workpiece_changes_nothing_but_perhaps_half_a_turn(seed: int
     T_w_j = pose(Rotation.random(rng=seed).as_matrix(), (3.0, -2.0, 1.0))
     still, _ = two(arm=Repeatability())
     turned, _ = two(arm=Repeatability(), T_w_j=T_w_j)
-    one, other = stitch(still), stitch(turned)
+    one, other = stitch_stations(still), stitch_stations(turned)
     x = one.stations[0].T_j_b[0, :3] @ other.stations[0].T_j_b[0, :3]
     same(one, other, np.eye(4) if x > 0 else HALF_TURN)
 
@@ -114,7 +114,7 @@ def test_moving_a_base_moves_its_pose_and_nothing_else() -> None:
     # The same views, told in a base frame that stands elsewhere.
     still, truth = two(seed=1)
     moved, elsewhere = two(seed=2)
-    one, other = stitch(still), stitch(moved)
+    one, other = stitch_stations(still), stitch_stations(moved)
     for a, b in zip(one.sections, other.sections, strict=True):
         np.testing.assert_allclose(a.points, b.points, atol=EXACT)
     assert not np.allclose(truth[0], elsewhere[0])
@@ -127,7 +127,7 @@ def test_the_errors_of_the_poses_are_as_large_as_stated() -> None:
     settings = StitchSettings(repeatability=arm, out_of_round=1e-8)
     for seed in range(12):
         stations, truth = two(seed=seed, arm=arm)
-        stitched = stitch(stations, settings)
+        stitched = stitch_stations(stations, settings)
         for one, T in zip(stitched.stations, off_truth(stitched, truth), strict=True):
             error = lie.log(T)
             squares.append(error @ np.linalg.solve(one.covariance, error) / 6)
@@ -139,7 +139,7 @@ def test_errors_shrink_with_the_arms() -> None:
     for scale in (1.0, 0.1):
         arm = Repeatability(scale * 5e-5, scale * 1e-4)
         stations, truth = two(seed=3, arm=arm)
-        errors = off_truth(stitch(stations, StitchSettings(arm, out_of_round=1e-8)), truth)
+        errors = off_truth(stitch_stations(stations, StitchSettings(arm, out_of_round=1e-8)), truth)
         sizes.append(max(float(np.linalg.norm(T[:3, 3])) for T in errors))
     assert sizes[1] < 0.2 * sizes[0]
 
@@ -152,7 +152,7 @@ def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
         bad, view=replace(bad.view, T_b_s=pose(p=(1e-3, 1e-3, 0)) @ bad.view.T_b_s)
     )
     wrong = replace(stations[1], all_sections=tuple(sections))
-    stitched = stitch([stations[0], wrong], StitchSettings(Repeatability(1e-5, 1e-5)))
+    stitched = stitch_stations([stations[0], wrong], StitchSettings(Repeatability(1e-5, 1e-5)))
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < 5e-5
     assert sum(int((~edge.counted).sum()) for edge in stitched.registrations) >= 1
@@ -165,7 +165,7 @@ def test_stations_fit_each_other_though_tubes_are_out_of_round(oval: float) -> N
         exact_station(joint_named(PAPERS), name, arc(*ends), arm=arm, seed=1, oval=oval)
         for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
     ]
-    stitched = stitch([station for station, _ in made])
+    stitched = stitch_stations([station for station, _ in made])
     left, right = off_truth(stitched, [T_j_b for _, T_j_b in made])
     between = lie.log(inverse(left) @ right)
     assert np.linalg.norm(between[:3]) < 0.1e-3
@@ -190,10 +190,10 @@ def test_tubes_far_out_of_round_are_refused() -> None:
 @cache
 def simulated(
     name: str, arcs: tuple[tuple[str, float, float], ...]
-) -> tuple[Stitched, list[Array]]:
+) -> tuple[StitchedGroove, list[Array]]:
     made = [true_station(who, start, length, 1, Cast(joint=name)) for who, start, length in arcs]
     ordered = sorted(made, key=lambda one: one[0].name)
-    return stitch([station for station, _ in made]), [T_j_b for _, T_j_b in ordered]
+    return stitch_stations([station for station, _ in made]), [T_j_b for _, T_j_b in ordered]
 
 
 LEFT_RIGHT = (("left", -15.0, 210.0), ("right", 165.0, 210.0))
@@ -239,7 +239,7 @@ def test_sections_come_by_azimuth_each_place_once_and_fused_ones_are_surer() -> 
 
 def test_what_is_told_is_in_millimetres_and_degrees() -> None:
     stitched, _ = simulated(PAPERS, LEFT_RIGHT)
-    told = report_stitching(stitched, {"left": "left"})
+    told = stitching_report(stitched, {"left": "left"})
     assert told.brace_diameter_mm == pytest.approx(457.2, abs=0.3)
     assert told.angle_deg == pytest.approx(90, abs=0.05)
     left, right = told.stations
@@ -255,7 +255,7 @@ def refusal(
     stations: Sequence[Station], settings: StitchSettings | None = None
 ) -> StitchingRefused:
     with pytest.raises(StitchingRefused) as caught:
-        stitch(stations, settings or StitchSettings())
+        stitch_stations(stations, settings or StitchSettings())
     return caught.value
 
 
@@ -269,7 +269,7 @@ def test_too_small_an_overlap_is_refused_with_its_place_and_size() -> None:
     assert "left and right" in str(error)
     assert "10° and 2 sections of each are needed" in str(error)
     assert "Teach" in str(error)
-    assert isinstance(error.draft, Draft)
+    assert isinstance(error.draft, StitchingDraft)
     assert draw_stitching(error.draft).axes
 
 
@@ -280,7 +280,7 @@ def test_a_small_overlap_that_a_third_station_bridges_is_no_harm() -> None:
         exact("c", 90, 270),
         exact("d", 300, 420),
     ]
-    stitched = stitch(stations)
+    stitched = stitch_stations(stations)
     assert len(stitched.registrations) == 4
     assert stitched.covered == pytest.approx(2 * np.pi)
 
@@ -293,7 +293,7 @@ def test_stations_that_do_not_meet_are_refused() -> None:
 
 
 def test_an_overlap_at_one_end_alone_leaves_the_way_round_open() -> None:
-    stitched = stitch([exact("left", -15, 195), exact("right", 167, 317)])
+    stitched = stitch_stations([exact("left", -15, 195), exact("right", 167, 317)])
     assert stitched.gap_before is None
     assert stitched.gap_after is None
     assert np.degrees(stitched.covered) == pytest.approx(332, abs=1)
@@ -323,15 +323,15 @@ def test_a_station_that_found_all_but_nothing_is_refused_by_name(count: int) -> 
 
 def test_stations_need_names_of_their_own_and_company() -> None:
     with pytest.raises(ConfigurationError, match="two stations or more"):
-        stitch([exact("left", -15, 195)])
+        stitch_stations([exact("left", -15, 195)])
     with pytest.raises(ConfigurationError, match="2 stations are called left"):
-        stitch([exact("left", -15, 195), exact("left", 167, 377)])
+        stitch_stations([exact("left", -15, 195), exact("left", 167, 377)])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_nominal_pose_too_far_off_to_tell_the_side_is_refused(seed: int) -> None:
     (left, right), _ = two()
-    stitched = stitch([left, right])
+    stitched = stitch_stations([left, right])
     rng = np.random.default_rng(seed)
     for turn, refused in ((20.0, False), (100.0, True)):
         axis = rng.standard_normal(3)
@@ -340,21 +340,21 @@ def test_a_nominal_pose_too_far_off_to_tell_the_side_is_refused(seed: int) -> No
         doubtful = [left, replace(right, T_w_b=pose(off @ right.T_w_b[:3, :3], away))]
         if refused:
             with pytest.raises(StitchingRefused, match="nominal poses disagree") as caught:
-                stitch(doubtful)
+                stitch_stations(doubtful)
             assert "stations left and right" in str(caught.value)
         else:
-            same(stitched, stitch(doubtful), np.eye(4))
+            same(stitched, stitch_stations(doubtful), np.eye(4))
 
 
 def test_a_recording_given_twice_is_refused_under_any_name() -> None:
     (left, right), _ = two()
     with pytest.raises(ConfigurationError, match="left and other hold the same recording"):
-        stitch([left, right, replace(left, name="other")])
+        stitch_stations([left, right, replace(left, name="other")])
     part = replace(
         left, name="part", sections=left.sections[:9], all_sections=left.all_sections[:9]
     )
     with pytest.raises(ConfigurationError, match="same recording"):
-        stitch([left, part])
+        stitch_stations([left, part])
 
 
 def test_an_uncertain_arm_leaves_an_overlap_too_uncertain() -> None:

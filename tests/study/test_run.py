@@ -11,12 +11,12 @@ from cells import PAPER
 from command import tjscan
 
 from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.study.file import read_study
-from tjscan.study.grid import trials_of
-from tjscan.study.row import LOST_WORKER, Row
+from tjscan.study.file import read_study_file
+from tjscan.study.grid import trials_of_study
+from tjscan.study.row import LOST_WORKER, StudyRow
 from tjscan.study.run import run_study, run_trial
-from tjscan.study.schedule import DaskScheduler, Done, Lost
-from tjscan.study.store import ROWS, make_study, read_rows
+from tjscan.study.schedule import DaskScheduler, FinishedTask, LostTask
+from tjscan.study.store import ROWS, make_study_directory, read_rows
 from tjscan.study.trial import Trial
 
 STUDY = {
@@ -46,13 +46,13 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def trials(study: Path) -> tuple[Trial, ...]:
-    return trials_of(read_study(study), study)
+    return trials_of_study(read_study_file(study), study)
 
 
 @pytest.fixture(scope="module")
-def rows(trials: tuple[Trial, ...]) -> tuple[Row[Any], ...]:
+def rows(trials: tuple[Trial, ...]) -> tuple[StudyRow[Any], ...]:
     """What every run of the study shall give: made here, one after the other."""
-    return tuple(run_trial(trial).timeless for trial in trials)
+    return tuple(run_trial(trial).without_wall_time for trial in trials)
 
 
 class Here:
@@ -61,38 +61,40 @@ class Here:
     def __init__(self, stop_after: int | None = None) -> None:
         self.stop_after, self.made = stop_after, 0
 
-    def __call__(self, work: object, trials: object) -> Generator[Done[Trial, Row[Any]]]:
+    def __call__(
+        self, work: object, trials: object
+    ) -> Generator[FinishedTask[Trial, StudyRow[Any]]]:
         assert callable(work)
         assert isinstance(trials, list)
         for trial in trials:
             if self.made == self.stop_after:
                 raise KeyboardInterrupt
             self.made += 1
-            yield Done(trial, work(trial))
+            yield FinishedTask(trial, work(trial))
 
 
-def ignore(row: Row[Any]) -> None:
+def ignore(row: StudyRow[Any]) -> None:
     """Watch nothing."""
 
 
-def timeless(rows: tuple[Row[Any], ...]) -> tuple[Row[Any], ...]:
-    return tuple(row.timeless for row in rows)
+def timeless(rows: tuple[StudyRow[Any], ...]) -> tuple[StudyRow[Any], ...]:
+    return tuple(row.without_wall_time for row in rows)
 
 
-def test_a_failed_scan_is_a_row_with_its_reason(rows: tuple[Row[Any], ...]) -> None:
+def test_a_failed_scan_is_a_row_with_its_reason(rows: tuple[StudyRow[Any], ...]) -> None:
     assert [row.outcome.complete for row in rows] == [True, True, False] * 2
     assert rows[2].outcome.reason == "StartSeesNoGroove"
     assert "second taught pose" in rows[2].outcome.detail
 
 
-def test_a_row_comes_back_from_its_line(rows: tuple[Row[Any], ...]) -> None:
-    assert tuple(Row.from_json(row.to_json(), ScanOutcome) for row in rows) == rows
+def test_a_row_comes_back_from_its_line(rows: tuple[StudyRow[Any], ...]) -> None:
+    assert tuple(StudyRow.from_json(row.to_json(), ScanOutcome) for row in rows) == rows
 
 
 def test_an_interrupted_study_goes_on_to_the_same_table(
-    trials: tuple[Trial, ...], rows: tuple[Row[Any], ...], tmp_path: Path
+    trials: tuple[Trial, ...], rows: tuple[StudyRow[Any], ...], tmp_path: Path
 ) -> None:
-    make_study(tmp_path / "s", trials)
+    make_study_directory(tmp_path / "s", trials)
     with pytest.raises(KeyboardInterrupt):
         run_study(tmp_path / "s", Here(stop_after=2), ignore)
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
@@ -110,18 +112,18 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_processes_change_nothing(
-    workers: int, trials: tuple[Trial, ...], rows: tuple[Row[Any], ...], tmp_path: Path
+    workers: int, trials: tuple[Trial, ...], rows: tuple[StudyRow[Any], ...], tmp_path: Path
 ) -> None:
-    make_study(tmp_path / "s", trials)
+    make_study_directory(tmp_path / "s", trials)
     assert timeless(run_study(tmp_path / "s", DaskScheduler(workers), ignore)) == rows
 
 
 def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
-    def losing(work: object, trials: object) -> Generator[Lost[Trial]]:
+    def losing(work: object, trials: object) -> Generator[LostTask[Trial]]:
         assert isinstance(trials, list)
-        yield from (Lost(trial, "its process died") for trial in trials)
+        yield from (LostTask(trial, "its process died") for trial in trials)
 
-    make_study(tmp_path / "s", trials[:1])
+    make_study_directory(tmp_path / "s", trials[:1])
     (row,) = run_study(tmp_path / "s", losing, ignore)
     assert not row.outcome.complete
     assert row.outcome.reason == LOST_WORKER

@@ -16,10 +16,10 @@ from study_work import double_or_die, once, threads
 
 from tjscan.core.errors import ClusterFault, ConfigurationError
 from tjscan.study.file import StudyFile
-from tjscan.study.grid import trials_of
-from tjscan.study.row import Row
+from tjscan.study.grid import trials_of_study
+from tjscan.study.row import StudyRow
 from tjscan.study.run import run_trial
-from tjscan.study.schedule import DaskScheduler, Done, Lost, check_installed
+from tjscan.study.schedule import DaskScheduler, FinishedTask, LostTask, check_study_packages
 from tjscan.study.trial import Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -48,8 +48,12 @@ def address() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[Row[Any]]:
-    rows = [e.result.timeless for e in scheduler(run_trial, trials) if isinstance(e, Done)]
+def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[StudyRow[Any]]:
+    rows = [
+        e.result.without_wall_time
+        for e in scheduler(run_trial, trials)
+        if isinstance(e, FinishedTask)
+    ]
     return sorted(rows, key=lambda row: row.index)
 
 
@@ -57,7 +61,7 @@ def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
     study = StudyFile(
         job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [30.0, 40.0, 50.0]}
     )
-    trials = trials_of(study, PAPER)
+    trials = trials_of_study(study, PAPER)
     rows = made(DaskScheduler(address=address), trials)
     assert len(rows) == 3
     assert rows == made(DaskScheduler(1), trials)
@@ -73,7 +77,7 @@ def test_a_scheduler_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPat
 def test_a_scheduler_that_goes_away_is_reported_and_what_is_done_was_given() -> None:
     with cluster_of(1) as cluster:
         ended = DaskScheduler(address=cluster.scheduler_address)(once, (0, 1))
-        assert next(ended) == Done(0, 0)
+        assert next(ended) == FinishedTask(0, 0)
         with suppress(TimeoutError):
             cluster.close()
         with pytest.raises(ClusterFault, match="--resume"):
@@ -100,8 +104,8 @@ def test_workers_with_another_version_are_refused(
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_process_costs_its_own_task(workers: int) -> None:
     ended = list(DaskScheduler(workers)(double_or_die, [0, 1, 2, 3, 4, 5]))
-    assert [e.task for e in ended if isinstance(e, Lost)] == [1]
-    assert {e.task: e.result for e in ended if isinstance(e, Done)} == {
+    assert [e.task for e in ended if isinstance(e, LostTask)] == [1]
+    assert {e.task: e.result for e in ended if isinstance(e, FinishedTask)} == {
         0: 0,
         2: 4,
         3: 6,
@@ -111,13 +115,15 @@ def test_a_killed_process_costs_its_own_task(workers: int) -> None:
 
 
 def test_a_worker_takes_one_thread() -> None:
-    assert [e.result for e in DaskScheduler(1)(threads, [0]) if isinstance(e, Done)] == ["1"]
+    assert [e.result for e in DaskScheduler(1)(threads, [0]) if isinstance(e, FinishedTask)] == [
+        "1"
+    ]
 
 
 def test_a_package_that_is_missing_is_named_with_its_extra(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    check_installed()
+    check_study_packages()
     monkeypatch.setattr("tjscan.study.schedule.NEEDED", ("distributed", "no_such_package"))
     with pytest.raises(ConfigurationError, match=r"no_such_package.*pip install 'tjscan\[study\]'"):
-        check_installed()
+        check_study_packages()

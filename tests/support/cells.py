@@ -18,17 +18,17 @@ from tjscan.core.frames import Array, transform
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import read_job
+from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import ResultFrame
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.context import RunContext
-from tjscan.scanning.profile_taker import Setup
+from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ScannedSection, View
-from tjscan.scanning.set_point import Predictor
+from tjscan.scanning.set_point import SetPointPredictor
 from tjscan.scanning.stopping import StopRequest
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
@@ -64,13 +64,13 @@ class Notes:
         self.sections: list[ScannedSection] = []
         self.events: list[tuple[str, str]] = []
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         self.views.append(view)
 
-    def section(self, section: ScannedSection) -> None:
+    def record_section(self, section: ScannedSection) -> None:
         self.sections.append(section)
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         self.events.append((name, detail))
 
 
@@ -81,14 +81,14 @@ def scan_example(
     notes: Notes | None = None,
     read: Callable[[Profile], GrooveSection] = find_groove,
     through: Callable[[LineLaser], LineLaser] = lambda laser: laser,
-    predictor: Predictor | None = None,
+    predictor: SetPointPredictor | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
     """Scan an example with keys replaced, its laser heard `through` another one."""
-    job = read_job(file, overrides)
+    job = read_scan_job(file, overrides)
     with RunContext(job, file).cell() as cell:
         scanner = Scanner(
-            Setup(cell.arm, through(cell.laser), cell.T_f_s, read),
+            ScanSetup(cell.arm, through(cell.laser), cell.T_f_s, read),
             job.scan,
             notes or Notes(),
             predictor,
@@ -100,11 +100,11 @@ def scan_example(
 
 def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     """Distances of p2, p3, p4 from the example's edges, metres, shape (n, 3)."""
-    job = read_job(file)
+    job = read_scan_job(file)
     joint = RunContext(job, file).joint
     assert joint is not None
     assert job.joint is not None
-    T_j_b = ResultFrame(job.joint.T_w_j).T_r_b
+    T_j_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
     corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
     return corner_errors(corners, feature_edges(joint))
 
@@ -120,7 +120,7 @@ def calibration_file(file: Path) -> Path:
             "date": datetime(2026, 3, 4, tzinfo=UTC),
             "method": "plane touched",
             "lines": 12,
-            "T_f_s_mm": read_job(PAPER).calibration.T_f_s_mm,
+            "T_f_s_mm": read_scan_job(PAPER).calibration.T_f_s_mm,
             "covariance": np.diag(np.full(6, variance)).tolist(),
             "sigma_position_mm": float(np.sqrt(3 * variance)),
             "sigma_rotation_deg": float(np.sqrt(3 * variance)),

@@ -28,10 +28,10 @@ from tjscan.laser.optics import Surface
 from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.profile_taker import Setup
+from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.target import Direction
-from tjscan.stitching.stations import Station, station_of
+from tjscan.scanning.target import ScanDirection
+from tjscan.stitching.stations import Station, station_from_recording
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 T_F_S = from_euler_zyx((0.0, -0.1148, 0.1676), np.radians((0.7, 0.0, 0.5)))
@@ -132,7 +132,7 @@ def true_station(
     T_w_b = T_w_j @ T_j_b
     nominal = pose(Rotation.from_rotvec(turned).as_matrix() @ T_w_b[:3, :3], T_w_b[:3, 3] + away)
 
-    direction = Direction.COUNTERCLOCKWISE if arc_deg > 0 else Direction.CLOCKWISE
+    direction = ScanDirection.COUNTERCLOCKWISE if arc_deg > 0 else ScanDirection.CLOCKWISE
     length = abs(joint.leg.arc_length(joint.brace_radius, start, start + np.radians(arc_deg)))
     taught = int(np.sign(arc_deg)) * cast.step / joint.brace_radius
     plan = ScanPlan(
@@ -150,17 +150,17 @@ def true_station(
     )
     notes = Notes()
     with laser:
-        scanner = Scanner(Setup(arm, laser, T_F_S, find_groove), plan, notes)
+        scanner = Scanner(ScanSetup(arm, laser, T_F_S, find_groove), plan, notes)
         poses = [inverse(T_j_b) @ view_of(joint, start + k * taught, plan) for k in (0, 1)]
         result = scanner.run(*poses)
-    return station_of(name, nominal, result.sections, result.views, find_groove), T_j_b
+    return station_from_recording(name, nominal, result.sections, result.views, find_groove), T_j_b
 
 
 def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:
     """Flange pose in j from which the groove is seen as the scan wants it."""
     leg, r = joint.leg, joint.brace_radius
     origin, x = leg.point(phi, r), leg.tangent(phi, r)
-    if plan.direction is Direction.CLOCKWISE:
+    if plan.direction is ScanDirection.CLOCKWISE:
         x = -x
     y = np.array((0.0, 0.0, 1.0))
     y = unit(y - (y @ x) * x)

@@ -13,8 +13,8 @@ UNDER_WAY = "a section is under way"
 class GatedJournal(scan_output.ProgressJournal):
     held = False
 
-    def view(self, view: View) -> None:
-        super().view(view)
+    def record_view(self, view: View) -> None:
+        super().record_view(view)
         if view.substep is Substep.PREDICTION and not self.held:
             self.held = True
             print(UNDER_WAY, file=sys.stderr, flush=True)

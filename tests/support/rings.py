@@ -11,7 +11,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ScannedSection, Substep, View
-from tjscan.scanning.target import R_REVERSED, Direction
+from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 RADIUS = 0.2286
 GROOVE = section_from_points(
@@ -37,7 +37,7 @@ def ring_section(
     substep: Substep = Substep.CORRECTION,
 ) -> ScannedSection:
     """A section that is seen as the plan wants it, but for `off`, a change of frame t in t."""
-    reverse = pose(R_REVERSED) if plan.direction is Direction.CLOCKWISE else np.eye(4)
+    reverse = pose(R_REVERSED) if plan.direction is ScanDirection.CLOCKWISE else np.eye(4)
     T_b_g, T_s_t = ring_pose(turned), plan.target(groove.work_angle)
     T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse(T_s_t)
     seen = section_seen(groove, inverse(T_b_s) @ T_b_g)

@@ -15,11 +15,11 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.scanning.correction import correct
+from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 SEEN_OF_BRACE, SEEN_OF_LEG = 0.031, 0.070
@@ -46,7 +46,7 @@ class Seam:
 
     definition: JointDefinition
     edges: FeatureEdges
-    direction: Direction = Direction.COUNTERCLOCKWISE
+    direction: ScanDirection = ScanDirection.COUNTERCLOCKWISE
     noise: Noise = NONE
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     T_b_j: Array = field(default_factory=lambda: np.eye(4))
@@ -94,7 +94,7 @@ class Seam:
         exact = Seam(self.definition, self.edges, self.direction, T_b_j=self.T_b_j)
         scan = near
         for _ in range(10):
-            T_b_t = correct(last.T_b_g, scan.T_b_g)
+            T_b_t = correction_target_pose(last.T_b_g, scan.T_b_g)
             short = step - np.linalg.norm(scan.T_b_g[:3, 3] - last.T_b_g[:3, 3])
             T_b_t[:3, 3] += short * T_b_t[:3, 0]
             to = SetPoint(T_b_t, self.plan.target(scan.groove.work_angle))
@@ -104,7 +104,7 @@ class Seam:
     def walk(self, azimuth: float, step: float, sections: int) -> list[ScannedSection]:
         """Ideal sections from an azimuth on, read with this noise."""
         exact = Seam(self.definition, self.edges, self.direction, T_b_j=self.T_b_j)
-        sign = 1.0 if self.direction is Direction.COUNTERCLOCKWISE else -1.0
+        sign = 1.0 if self.direction is ScanDirection.COUNTERCLOCKWISE else -1.0
         scans = [exact.look(self._beside(azimuth - sign * step / self.definition.brace_radius))]
         for i in range(sections):
             at = azimuth + sign * i * step / self.definition.brace_radius
@@ -115,7 +115,7 @@ class Seam:
     def _beside(self, azimuth: float) -> SetPoint:
         """About where the groove lies at an azimuth."""
         joint = self.definition
-        ccw = self.direction is Direction.COUNTERCLOCKWISE
+        ccw = self.direction is ScanDirection.COUNTERCLOCKWISE
         x = joint.leg.tangent(azimuth, joint.brace_radius) * (1 if ccw else -1)
         out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
         y = unit(np.cross(out if ccw else -out, x))
@@ -134,7 +134,7 @@ def _joint(name: str) -> tuple[JointDefinition, FeatureEdges]:
 
 def seam(
     name: str = "tjoint-600x457",
-    direction: Direction = Direction.COUNTERCLOCKWISE,
+    direction: ScanDirection = ScanDirection.COUNTERCLOCKWISE,
     noise: Noise = NONE,
     seed: int = 0,
 ) -> Seam:

@@ -9,9 +9,9 @@ from typing import Any
 import tomli_w
 from cells import PAPER
 
-from tjscan.runs.scan_study.settings import ScanSettings
-from tjscan.study.file import read_study
-from tjscan.study.grid import trials_of
+from tjscan.runs.scan_study.settings import StudyScanSettings
+from tjscan.study.file import read_study_file
+from tjscan.study.grid import trials_of_study
 from tjscan.study.trial import Trial
 
 ANY_JOINT = PAPER.parent / "any-joint.toml"
@@ -24,10 +24,10 @@ def expand_in(folder: Path) -> Expand:
     def trials(**tables: Any) -> tuple[Trial, ...]:
         file = folder / "study.toml"
         file.write_text(tomli_w.dumps({"job": str(PAPER), **tables}), encoding="utf-8")
-        return trials_of(read_study(file), file)
+        return trials_of_study(read_study_file(file), file)
 
     return trials
 
 
-def settings_of(trial: Trial) -> ScanSettings:
-    return ScanSettings.from_json(trial.settings)
+def settings_of(trial: Trial) -> StudyScanSettings:
+    return StudyScanSettings.from_json(trial.settings)

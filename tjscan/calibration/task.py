@@ -6,4 +6,4 @@ from typing import Final
 
 from tjscan.core.registry import Task
 
-TASK: Final = Task("calibrate", report="tjscan.runs.calibration_report:chapter")
+TASK: Final = Task("calibrate", report="tjscan.runs.calibration_report:calibration_chapter")

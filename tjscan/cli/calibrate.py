@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.recorded_options import RecordedOptions, written
+from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
 from tjscan.core.errors import ConfigurationError
 
 
@@ -45,7 +45,8 @@ def calibrate(
     if [job is not None, resume is not None, bool(given)].count(True) != 1:
         raise ConfigurationError(
             "calibrate takes either a job file, or --resume with a directory, or recorded "
-            f"profiles with --lines and --poses (found: {written(given) or 'none of them'})"
+            "profiles with --lines and --poses "
+            f"(found: {comma_separated_options(given) or 'none of them'})"
         )
     if recorded is not None and given:
         if unattended:
@@ -80,20 +81,20 @@ def _start(
         job = read_calibration_job(file, keys).at(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.calibration_output import print_calibration
-    from tjscan.cli.operators import operator_of
+    from tjscan.cli.operators import choose_operator
     from tjscan.runs.calibrate import start_calibration
-    from tjscan.runs.directory import default_directory
+    from tjscan.runs.directory import default_run_directory
 
-    operator = operator_of(unattended=unattended)
-    directory = out or default_directory(file)
+    operator = choose_operator(unattended=unattended)
+    directory = out or default_run_directory(file)
     print_calibration(start_calibration(job, file, directory, operator), json=json)
 
 
 def _resume(directory: Path, *, unattended: bool, json: bool) -> None:
     """Go on with an interrupted calibration."""
     from tjscan.cli.calibration_output import print_calibration
-    from tjscan.cli.operators import operator_of
+    from tjscan.cli.operators import choose_operator
     from tjscan.runs.calibrate import resume_calibration
 
-    operator = operator_of(unattended=unattended)
+    operator = choose_operator(unattended=unattended)
     print_calibration(resume_calibration(directory, operator), json=json)

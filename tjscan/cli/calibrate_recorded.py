@@ -16,15 +16,15 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import pair, read_points, read_poses
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
 from tjscan.cli.calibration_output import print_calibration
-from tjscan.cli.console import say
-from tjscan.cli.recorded_options import RecordedOptions, written
+from tjscan.cli.console import print_message
+from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
 from tjscan.core.config import validate
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.result.directory import CALIBRATION
-from tjscan.runs.directory import default_directory
+from tjscan.runs.directory import default_run_directory
 
 TARGETS: Final = ("plane", "touched", "unknown_plane", "sphere_radius_mm", "unknown_sphere")
 NOISE: Final = ("range_mm", "correlation_columns", "position_mm", "rotation_deg", "touch_mm")
@@ -43,12 +43,12 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
     """
     if options.lines is None or options.poses is None:
         raise ConfigurationError("recorded profiles need both --lines and --poses")
-    file = (out or default_directory(options.lines)) / CALIBRATION
+    file = (out or default_run_directory(options.lines)) / CALIBRATION
     if file.exists():
         raise ConfigurationError("stands there already; choose another --out", file=file)
     noise = _noise(options)
     shots = _shots(options, options.lines, options.poses)
-    result = calibrate_profiles(shots, _target(options, shots, noise), noise, say)
+    result = calibrate_profiles(shots, _target(options, shots, noise), noise, print_message)
     found = to_file(
         result,
         noise,
@@ -59,14 +59,16 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
     write_calibration(file, found, Provenance.now(options.lines.name, "f"))
     print_calibration(Calibrated(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
-        say("name the devices with --arm-id and --laser-id, or a scan will refuse that file")
+        print_message(
+            "name the devices with --arm-id and --laser-id, or a scan will refuse that file"
+        )
 
 
 def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProfile]:
     form = ProfileFormat(options.units, options.pitch, tuple(options.invalid or ()))
     table = read_profiles(lines, form)
     for bad in table.bad:
-        say(f"{lines}: {bad}; left out")
+        print_message(f"{lines}: {bad}; left out")
     return pair(table.profiles, read_poses(poses), poses)
 
 
@@ -81,8 +83,8 @@ def _target(
     given = [name for name in options.given if name in TARGETS]
     if len(given) != 1:
         raise ConfigurationError(
-            f"what the laser looked at takes one of {written(TARGETS)} "
-            f"(found: {written(given) or 'none'})"
+            f"what the laser looked at takes one of {comma_separated_options(TARGETS)} "
+            f"(found: {comma_separated_options(given) or 'none'})"
         )
     flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
     if options.plane is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from tjscan.calibration.file import Calibrated, ResidualTable
-from tjscan.cli.console import say, stderr
+from tjscan.cli.console import print_message, stderr
 
 
 def print_calibration(done: Calibrated, *, json: bool) -> None:
@@ -17,17 +17,17 @@ def print_calibration(done: Calibrated, *, json: bool) -> None:
     for residual in found.residuals:
         table.add_row(*_row(residual))
     stderr.print(table)
-    say("")
+    print_message("")
     for row in found.T_f_s_mm:
-        say("  ".join(f"{value:10.4f}" for value in row))
-    say(
+        print_message("  ".join(f"{value:10.4f}" for value in row))
+    print_message(
         f"standard uncertainty {found.sigma_position_mm:.3f} mm and "
         f"{found.sigma_rotation_deg:.4f}° (RMS), from {found.lines} lines, "
         f"{found.method}, condition number {found.condition:.1f}"
     )
     for caveat in done.caveats:
-        say(f"warning: {caveat}")
-    say(f"written to {done.file}")
+        print_message(f"warning: {caveat}")
+    print_message(f"written to {done.file}")
     if json:
         print(found.model_dump_json(indent=2))
 

@@ -47,7 +47,7 @@ def compare(
         Print the comparison as JSON on stdout.
     """
     from tjscan.cli.comparison_output import print_comparison
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.comparison.compare import compare as compare_shapes
     from tjscan.comparison.maps import check_map, write_map
     from tjscan.comparison.sidecar import ShapeOptions
@@ -64,6 +64,6 @@ def compare(
     print_comparison(comparison, json=json)
     if plot is not None:
         write_map(plot, comparison)
-        say(f"drawn in {plot}")
+        print_message(f"drawn in {plot}")
     if not comparison.passed:
         raise SystemExit(TOLERANCE_EXCEEDED)

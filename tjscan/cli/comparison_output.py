@@ -6,7 +6,7 @@ from json import dumps
 
 import numpy as np
 
-from tjscan.cli.console import say
+from tjscan.cli.console import print_message
 from tjscan.comparison.compare import Comparison, to_dict
 
 
@@ -35,7 +35,7 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
             f"max {s.max:.4f} mm{within}"
         )
     for warning in c.warnings:
-        say(f"warning: {warning}")
+        print_message(f"warning: {warning}")
     if c.tolerance is not None:
         verdict = "within" if c.passed else "OUTSIDE"
         print(f"p95 {verdict} the tolerance of {1e3 * c.tolerance:g} mm")

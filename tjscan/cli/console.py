@@ -8,7 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 stderr = Console(stderr=True, highlight=False)
 
 
-def say(message: str) -> None:
+def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
     stderr.print(message, markup=False)
 

@@ -29,10 +29,10 @@ def doctor(
 
     from tjscan.cli import exit_code
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.runs.doctor import examine
+    from tjscan.runs.doctor import check_job_and_cell
 
     findings = []
-    for finding in examine(job, parse_overrides(overrides), station):
+    for finding in check_job_and_cell(job, parse_overrides(overrides), station):
         findings.append(finding)
         if not json:
             mark = "ok   " if finding.sound else "WRONG"

@@ -26,7 +26,7 @@ def export(
     units
         Unit of its lengths.
     """
-    from tjscan.cli.console import say
-    from tjscan.result.export import export as export_run
+    from tjscan.cli.console import print_message
+    from tjscan.result.export import export_run as export_run
 
-    say(f"written to {export_run(run, to, units, out)}")
+    print_message(f"written to {export_run(run, to, units, out)}")

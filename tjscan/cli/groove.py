@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tjscan.cli.groove_options import FileOptions, ReadingOptions
+from tjscan.cli.groove_options import GrooveReadingOptions, ProfileFileOptions
 
 
 def groove(
     file: Path,
     *,
-    form: FileOptions | None = None,
-    reading: ReadingOptions | None = None,
+    form: ProfileFileOptions | None = None,
+    reading: GrooveReadingOptions | None = None,
     plot: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -30,17 +30,22 @@ def groove(
     json
         Print the readings as JSON on stdout.
     """
-    from tjscan.cli.groove_options import profiles_of, settings_of
-    from tjscan.cli.groove_output import check_plot, draw, print_readings, suggest_sign
-    from tjscan.result.readings import read_all
+    from tjscan.cli.groove_options import groove_settings_for_file, read_profiles_of_file
+    from tjscan.cli.groove_output import (
+        check_plot_path,
+        draw_readings_png,
+        print_readings,
+        suggest_sign,
+    )
+    from tjscan.result.readings import read_grooves
 
-    check_plot(plot)
-    settings = settings_of(file, reading)
-    table = profiles_of(file, form)
-    readings = list(read_all(table.profiles, settings))
+    check_plot_path(plot)
+    settings = groove_settings_for_file(file, reading)
+    table = read_profiles_of_file(file, form)
+    readings = list(read_grooves(table.profiles, settings))
     print_readings(readings, table.bad, json=json)
     if plot is not None:
-        draw(plot, readings, settings)
+        draw_readings_png(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):
         suggest_sign(table.profiles, settings)
         raise SystemExit(1)

@@ -15,7 +15,7 @@ from tjscan.laser.files import ProfileFormat, ProfileTable
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FileOptions:
+class ProfileFileOptions:
     """How the numbers of a file are to be understood.
 
     Parameters
@@ -50,7 +50,7 @@ class FileOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingOptions:
+class GrooveReadingOptions:
     """Keys of a job's [groove] table.
 
     Parameters
@@ -77,20 +77,20 @@ class ReadingOptions:
     inlier_share: float | None = None
 
 
-def settings_of(file: Path, options: ReadingOptions | None) -> GrooveSettings:
+def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -> GrooveSettings:
     """The settings for a file: options before the job of a run directory before the defaults."""
     from tjscan.core.config import validate, written
-    from tjscan.job import read_job
+    from tjscan.job import read_scan_job
     from tjscan.result.directory import JOB
 
     job = file / JOB
-    own = written(read_job(job).groove) if job.is_file() else {}
+    own = written(read_scan_job(job).groove) if job.is_file() else {}
     stated = {} if options is None else asdict(options)
     stated = {key: value for key, value in stated.items() if value is not None}
     return validate(GrooveSettings, own | stated)
 
 
-def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:
+def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> ProfileTable:
     """The profiles of a file, a folder or a run directory; prints what of it can't be read.
 
     Raises
@@ -98,18 +98,18 @@ def profiles_of(file: Path, options: FileOptions | None) -> ProfileTable:
     ConfigurationError
         If there are none.
     """
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.cli.groove_output import print_bad_rows
     from tjscan.laser.files import read_profiles
     from tjscan.result.directory import JOB
     from tjscan.scanning.reader import read_profiles as read_recorded
 
-    o = options or FileOptions()
+    o = options or ProfileFileOptions()
     is_run = (file / JOB).is_file()
     table = ProfileTable(read_recorded(file)) if is_run else read_profiles(file, o.form)
     print_bad_rows(file, table.bad)
     for note in table.notes:
-        say(f"{file}: {note}")
+        print_message(f"{file}: {note}")
     if not table.profiles:
         raise ConfigurationError("holds no profile that can be read", file=file)
     return table

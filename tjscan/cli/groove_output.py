@@ -8,13 +8,18 @@ from json import dumps
 from pathlib import Path
 from typing import Final
 
-from tjscan.cli.console import say
+from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.files import upside_down
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import ReadResult, measures, read_all, to_dict
+from tjscan.result.readings import (
+    ProfileReading,
+    measures_with_sigmas,
+    read_grooves,
+    reading_to_dict,
+)
 
 LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
@@ -26,21 +31,23 @@ TRIED_TURNED: Final = 10
 def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
     """Print on stderr which rows of a file could not be read."""
     for row in bad[:LISTED_BAD_ROWS]:
-        say(f"{file}: {row}; left out")
+        print_message(f"{file}: {row}; left out")
     if len(bad) > LISTED_BAD_ROWS:
-        say(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
+        print_message(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
 
 
-def print_readings(readings: Sequence[ReadResult], bad: Sequence[str], *, json: bool) -> None:
+def print_readings(readings: Sequence[ProfileReading], bad: Sequence[str], *, json: bool) -> None:
     """Print a line per profile on stdout: measures with standard deviations, then the corners."""
     if json:
-        print(dumps({"readings": [to_dict(r) for r in readings], "bad": list(bad)}, indent=2))
+        print(
+            dumps({"readings": [reading_to_dict(r) for r in readings], "bad": list(bad)}, indent=2)
+        )
         return
     for reading in readings:
         if reading.refusal is not None:
             print(f"{reading.name}: {reading.refusal}")
             continue
-        found = [] if reading.section is None else measures(reading.section)
+        found = [] if reading.section is None else measures_with_sigmas(reading.section)
         values = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in found]
         corners = "  ".join(f"({x:.3f}, {z:.3f})" for x, _, z in 1e3 * reading.points_s)
         print(f"{reading.name}: {', '.join([*values, f'x, z in mm {corners}'])}")
@@ -50,24 +57,26 @@ def suggest_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> N
     """Print on stderr whether profiles that show no groove show one with heights turned round."""
     few = dict(islice(profiles.items(), TRIED_TURNED))
     turned = {name: upside_down(p) for name, p in few.items() if p.valid.any()}
-    found = sum(reading.refusal is None for reading in read_all(turned, settings))
+    found = sum(reading.refusal is None for reading in read_grooves(turned, settings))
     if 2 * found > len(turned):
-        say(
+        print_message(
             f"{found} of {len(turned)} profiles show a groove with heights the other way round: "
             "they seem to grow towards the sensor; give --z-scale the other sign"
         )
 
 
-def check_plot(plot: Path | None) -> None:
+def check_plot_path(plot: Path | None) -> None:
     """Check that a picture can be written there; raises ConfigurationError if not."""
     if plot is not None and (plot.suffix.lower() != ".png" or not plot.parent.is_dir()):
         raise ConfigurationError("names a .png in a folder that exists", file=plot, key="--plot")
 
 
-def draw(plot: Path, readings: Sequence[ReadResult], settings: GrooveSettings) -> None:
+def draw_readings_png(
+    plot: Path, readings: Sequence[ProfileReading], settings: GrooveSettings
+) -> None:
     """Draw the profiles with their fitted grooves into a PNG."""
-    from tjscan.result.picture import draw_readings, write_picture
+    from tjscan.result.picture import draw_read_profiles, write_png
 
     with atomic_directory(plot.parent) as draft:
-        write_picture(draft / plot.name, draw_readings(readings, settings))
-    say(f"drawn in {plot}")
+        write_png(draft / plot.name, draw_read_profiles(readings, settings))
+    print_message(f"drawn in {plot}")

@@ -10,7 +10,7 @@ from threading import Thread
 from types import FrameType
 from typing import Final
 
-from tjscan.cli.console import say
+from tjscan.cli.console import print_message
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPTED: Final = 130
@@ -29,7 +29,7 @@ def stopped_by_ctrl_c() -> Iterator[StopRequest]:
 
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal times
-        if not request.heard or times == 2:
+        if not request.scan_is_running or times == 2:
             raise KeyboardInterrupt
         times += 1
         pressed.put(True)
@@ -48,7 +48,7 @@ def stopped_by_ctrl_c() -> Iterator[StopRequest]:
 def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
     if not pressed.get():
         return
-    request.ask()
-    say("stopping after the section under way; Ctrl-C once more stops the arm at once")
+    request.request_stop_after_section()
+    print_message("stopping after the section under way; Ctrl-C once more stops the arm at once")
     if pressed.get():
-        request.ask_at_once()
+        request.request_stop_now()

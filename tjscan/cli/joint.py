@@ -17,7 +17,7 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
     json
         Print what was built as JSON on stdout.
     """
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.joint.export import write_joint
     from tjscan.joint.file import read_joint
 
@@ -28,4 +28,4 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
         print(built.model_dump_json(indent=2))
         return
     chord = f"{1e3 * built.chord_error_mm:.1f} µm"
-    say(f"{directory}: {built.triangles} triangles, within {chord} of the true surfaces")
+    print_message(f"{directory}: {built.triangles} triangles, within {chord} of the true surfaces")

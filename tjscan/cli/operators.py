@@ -9,37 +9,37 @@ import questionary
 
 from tjscan.calibration.operator import Nobody, Operator, Question
 from tjscan.calibration.session import Progress
-from tjscan.cli.console import say
+from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 
 
-class Unattended(Nobody):
+class UnattendedOperator(Nobody):
     """Nobody answers; what happens is printed."""
 
     def report(self, message: str) -> None:
         """Print what happened."""
-        say(message)
+        print_message(message)
 
     def show(self, progress: Progress) -> None:
         """Print the uncertainty of the calibration so far."""
         sure, lines = progress.uncertainty, len(progress.samples)
         how = f"standard uncertainty {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"
         if progress.result is None:
-            say(f"{lines} of {progress.wanted} lines; expected {how}")
+            print_message(f"{lines} of {progress.wanted} lines; expected {how}")
             return
         bad = f"; contradicting: {', '.join(progress.result.bad)}" if progress.result.bad else ""
-        say(
+        print_message(
             f"{lines} of {progress.wanted} lines; {how}, "
             f"condition number {progress.result.condition:.1f}{bad}"
         )
 
 
-def operator_of(*, unattended: bool) -> Operator:
+def choose_operator(*, unattended: bool) -> Operator:
     """Who watches a calibration; raises ConfigurationError if there is no terminal to ask at."""
-    return Unattended() if unattended else AtTerminal()
+    return UnattendedOperator() if unattended else TerminalOperator()
 
 
-class AtTerminal(Unattended):
+class TerminalOperator(UnattendedOperator):
     """Asks a person.
 
     Parameters

@@ -78,6 +78,6 @@ class RecordedOptions:
         return [name for name, value in values.items() if value is not None and value is not False]
 
 
-def written(names: Iterable[str]) -> str:
+def comma_separated_options(names: Iterable[str]) -> str:
     """Options as they are typed, between commas."""
     return ", ".join("--" + name.replace("_", "-") for name in names)

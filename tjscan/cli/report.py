@@ -29,9 +29,11 @@ def report(
     frame
         Frame of a reference that states none: j for the joint's own, or any name.
     """
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.comparison.sidecar import ShapeOptions
-    from tjscan.report.write import write_report
+    from tjscan.report.write import write_run_report
 
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    say(f"written to {write_report(run, reference, tolerance, ShapeOptions(units, frame))}")
+    print_message(
+        f"written to {write_run_report(run, reference, tolerance, ShapeOptions(units, frame))}"
+    )

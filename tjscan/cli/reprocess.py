@@ -28,17 +28,17 @@ def reprocess(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.cli.overrides import parse_overrides
     from tjscan.cli.scan_output import print_scan
     from tjscan.cli.stitching_output import print_stitching
-    from tjscan.report.write import write_report
-    from tjscan.runs.reprocess import reprocess as read_again
+    from tjscan.report.write import write_run_report
+    from tjscan.runs.reprocess import reprocess_run as read_again
 
-    done = read_again(run, parse_overrides(overrides), out, write_report)
+    done = read_again(run, parse_overrides(overrides), out, write_run_report)
     for one in done.stations:
         for index, error in one.lost.items():
-            say(f"section {index}: {error}")
+            print_message(f"section {index}: {error}")
     if done.stitched is not None:
         print_stitching(done.stitched, done.directory, json=json)
         return

@@ -46,19 +46,19 @@ def scan(
     """
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job import read_job
+    from tjscan.job import read_scan_job
 
     keys = parse_overrides(overrides) | ({"simulation.arm.realtime": True} if realtime else {})
     file = job / "job.toml" if resume else job
-    parsed = read_job(file, keys)
+    parsed = read_scan_job(file, keys)
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.scan_modes import check_only, new_scan, resume_scan
+    from tjscan.cli.scan_modes import check_only, resume_interrupted_scan, start_new_scan
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
     if resume:
-        resume_scan(parsed, file, keys, station, json=json)
+        resume_interrupted_scan(parsed, file, keys, station, json=json)
     elif dry_run:
         check_only(parsed, file, station)
     else:
-        new_scan(parsed, file, out, station, json=json)
+        start_new_scan(parsed, file, out, station, json=json)

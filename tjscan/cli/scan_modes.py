@@ -10,39 +10,39 @@ from typing import Any
 from pydantic_core import to_json
 
 from tjscan.calibration.operator import Nobody
-from tjscan.cli.console import say
+from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
-from tjscan.cli.operators import AtTerminal
+from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.scan_output import print_scan, scan_progress
 from tjscan.cli.stitching_output import print_stitching
 from tjscan.core.config import naming
-from tjscan.job import JobFile
-from tjscan.report.write import write_report
-from tjscan.result.summary import Summary
+from tjscan.job import ScanJob
+from tjscan.report.write import write_run_report
+from tjscan.result.summary import ScanSummary
 from tjscan.runs import scan, stations
 from tjscan.runs.context import RunContext
-from tjscan.runs.directory import default_directory
+from tjscan.runs.directory import default_run_directory
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
 
 
-def check_only(job: JobFile, file: Path, station: str | None) -> None:
+def check_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses."""
-    scan.check_job(RunContext(_at(job, file, station), file))
-    say(f"{file}: the job is sound, and the way to its taught poses is clear")
+    scan.check_scan_job(RunContext(_at(job, file, station), file))
+    print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
 
 
-def new_scan(
-    job: JobFile, file: Path, out: Path | None, station: str | None, *, json: bool
+def start_new_scan(
+    job: ScanJob, file: Path, out: Path | None, station: str | None, *, json: bool
 ) -> None:
     """Scan into a directory that is made for it."""
     job = _at(job, file, station)
-    directory = out or default_directory(file, station)
+    directory = out or default_run_directory(file, station)
     if len(job.station) > 1:
         attendant = _attendant(job)
         with stopped_by_ctrl_c() as stop:
-            context = RunContext(job, file, stop=stop, finished=write_report)
+            context = RunContext(job, file, stop=stop, finished=write_run_report)
             scans = stations.run_stations(context, directory, attendant, _show)
         _end_stations(scans, directory, stop, json=json)
         return
@@ -51,14 +51,14 @@ def new_scan(
     _end_scan(summary, directory, context.stop, json=json)
 
 
-def resume_scan(
-    job: JobFile, file: Path, keys: dict[str, Any], station: str | None, *, json: bool
+def resume_interrupted_scan(
+    job: ScanJob, file: Path, keys: dict[str, Any], station: str | None, *, json: bool
 ) -> None:
     """Go on in the directory that holds a job's file, with some of its keys replaced."""
     if len(job.station) > 1:  # each has a directory of its own in this one
         attendant = _attendant(job)
         with stopped_by_ctrl_c() as stop:
-            context = RunContext(job, file, stop=stop, finished=write_report)
+            context = RunContext(job, file, stop=stop, finished=write_run_report)
             scans = stations.resume_stations(context, keys, attendant, _show, station)
         _end_stations(scans, file.parent, stop, json=json)
         return
@@ -67,7 +67,7 @@ def resume_scan(
     _end_scan(summary, file.parent, context.stop, json=json)
 
 
-def _at(job: JobFile, file: Path, station: str | None) -> JobFile:
+def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
     if station is None:
         return job
     with naming(file):
@@ -75,28 +75,28 @@ def _at(job: JobFile, file: Path, station: str | None) -> JobFile:
 
 
 @contextmanager
-def _watched(job: JobFile, file: Path) -> Iterator[RunContext]:
+def _watched(job: ScanJob, file: Path) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
     with scan_progress(job.scan) as journal, stopped_by_ctrl_c() as stop:
-        yield RunContext(job, file, journal, stop, write_report)
+        yield RunContext(job, file, journal, stop, write_run_report)
 
 
 def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
     return scan_progress(plan, name)
 
 
-def _attendant(job: JobFile) -> stations.Attendant:
+def _attendant(job: ScanJob) -> stations.StationAttendant:
     """Who confirms that the arm stands at its station: a simulated one is there at once."""
     if job.arm.driver == "simulated":
         return Nobody()
-    return AtTerminal("scan one station at a time, with --station")
+    return TerminalOperator("scan one station at a time, with --station")
 
 
-def _end_scan(summary: Summary, directory: Path, stop: StopRequest, *, json: bool) -> None:
+def _end_scan(summary: ScanSummary, directory: Path, stop: StopRequest, *, json: bool) -> None:
     """Print what was scanned, and exit with 130 or 1 where that is not all."""
     print_scan(summary, directory, json=json)
     if not summary.complete:
-        raise SystemExit(INTERRUPTED if stop.wanted else 1)
+        raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
 
 
 def _end_stations(
@@ -104,14 +104,14 @@ def _end_stations(
 ) -> None:
     """Stitch what all stations scanned and print it; exit as `_end_scan` does."""
     if all(one.summary is not None for one in scans):
-        stitched = stations.stitch_stations(directory, write_report)
+        stitched = stations.stitch_station_runs(directory, write_run_report)
         print_stitching(stitched, directory, json=json)
     else:
         _print_some(scans, json=json)
     short = [one.name for one in scans if not one.done]
     if short:
-        say(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
-        raise SystemExit(INTERRUPTED if stop.wanted else 1)
+        print_message(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
+        raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
 
 
 def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:
@@ -121,6 +121,6 @@ def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:
         print(to_json({"stations": summaries}, indent=2).decode())
         return
     for one in scans:
-        say(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
+        print_message(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
         if one.summary is not None:
             print_scan(one.summary, one.directory, json=False)

@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from tjscan.cli.console import progress_bars, say, stderr
-from tjscan.result.summary import Summary, to_json
+from tjscan.cli.console import print_message, progress_bars, stderr
+from tjscan.result.summary import ScanSummary, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ScannedSection, View
@@ -30,14 +30,14 @@ class ProgressJournal:
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Show nothing: a profile is not yet a section."""
 
-    def section(self, scan: ScannedSection) -> None:
+    def record_section(self, scan: ScannedSection) -> None:
         """Move the bar on by one section."""
         self._progress.advance(self._task)
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         """Print what happened above the bar; the reason for the end follows with the summary."""
         if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
             self._progress.console.print(f"{name}: {detail}", markup=False)
@@ -53,19 +53,19 @@ def scan_progress(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJ
         yield ProgressJournal(progress, progress.add_task(title, total=total))
 
 
-def print_scan(summary: Summary, directory: Path, *, json: bool) -> None:
+def print_scan(summary: ScanSummary, directory: Path, *, json: bool) -> None:
     """Print a finished scan: a table on stderr, or JSON on stdout."""
     if json:
-        print(to_json(summary))
+        print(summary_to_json(summary))
         return
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary):
         table.add_row(name, value)
     stderr.print(table)
-    say(f"written to {directory}; see report.html, and sections.csv for the numbers")
+    print_message(f"written to {directory}; see report.html, and sections.csv for the numbers")
 
 
-def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
+def _lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
     step, error = summary.step_mm, summary.corner_error_mm
     yield "stopped because", summary.detail
     yield "sections", f"{summary.sections} from {summary.scans} profiles"

@@ -41,17 +41,17 @@ def stitch(
     """
     from tjscan.cli.stitching_output import print_stitching
     from tjscan.core.errors import ConfigurationError
-    from tjscan.report.write import write_report
-    from tjscan.runs.directory import default_directory
-    from tjscan.runs.stitch import stitch_runs
+    from tjscan.report.write import write_run_report
+    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.stitch import stitch_run_directories
 
-    directory = out or default_directory(Path("stitched"))
+    directory = out or default_run_directory(Path("stitched"))
     if directory.exists() and any(directory.iterdir()):
         raise ConfigurationError(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
     settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
-    done = stitch_runs((run, *runs), directory, settings, write_report)
+    done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
     print_stitching(done, directory, json=json)
 
 

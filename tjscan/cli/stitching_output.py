@@ -8,9 +8,9 @@ from pathlib import Path
 from pydantic_core import to_json
 from rich.table import Table
 
-from tjscan.cli.console import say, stderr
+from tjscan.cli.console import print_message, stderr
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
-from tjscan.result.summary import Summary
+from tjscan.result.summary import ScanSummary
 from tjscan.runs.stitch import StitchedRun
 
 NOTED_MM = 0.05
@@ -27,10 +27,12 @@ def print_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
     for name, value in _lines(done.summary, done.report):
         table.add_row(name, value)
     stderr.print(table)
-    say(f"written to {directory}; see report.html, and stations.json for how it was stitched")
+    print_message(
+        f"written to {directory}; see report.html, and stations.json for how it was stitched"
+    )
 
 
-def _lines(summary: Summary, report: StitchingReport) -> Iterator[tuple[str, str]]:
+def _lines(summary: ScanSummary, report: StitchingReport) -> Iterator[tuple[str, str]]:
     first = report.stations[0]
     for one in report.stations:
         start, end = one.azimuth_deg

@@ -36,28 +36,28 @@ def study(
     """
     import os
 
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.cli.study_output import print_study, study_progress
     from tjscan.core.errors import ConfigurationError
-    from tjscan.runs.directory import default_directory
-    from tjscan.study.file import read_study
-    from tjscan.study.grid import trials_of
+    from tjscan.runs.directory import default_run_directory
+    from tjscan.study.file import read_study_file
+    from tjscan.study.grid import trials_of_study
     from tjscan.study.run import run_study
-    from tjscan.study.schedule import DaskScheduler, check_installed
-    from tjscan.study.store import make_study, read_plan
+    from tjscan.study.schedule import DaskScheduler, check_study_packages
+    from tjscan.study.store import make_study_directory, read_trials
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in a study's directory: no --out, no --dry-run")
     if workers is not None and (workers < 1 or scheduler is not None):
         raise ConfigurationError("--workers is 1 or more, and not beside --scheduler")
-    directory = study if resume else out or default_directory(study)
-    trials = read_plan(study) if resume else trials_of(read_study(study), study)
+    directory = study if resume else out or default_run_directory(study)
+    trials = read_trials(study) if resume else trials_of_study(read_study_file(study), study)
     if dry_run:
-        say(f"{study}: the study is sound; it makes {len(trials)} runs")
+        print_message(f"{study}: the study is sound; it makes {len(trials)} runs")
         return
-    check_installed()
+    check_study_packages()
     if not resume:
-        make_study(directory, trials)
+        make_study_directory(directory, trials)
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
     with study_progress(len(trials)) as watch:
         rows = run_study(directory, where, watch)

@@ -11,18 +11,18 @@ from typing import Any
 
 from rich.progress import TimeRemainingColumn
 
-from tjscan.cli.console import progress_bars, say
-from tjscan.study.row import Row
+from tjscan.cli.console import print_message, progress_bars
+from tjscan.study.row import StudyRow
 
 
 @contextmanager
-def study_progress(total: int) -> Iterator[Callable[[Row[Any]], None]]:
+def study_progress(total: int) -> Iterator[Callable[[StudyRow[Any]], None]]:
     """Show a progress bar while the block runs; gives what moves it on by a row."""
     with progress_bars() as progress:
         progress.columns += (TimeRemainingColumn(),)
         bar = progress.add_task("runs", total=total)
 
-        def watch(row: Row[Any]) -> None:
+        def watch(row: StudyRow[Any]) -> None:
             progress.advance(bar)
             if not row.outcome.complete:
                 where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
@@ -32,14 +32,16 @@ def study_progress(total: int) -> Iterator[Callable[[Row[Any]], None]]:
         yield watch
 
 
-def print_study(rows: Sequence[Row[Any]], directory: Path, *, json: bool) -> None:
+def print_study(rows: Sequence[StudyRow[Any]], directory: Path, *, json: bool) -> None:
     """Print how the runs of a study ended, on stderr, or as JSON on stdout."""
     ended = Counter(row.outcome.reason for row in rows)
     complete = sum(row.outcome.complete for row in rows)
     if json:
         print(json_.dumps({"scans": len(rows), "complete": complete, "reasons": ended}))
         return
-    say(f"{complete} of {len(rows)} runs complete")
+    print_message(f"{complete} of {len(rows)} runs complete")
     for reason, count in ended.most_common():
-        say(f"  {count:6d}  {reason}")
-    say(f"written to {directory}: see report.md, and study.csv or study.parquet for the rows")
+        print_message(f"  {count:6d}  {reason}")
+    print_message(
+        f"written to {directory}: see report.md, and study.csv or study.parquet for the rows"
+    )

@@ -33,22 +33,24 @@ def teach(
     """
     from json import dumps
 
-    from tjscan.cli.console import say
+    from tjscan.cli.console import print_message
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.config import naming
-    from tjscan.job import read_job
-    from tjscan.result.readings import measures
+    from tjscan.job import read_scan_job
+    from tjscan.result.readings import measures_with_sigmas
     from tjscan.runs.teach import teach_pose
 
     with naming(job):
-        here = read_job(job, parse_overrides(overrides)).at(station)
+        here = read_scan_job(job, parse_overrides(overrides)).at(station)
     taught = teach_pose(here, job, which)
     pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}
     if json:
         print(dumps({"which": which, **pose}, indent=2))
-    seen = ", ".join(f"{name} {value:.2f}" for name, value, _ in measures(taught.groove))
-    say(f"the laser sees a groove there: {seen}")
-    say(
+    seen = ", ".join(
+        f"{name} {value:.2f}" for name, value, _ in measures_with_sigmas(taught.groove)
+    )
+    print_message(f"the laser sees a groove there: {seen}")
+    print_message(
         f"{job}: {'.'.join(taught.key)} is now {list(taught.position_mm)} mm, "
         f"{list(taught.euler_zyx_deg)}°"
     )

@@ -308,7 +308,7 @@ class StitchingRefused(TjscanError):
     evidence : str
         Which stations and where, by how much, and what to do next.
     draft : object, optional
-        What was known until then, to be drawn: a `tjscan.stitching.draft.Draft`.
+        What was known until then, to be drawn: a `tjscan.stitching.draft.StitchingDraft`.
     """
 
     def __init__(self, reason: str, evidence: str, draft: object = None) -> None:

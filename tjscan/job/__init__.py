@@ -1,39 +1,39 @@
 """The job file: one scan, or one calibration, in millimetres and degrees, as a person writes it."""
 
-from tjscan.job.devices import ArmTable, CalibrationTable, LaserTable
-from tjscan.job.files import CalibrationJob, CellFile, JobFile
-from tjscan.job.reading import read_calibration_job, read_job
+from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
+from tjscan.job.files import CalibrationJob, CellJob, ScanJob
+from tjscan.job.reading import read_calibration_job, read_scan_job
 from tjscan.job.simulation import (
-    SimulatedBoardTable,
-    SimulatedStationTable,
-    SimulationTable,
+    SimulatedBoardSettings,
+    SimulatedStationSettings,
+    SimulationSettings,
 )
-from tjscan.job.station import NamedPoseTable, StationTable
+from tjscan.job.station import NamedPoseSettings, StationSettings
 from tjscan.job.surroundings import (
-    BoardTable,
-    ClearanceTable,
-    JointTable,
-    SolidTable,
-    StandingTable,
+    BoardSettings,
+    ClearanceSettings,
+    JointSettings,
+    PlacedSolidSettings,
+    SolidSettings,
 )
 
 __all__ = [
-    "ArmTable",
-    "BoardTable",
+    "ArmSettings",
+    "BoardSettings",
     "CalibrationJob",
-    "CalibrationTable",
-    "CellFile",
-    "ClearanceTable",
-    "JobFile",
-    "JointTable",
-    "LaserTable",
-    "NamedPoseTable",
-    "SimulatedBoardTable",
-    "SimulatedStationTable",
-    "SimulationTable",
-    "SolidTable",
-    "StandingTable",
-    "StationTable",
+    "CalibrationSettings",
+    "CellJob",
+    "ClearanceSettings",
+    "JointSettings",
+    "LaserSettings",
+    "NamedPoseSettings",
+    "PlacedSolidSettings",
+    "ScanJob",
+    "SimulatedBoardSettings",
+    "SimulatedStationSettings",
+    "SimulationSettings",
+    "SolidSettings",
+    "StationSettings",
     "read_calibration_job",
-    "read_job",
+    "read_scan_job",
 ]

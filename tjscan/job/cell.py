@@ -16,7 +16,7 @@ from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse
 from tjscan.core.units import rows_to_pose
-from tjscan.job import CellFile, JobFile, LaserTable, StandingTable
+from tjscan.job import CellJob, LaserSettings, PlacedSolidSettings, ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_mesh
 from tjscan.joint.relief import relief_of
@@ -78,7 +78,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mount:
+class SensorMount:
     """Where the laser sits on the hand, and what says so.
 
     Parameters
@@ -93,12 +93,12 @@ class Mount:
     file: Path | None = None
 
 
-def mount_of(job: CellFile, job_file: Path) -> Mount:
+def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     """Where the laser sits, as a job says, or a calibration that is sought from the job's folder.
 
     Parameters
     ----------
-    job : CellFile
+    job : CellJob
         The job.
     job_file : Path
         Where it was read from.
@@ -110,25 +110,25 @@ def mount_of(job: CellFile, job_file: Path) -> Mount:
     """
     T_f_s = job.calibration.T_f_s
     if T_f_s is not None:
-        return Mount(T_f_s)
+        return SensorMount(T_f_s)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not say which laser made it, unless the job does.
     laser = job.laser.id if job.laser.kind is Kind.REPLAYED else job.laser.device
     found = read_calibration(file, arm=job.arm.device, laser=laser)
-    return Mount(found.T_f_s, file)
+    return SensorMount(found.T_f_s, file)
 
 
-def open_cell(
-    job: JobFile, T_f_s: Array, joint: JointDefinition | None, left: ArmState | None = None
+def make_scan_cell(
+    job: ScanJob, T_f_s: Array, joint: JointDefinition | None, left: ArmState | None = None
 ) -> Cell:
     """Make the cell of a scan; see `make_cell`.
 
     Parameters
     ----------
-    job : JobFile
+    job : ScanJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        Where the laser sits, see `mount_of`.
+        Where the laser sits, see `sensor_mount_of_job`.
     joint : JointDefinition, optional
         What a simulated laser looks at.
     left : ArmState, optional
@@ -138,7 +138,7 @@ def open_cell(
 
 
 def make_cell(
-    job: CellFile,
+    job: CellJob,
     T_f_s: Array,
     scene: Callable[[], Scene],
     left: ArmState | None = None,
@@ -147,7 +147,7 @@ def make_cell(
 
     Parameters
     ----------
-    job : CellFile
+    job : CellJob
         The job, of one station if it has any.
     T_f_s : ndarray, shape (4, 4)
         Where the laser is believed to sit on the flange.
@@ -162,7 +162,7 @@ def make_cell(
         If a driver or the arm's model is unknown, a package is missing that a driver needs, or
         the job lacks what it needs.
     """
-    clearance, simulation = clearance_of(job), job.simulation
+    clearance, simulation = clearance_of_job(job), job.simulation
     recording = cache(partial(_recording, job.laser))
     arm_driver, laser_driver = ARMS.load(job.arm.driver), LASERS.load(job.laser.driver)
     with ARMS.installed(job.arm.driver):
@@ -184,7 +184,7 @@ def make_cell(
     with LASERS.installed(job.laser.driver):
         laser = laser_driver.make(
             LaserContext(
-                laser_model(job),
+                laser_model_of_job(job),
                 Carrier(
                     partial(arm_driver.truth, device),
                     lambda: device.state().T_b_f,
@@ -201,7 +201,7 @@ def make_cell(
 
 
 def _recording(
-    table: LaserTable,
+    table: LaserSettings,
 ) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
     """What replayed devices share: where the flange stood, the arm's states, the profiles."""
     with naming(key="laser.recording"):
@@ -216,7 +216,7 @@ def _recording(
     return poses, states, tuple(view.profile for view in views)
 
 
-def _joint_scene(job: JobFile, joint: JointDefinition | None) -> Scene:
+def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> Scene:
     """The joint of a job, where it truly stands."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
@@ -230,7 +230,7 @@ def _surface(joint: JointDefinition) -> Surface:
     return Surface(mesh.vertices, mesh.triangles, relief_of(joint))
 
 
-def clearance_of(job: CellFile) -> Clearance:
+def clearance_of_job(job: CellJob) -> Clearance:
     """What a job's arm keeps clear of, whichever driver moves it.
 
     Raises
@@ -254,13 +254,13 @@ def clearance_of(job: CellFile) -> Clearance:
     return Clearance(kinematics, model, table)
 
 
-def _in_b(table: StandingTable, job: CellFile) -> Solid:
+def _in_b(table: PlacedSolidSettings, job: CellJob) -> Solid:
     """A solid where it stands in frame b; one about the workpiece as far as that is known."""
     solid = table.solid
     return solid if table.frame == "b" else replace(solid, T=inverse(job.T_w_b) @ solid.T)
 
 
-def laser_model(job: CellFile) -> LaserModel:
+def laser_model_of_job(job: CellJob) -> LaserModel:
     """The laser that a job describes: the window of [laser], the faults of [simulation.laser]."""
     faults = LaserModel() if job.simulation is None else job.simulation.laser
     table = job.laser

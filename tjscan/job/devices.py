@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceTable(Settings):
+class DeviceSettings(Settings):
     """What the tables [arm] and [laser] have in common.
 
     Each driver has a table of its own below, such as [arm.ur]. It is checked against what the
@@ -120,12 +120,12 @@ class DeviceTable(Settings):
             raise ConfigurationError(error.message, key=inner) from None
 
 
-def _with_drivers(table: DeviceTable, write: Callable[[DeviceTable], Any]) -> Any:
+def _with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], Any]) -> Any:
     return write(table) | {name: written(own) for name, own in table.drivers.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmTable(DeviceTable):
+class ArmSettings(DeviceSettings):
     """The table [arm]: which arm, and the bounds it moves within.
 
     Parameters
@@ -149,7 +149,7 @@ class ArmTable(DeviceTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LaserTable(DeviceTable):
+class LaserSettings(DeviceSettings):
     """The table [laser]: which line laser, and the window it measures in.
 
     Parameters
@@ -187,7 +187,7 @@ class LaserTable(DeviceTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationTable(Settings):
+class CalibrationSettings(Settings):
     """Where the laser sits on the hand: rows of T_f_s, or the file that a calibration left."""
 
     T_f_s_mm: PoseRows | None = None

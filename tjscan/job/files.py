@@ -16,27 +16,27 @@ from tjscan.core.frames import Array
 from tjscan.core.units import AS_WRITTEN, PoseTable
 from tjscan.groove.models import MODELS
 from tjscan.groove.settings import GrooveSettings
-from tjscan.job.devices import ArmTable, CalibrationTable, LaserTable
-from tjscan.job.simulation import SimulationTable
-from tjscan.job.station import StationTable, folded
-from tjscan.job.surroundings import BoardTable, ClearanceTable, JointTable
+from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
+from tjscan.job.simulation import SimulationSettings
+from tjscan.job.station import StationSettings, casefolded_name
+from tjscan.job.surroundings import BoardSettings, ClearanceSettings, JointSettings
 from tjscan.scanning.plan import ScanPlan
 
 
-class CellFile(FileModel):
+class CellJob(FileModel):
     """What a scan and a calibration have in common: the cell."""
 
-    arm: ArmTable = ArmTable()
-    laser: LaserTable = LaserTable()
-    calibration: CalibrationTable
-    board: BoardTable | None = None
-    joint: JointTable | None = None
-    station: Annotated[tuple[StationTable, ...], MaxLen(50), AS_WRITTEN] = ()
-    clearance: ClearanceTable = ClearanceTable()
-    simulation: SimulationTable | None = None
+    arm: ArmSettings = ArmSettings()
+    laser: LaserSettings = LaserSettings()
+    calibration: CalibrationSettings
+    board: BoardSettings | None = None
+    joint: JointSettings | None = None
+    station: Annotated[tuple[StationSettings, ...], MaxLen(50), AS_WRITTEN] = ()
+    clearance: ClearanceSettings = ClearanceSettings()
+    simulation: SimulationSettings | None = None
 
     @model_validator(mode="after")
-    def _drivers_fit_together(self) -> CellFile:
+    def _drivers_fit_together(self) -> CellJob:
         arm, laser = self.arm.kind, self.laser.kind
         if arm is Kind.REPLAYED and laser is not Kind.REPLAYED:
             raise ConfigurationError(
@@ -51,10 +51,10 @@ class CellFile(FileModel):
         return self
 
     @model_validator(mode="after")
-    def _stations_have_names_of_their_own(self) -> CellFile:
+    def _stations_have_names_of_their_own(self) -> CellJob:
         simulated = () if self.simulation is None else self.simulation.station
         for key, tables in (("station", self.station), ("simulation.station", simulated)):
-            names = [folded(table.name) for table in tables]
+            names = [casefolded_name(table.name) for table in tables]
             for i, name in enumerate(names):
                 if name in names[:i]:
                     raise ConfigurationError(
@@ -156,14 +156,14 @@ class CellFile(FileModel):
         return self.model_copy(update={"station": (station,), "simulation": simulation})
 
 
-class JobFile(CellFile):
+class ScanJob(CellJob):
     """One scan."""
 
     scan: ScanPlan
     groove: GrooveSettings = GrooveSettings()
 
     @model_validator(mode="after")
-    def _groove_has_a_section(self) -> JobFile:
+    def _groove_has_a_section(self) -> ScanJob:
         if not self.groove.model.has_section:
             able = ", ".join(repr(name) for name, model in MODELS.items() if model.has_section)
             raise ConfigurationError(
@@ -174,7 +174,7 @@ class JobFile(CellFile):
         return self
 
     @model_validator(mode="after")
-    def _has_its_start_poses(self) -> JobFile:
+    def _has_its_start_poses(self) -> ScanJob:
         for which in ("first", "second"):
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):
@@ -209,9 +209,9 @@ class JobFile(CellFile):
         return job.model_copy(update={"scan": scan, "station": (bare,)})
 
 
-class CalibrationJob(CellFile):
+class CalibrationJob(CellJob):
     """One calibration. A [scan] table may stand beside it, so that one file serves both."""
 
-    board: BoardTable
+    board: BoardSettings
     scan: ScanPlan | None = None
     groove: GrooveSettings | None = None

@@ -8,16 +8,16 @@ from typing import Any, Final, TypeVar
 
 from tjscan.core.config import naming, read_toml, validate
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.files import CalibrationJob, CellFile, JobFile
-from tjscan.job.station import folded
+from tjscan.job.files import CalibrationJob, CellJob, ScanJob
+from tjscan.job.station import casefolded_name
 
 EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
 """What a replaced key leaves no room for in its table."""
 
-J = TypeVar("J", bound=CellFile)
+J = TypeVar("J", bound=CellJob)
 
 
-def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
+def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
     """Read the job of a scan, with single keys replaced.
 
     Parameters
@@ -33,11 +33,11 @@ def read_job(file: Path, overrides: dict[str, Any] | None = None) -> JobFile:
     ConfigurationError
         If the file can't be read, or a key is unknown, missing or of a wrong type or value.
     """
-    return _read(JobFile, file, overrides)
+    return _read(ScanJob, file, overrides)
 
 
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
-    """Read the job of a calibration, with single keys replaced; see `read_job`."""
+    """Read the job of a calibration, with single keys replaced; see `read_scan_job`."""
     return _read(CalibrationJob, file, overrides)
 
 
@@ -63,8 +63,16 @@ def _inner(tables: Any, name: str, key: str) -> Any:
     """A table in a table; in an array of tables the one of that name, or number from 0."""
     if isinstance(tables, dict):
         return _table(tables.setdefault(name, {}), name, key)
-    named = {folded(str(entry.get("name"))): entry for entry in tables if isinstance(entry, dict)}
-    if (found := named.get(folded(name))) is None and name.isdigit() and int(name) < len(tables):
+    named = {
+        casefolded_name(str(entry.get("name"))): entry
+        for entry in tables
+        if isinstance(entry, dict)
+    }
+    if (
+        (found := named.get(casefolded_name(name))) is None
+        and name.isdigit()
+        and int(name) < len(tables)
+    ):
         found = tables[int(name)]
     if found is None:
         known = f"; there are: {', '.join(named)}" if named else ""

@@ -10,13 +10,13 @@ from pydantic import Field
 
 from tjscan.core.config import FileModel
 from tjscan.core.units import AS_WRITTEN, MM, PoseRows, PoseTable
-from tjscan.job.station import NamedPoseTable
+from tjscan.job.station import NamedPoseSettings
 from tjscan.laser.model import LaserModel
 from tjscan.robot.simulation import ArmSimulation, JointAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedBoardTable(PoseTable):
+class SimulatedBoardSettings(PoseTable):
     """The table [simulation.board]: where the board truly is, and how well it is touched.
 
     Parameters
@@ -29,7 +29,7 @@ class SimulatedBoardTable(PoseTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedStationTable(NamedPoseTable):
+class SimulatedStationSettings(NamedPoseSettings):
     """The table [[simulation.station]]: where a station's base truly stands in frame w.
 
     Parameters
@@ -41,7 +41,7 @@ class SimulatedStationTable(NamedPoseTable):
     home: JointAngles | None = None
 
 
-class SimulationTable(FileModel):
+class SimulationSettings(FileModel):
     """The table [simulation]: the simulated world.
 
     `T_f_s_mm` is where the laser truly sits, `board` where the board truly is, `station` where
@@ -50,7 +50,7 @@ class SimulationTable(FileModel):
 
     seed: int = Field(default=1, ge=0)
     T_f_s_mm: PoseRows | None = None
-    board: SimulatedBoardTable | None = None
-    station: Annotated[tuple[SimulatedStationTable, ...], AS_WRITTEN] = ()
+    board: SimulatedBoardSettings | None = None
+    station: Annotated[tuple[SimulatedStationSettings, ...], AS_WRITTEN] = ()
     arm: ArmSimulation | None = None
     laser: LaserModel = LaserModel()

@@ -9,11 +9,11 @@ from annotated_types import Ge, Gt
 from pydantic import Field
 
 from tjscan.core.units import AS_WRITTEN, MM, PoseTable
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedPoseTable(PoseTable):
+class NamedPoseSettings(PoseTable):
     """The pose of a station's base in frame w, metres and radians.
 
     Parameters
@@ -26,12 +26,12 @@ class NamedPoseTable(PoseTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StationTable(NamedPoseTable):
+class StationSettings(NamedPoseSettings):
     """The table [[station]]: about where the arm's base stands in frame w, and its start poses.
 
     Parameters
     ----------
-    direction : Direction, optional
+    direction : ScanDirection, optional
         As in [scan], which holds where this is left out.
     length : float, optional
         As in [scan], metres.
@@ -41,13 +41,13 @@ class StationTable(NamedPoseTable):
         The taught poses of the flange, in this station's frame b.
     """
 
-    direction: Annotated[Direction, AS_WRITTEN] | None = None
+    direction: Annotated[ScanDirection, AS_WRITTEN] | None = None
     length: Annotated[float | None, Gt(0), MM] = None
     sections: Annotated[int | None, Ge(3)] = None
     first: PoseTable
     second: PoseTable
 
 
-def folded(name: str) -> str:
+def casefolded_name(name: str) -> str:
     """A name as folders of some systems, and options, have it."""
     return name.casefold().replace("-", "_")

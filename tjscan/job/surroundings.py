@@ -22,7 +22,7 @@ SMALLEST_BOARD: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SolidTable(PoseTable):
+class SolidSettings(PoseTable):
     """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis.
 
     Parameters
@@ -66,14 +66,14 @@ class SolidTable(PoseTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StandingTable(SolidTable):
+class PlacedSolidSettings(SolidSettings):
     """A solid that stands in the base frame, b, or about the workpiece, w."""
 
     frame: Literal["b", "w"] = "b"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClearanceTable(Margins):
+class ClearanceSettings(Margins):
     """The table [clearance]: what the arm keeps clear of, and how far.
 
     Parameters
@@ -84,21 +84,21 @@ class ClearanceTable(Margins):
         How far detours draw the sensor back, one after the other, metres.
     ignore : tuple of (str, str)
         Pairs of links that may come near each other.
-    solid : tuple of StandingTable
+    solid : tuple of PlacedSolidSettings
         What stands in frame b or w.
-    tool : tuple of SolidTable
+    tool : tuple of SolidSettings
         What sits on the flange, frame f.
     """
 
     self_collision: bool = True
     lifts: Annotated[tuple[LengthMm, ...], MaxLen(20), MM] = (0.05, 0.1, 0.2, 0.3)
     ignore: Annotated[tuple[Annotated[tuple[str, str], AS_WRITTEN], ...], AS_WRITTEN] = ()
-    solid: Annotated[tuple[StandingTable, ...], MaxLen(MOST), AS_WRITTEN] = ()
-    tool: Annotated[tuple[SolidTable, ...], MaxLen(MOST), AS_WRITTEN] = ()
+    solid: Annotated[tuple[PlacedSolidSettings, ...], MaxLen(MOST), AS_WRITTEN] = ()
+    tool: Annotated[tuple[SolidSettings, ...], MaxLen(MOST), AS_WRITTEN] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardTable(PoseTable):
+class BoardSettings(PoseTable):
     """The table [board]: the flat board to calibrate on, about where it is, and what to take.
 
     The frame's origin is the middle of the board's face, x along the first side, z away from it.
@@ -130,7 +130,7 @@ class BoardTable(PoseTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointTable(PoseTable):
+class JointSettings(PoseTable):
     """The table [joint]: the joint as designed, for comparisons and for the simulated world.
 
     Its pose is in frame w, which is b for a job without stations. The scanner itself never

@@ -10,9 +10,9 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
-from tjscan.report.picture import Picture, inlined, sheet
-from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_space
-from tjscan.result.section import MEASURES, SIGMAS, lengths
+from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_groove_3d
+from tjscan.result.section import MEASURES, SIGMAS, lengths_along_groove
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN: Final = "#d62728"
@@ -26,9 +26,9 @@ BAND: Final = 2.0
 """Half width of the bands, in standard deviations."""
 
 
-def draw_view(data: ReportData) -> Picture:
+def draw_groove_view(data: ReportData) -> ReportPicture:
     """The groove in space."""
-    figure = sheet(10, 6.5)
+    figure = new_figure(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     corners = np.array([section.points for section in data.sections]).reshape(-1, 3)
     low, high = corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
@@ -37,8 +37,8 @@ def draw_view(data: ReportData) -> Picture:
     # A ghost far off would make the groove small.
     points = points[np.flatnonzero(np.all((points > low) & (points < high), axis=1))]
     lines = [_within(line, low, high) for line in outline]
-    draw_space(axes, data.sections, points, data.summary.frame, lines, ())
-    return inlined(
+    draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
+    return inline_figure(
         figure,
         "The scanned groove in space",
         "Blue points are what the laser saw, black and red ones the corners that were read in it"
@@ -54,14 +54,14 @@ def _within(line: Array, low: Array, high: Array) -> Array:
     return np.where(inside, line, np.nan)
 
 
-def draw_measures(data: ReportData) -> Picture:
+def draw_measure_charts(data: ReportData) -> ReportPicture:
     """Groove angle, root width, depth and area along the groove, with their uncertainty."""
     x, label = _along(data)
     order = np.argsort(x)
     design = None
     if data.joint is not None:
         design = designed_measures(data.sections, data.joint)
-    figure = sheet(12, 7)
+    figure = new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, field, spread) in enumerate(zip(panels.flat, MEASURES, SIGMAS, strict=True)):
         y = field.values(data.sections)[order]
@@ -77,7 +77,7 @@ def draw_measures(data: ReportData) -> Picture:
                 linewidth=1,
                 label="as designed",
             )
-        axes.set_ylabel(field.title)
+        axes.set_ylabel(field.chart_title)
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
         axes.set_xlabel(label)
@@ -85,7 +85,7 @@ def draw_measures(data: ReportData) -> Picture:
     designed = ""
     if design is not None:
         designed = " Dashed: the joint as designed, cut by the same planes."
-    return inlined(
+    return inline_figure(
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
@@ -93,7 +93,7 @@ def draw_measures(data: ReportData) -> Picture:
     )
 
 
-def draw_course(data: ReportData) -> Picture | None:
+def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     """How the scan went: the charts of all places, a line for each; None where there are none.
 
     Parameters
@@ -105,7 +105,7 @@ def draw_course(data: ReportData) -> Picture | None:
     titles = list(dict.fromkeys(chart.title for _, chart in charts))
     if not titles:
         return None
-    figure = sheet(12, 3 * -(-len(titles) // 2))
+    figure = new_figure(12, 3 * -(-len(titles) // 2))
     panels = figure.subplots(-(-len(titles) // 2), 2, squeeze=False)
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
@@ -123,12 +123,12 @@ def draw_course(data: ReportData) -> Picture | None:
     if len(data.places) > 1:
         for text in panels.flat[0].legend(fontsize=8).get_texts():
             text.set_parse_math(False)
-    return inlined(
+    return inline_figure(
         figure, "How the scan went", "Dashed: as asked; the first step is the taught one."
     )
 
 
-def draw_corner_errors(data: ReportData) -> Picture | None:
+def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     """Distances of the corners from their designed edges; None where these are not known."""
     found = [
         d
@@ -140,7 +140,7 @@ def draw_corner_errors(data: ReportData) -> Picture | None:
     x, label = _along(data)
     order = np.argsort(x)
     distances = 1e3 * found[0].distances.reshape(-1, 3)[order]
-    figure = sheet(12, 3)
+    figure = new_figure(12, 3)
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER, ROOT, PATH)):
         axes.plot(
@@ -159,7 +159,7 @@ def draw_corner_errors(data: ReportData) -> Picture | None:
     axes.set_ylabel("distance / mm")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=4)
-    return inlined(
+    return inline_figure(
         figure,
         "Corners and the designed edges",
         "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
@@ -171,4 +171,4 @@ def _along(data: ReportData) -> tuple[Array, str]:
     """Where the sections stand on a chart, and what that is called."""
     if (azimuths := data.azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
-    return 1e3 * lengths(data.sections), "along the groove / mm"
+    return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"

@@ -20,31 +20,31 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.report.stations import station_folders
-from tjscan.result.chapter import Chapter, Chart, Event
+from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOINT, RECORDING, SECTIONS, SUMMARY
 from tjscan.result.shapes import read_run_shape, read_shape
-from tjscan.result.stitching import StitchingReport, read_stitching
-from tjscan.result.summary import Summary, read_summary
-from tjscan.result.table import read_sections
+from tjscan.result.stitching import StitchingReport, read_stitching_report
+from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.table import read_sections_csv
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class StationRunData:
     """A place that was scanned from.
 
     Parameters
     ----------
     name : str
         What sections call it.
-    summary : Summary
+    summary : ScanSummary
         What was found there, in a few numbers.
-    chapters : tuple of Chapter
+    chapters : tuple of ReportChapter
         What each algorithm has to say of it.
     """
 
     name: str
-    summary: Summary
-    chapters: tuple[Chapter, ...]
+    summary: ScanSummary
+    chapters: tuple[ReportChapter, ...]
 
     @property
     def facts(self) -> dict[str, str]:
@@ -57,16 +57,16 @@ class Place:
         return [finding for chapter in self.chapters for finding in chapter.findings]
 
     @property
-    def charts(self) -> list[Chart]:
+    def charts(self) -> list[ReportChart]:
         """Charts of all chapters."""
         return [chart for chapter in self.chapters for chart in chapter.charts]
 
     @property
-    def events(self) -> list[Event]:
+    def events(self) -> list[ReportEvent]:
         """Events of all chapters."""
         return [event for chapter in self.chapters for event in chapter.events]
 
-    def profile(self, index: int) -> tuple[Profile, GrooveSettings] | None:
+    def profile_of_section(self, index: int) -> tuple[Profile, GrooveSettings] | None:
         """The profile of a section, and how it was read; None where it is not there."""
         for chapter in self.chapters:
             if index in chapter.profiles:
@@ -82,13 +82,13 @@ class ReportData:
     ----------
     directory : Path
         The run directory.
-    summary : Summary
+    summary : ScanSummary
         What came out, in a few numbers.
     sections : tuple of MeasuredSection
         In the frame that the summary names, in the order along the groove.
     shape : Shape
         Cloud and corners.
-    places : tuple of Place
+    places : tuple of StationRunData
         Where it was scanned from, as far as their recordings are there.
     joint : JointDefinition or None
         The joint as designed, where the run names one and stands in its frame.
@@ -101,10 +101,10 @@ class ReportData:
     """
 
     directory: Path
-    summary: Summary
+    summary: ScanSummary
     sections: tuple[MeasuredSection, ...]
     shape: Shape
-    places: tuple[Place, ...]
+    places: tuple[StationRunData, ...]
     joint: JointDefinition | None
     comparison: Comparison | None
     stitching: StitchingReport | None
@@ -124,7 +124,7 @@ class ReportData:
         unbroken = np.degrees(np.unwrap(azimuths))
         return np.asarray(unbroken - 360 * np.floor((unbroken.mean() + 180) / 360))
 
-    def place_of(self, section: MeasuredSection) -> Place | None:
+    def place_of(self, section: MeasuredSection) -> StationRunData | None:
         """Where a section was scanned from, the first where it was several; None if not there."""
         first = section.station.split("+")[0]  # which the section's number is of
         return next((place for place in self.places if place.name == first), None)
@@ -157,8 +157,8 @@ def read_report_data(
     check_tolerance(tolerance)
     shape = read_run_shape(directory)  # which holds a section or more
     summary = read_summary(directory / SUMMARY)
-    sections = read_sections(directory / SECTIONS)
-    stitching = read_stitching(directory)
+    sections = read_sections_csv(directory / SECTIONS)
+    stitching = read_stitching_report(directory)
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
@@ -207,7 +207,7 @@ def _compared(
         return None, (f"It was not compared with the joint that the job names: {error}",)
 
 
-def _place(name: str, directory: Path) -> Place:
+def _place(name: str, directory: Path) -> StationRunData:
     tasks = [TASKS.load(task) for task in TASKS.names]
     chapters = tuple(task.load("report")(directory) for task in tasks if task.report)
-    return Place(name, read_summary(directory / SUMMARY), chapters)
+    return StationRunData(name, read_summary(directory / SUMMARY), chapters)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from tjscan.comparison.maps import draw_map
 from tjscan.report.data import ReportData
-from tjscan.report.picture import Picture, inlined
+from tjscan.report.picture import ReportPicture, inline_figure
 
 
-def draw_deviation(data: ReportData) -> Picture | None:
+def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     """Deviation unwrapped over the azimuth; None where nothing was compared in frame j."""
     comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
     sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
-    return inlined(
+    return inline_figure(
         draw_map(comparison),
         "Deviation from the reference, unwrapped over the azimuth",
         f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
@@ -23,7 +23,7 @@ def draw_deviation(data: ReportData) -> Picture | None:
     )
 
 
-def deviation_rows(data: ReportData) -> list[tuple[str, ...]]:
+def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
     """Kind, number and statistics of every kind of distance, in mm."""
     if data.comparison is None:
         return []

@@ -17,7 +17,7 @@ UNSURE: Final = 0.2
 """Standard deviation of a corner in mm above which a finding says so."""
 
 
-def findings(data: ReportData) -> Iterator[str]:
+def report_findings(data: ReportData) -> Iterator[str]:
     """What a reader has to know before relying on a run.
 
     Parameters
@@ -58,7 +58,7 @@ def findings(data: ReportData) -> Iterator[str]:
         yield f"{named}{words}"
 
 
-def coverage(data: ReportData) -> str:
+def describe_coverage(data: ReportData) -> str:
     """Which part of the groove was scanned, in words.
 
     Parameters

@@ -9,21 +9,31 @@ from typing import Final
 from jinja2 import Environment, StrictUndefined
 
 from tjscan.core.provenance import Provenance
-from tjscan.report.charts import draw_corner_errors, draw_course, draw_measures, draw_view
+from tjscan.report.charts import (
+    draw_corner_errors,
+    draw_groove_view,
+    draw_measure_charts,
+    draw_scan_charts,
+)
 from tjscan.report.data import ReportData
-from tjscan.report.deviation import deviation_rows, draw_deviation
-from tjscan.report.findings import coverage, findings
-from tjscan.report.profiles import draw_profiles
-from tjscan.report.stations import overlap_rows, station_folders, station_rows, stations_picture
-from tjscan.report.tables import event_rows, going_rows, measure_rows, scan_rows
-from tjscan.result.directory import JOINT, job_of
+from tjscan.report.deviation import deviation_table_rows, draw_deviation_map
+from tjscan.report.findings import describe_coverage, report_findings
+from tjscan.report.profiles import draw_fitted_profiles
+from tjscan.report.stations import (
+    overlap_rows,
+    read_stations_picture,
+    station_folders,
+    station_rows,
+)
+from tjscan.report.tables import event_rows, measure_rows, scan_rows, scan_statistics_rows
+from tjscan.result.directory import JOINT, job_label_of_run
 
 TEMPLATE: Final = "report.html.jinja"
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
 
 
-def render(data: ReportData) -> str:
+def render_page(data: ReportData) -> str:
     """Render the whole page, its pictures inlined.
 
     Everything that comes from files (names, reasons, events) is escaped.
@@ -39,13 +49,13 @@ def render(data: ReportData) -> str:
         files("tjscan.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
     )
     pictures = {
-        "view": draw_view(data),
-        "deviation": draw_deviation(data),
+        "view": draw_groove_view(data),
+        "deviation": draw_deviation_map(data),
         "corners": draw_corner_errors(data),
-        "measures": draw_measures(data),
-        "profiles": draw_profiles(data),
-        "steps": draw_course(data),
-        "stations": stations_picture(data.directory),
+        "measures": draw_measure_charts(data),
+        "profiles": draw_fitted_profiles(data),
+        "steps": draw_scan_charts(data),
+        "stations": read_stations_picture(data.directory),
     }
     stitching = data.stitching
     folders = (data.directory, *station_folders(data.directory, stitching).values())
@@ -53,9 +63,9 @@ def render(data: ReportData) -> str:
     return template.render(
         name=data.name,
         summary=data.summary,
-        coverage=coverage(data),
+        coverage=describe_coverage(data),
         scan_rows=list(scan_rows(data)),
-        findings=list(findings(data)),
+        findings=list(report_findings(data)),
         pictures=pictures,
         comparison=comparison,
         compared_with="the joint as designed"
@@ -65,11 +75,11 @@ def render(data: ReportData) -> str:
         tolerance_mm=None
         if comparison is None or comparison.tolerance is None
         else 1e3 * comparison.tolerance,
-        deviations=deviation_rows(data),
-        going=going_rows(data),
+        deviations=deviation_table_rows(data),
+        going=scan_statistics_rows(data),
         events=event_rows(data),
         stations=[] if stitching is None else station_rows(stitching),
         overlaps=[] if stitching is None else overlap_rows(stitching),
         measures=measure_rows(data),
-        provenance=Provenance.now(job_of(*folders), data.summary.frame).entries,
+        provenance=Provenance.now(job_label_of_run(*folders), data.summary.frame).entries,
     )

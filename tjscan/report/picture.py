@@ -14,7 +14,7 @@ DPI: Final = 110
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ReportPicture:
     """A picture with its caption.
 
     Parameters
@@ -30,7 +30,7 @@ class Picture:
     data: str
 
 
-def sheet(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """An empty figure.
 
     Parameters
@@ -43,7 +43,7 @@ def sheet(width: float, height: float) -> Figure:
     return figure
 
 
-def inlined(figure: Any, title: str, caption: str) -> Picture:
+def inline_figure(figure: Any, title: str, caption: str) -> ReportPicture:
     """Draw a figure and inline it.
 
     Parameters
@@ -51,9 +51,9 @@ def inlined(figure: Any, title: str, caption: str) -> Picture:
     figure : Figure
         Any of matplotlib's.
     title, caption : str
-        As of `Picture`.
+        As of `ReportPicture`.
     """
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     data = "data:image/png;base64," + b64encode(stream.getvalue()).decode("ascii")
-    return Picture(title, caption, data)
+    return ReportPicture(title, caption, data)

@@ -12,8 +12,8 @@ from tjscan.groove.find import fit_profile
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.report.data import Place, ReportData
-from tjscan.report.picture import Picture, inlined, sheet
+from tjscan.report.data import ReportData, StationRunData
+from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.result.picture import CORNER, LASER, ROOT
 
 SHOWN: Final = 6
@@ -27,14 +27,14 @@ ALONG: Final = 40
 """Points by which a fitted side is drawn."""
 
 
-def draw_profiles(data: ReportData) -> Picture | None:
+def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
     """Profiles with their fits; None where no recording is there."""
     chosen = _chosen(data)
     if not chosen:
         return None
     columns = 3
     rows = -(-len(chosen) // columns)
-    figure = sheet(12, 3.7 * rows)
+    figure = new_figure(12, 3.7 * rows)
     for i, (section, place, profile, settings) in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, i)
         where = "" if np.isnan(section.azimuth) else f", {np.degrees(section.azimuth):.0f}°"
@@ -44,7 +44,7 @@ def draw_profiles(data: ReportData) -> Picture | None:
         _draw(axes, profile, settings)
         if i == 1:
             axes.legend(loc="best", fontsize=8, markerscale=3)
-    return inlined(
+    return inline_figure(
         figure,
         "Profiles and what was read in them",
         "Each picture looks along the groove, brace above and leg below: points that the fit rests "
@@ -53,12 +53,14 @@ def draw_profiles(data: ReportData) -> Picture | None:
     )
 
 
-def _chosen(data: ReportData) -> list[tuple[MeasuredSection, Place, Profile, GrooveSettings]]:
+def _chosen(
+    data: ReportData,
+) -> list[tuple[MeasuredSection, StationRunData, Profile, GrooveSettings]]:
     """Sections whose profiles are there, evenly chosen."""
     there = []
     for section in data.sections:
         place = data.place_of(section)
-        if place is not None and (found := place.profile(section.index)) is not None:
+        if place is not None and (found := place.profile_of_section(section.index)) is not None:
             there.append((section, place, *found))
     count = min(SHOWN, len(there))
     # The ends are taught or cut short: those between stand better for the whole.

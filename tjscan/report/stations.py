@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.report.picture import Picture
+from tjscan.report.picture import ReportPicture
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 
@@ -35,7 +35,7 @@ def station_folders(directory: Path, report: StitchingReport | None) -> dict[str
     return {station.name: directory / station.source for station in report.stations}
 
 
-def found_rows(report: StitchingReport) -> Iterator[tuple[str, str]]:
+def tube_rows(report: StitchingReport) -> Iterator[tuple[str, str]]:
     """Diameters, angle and offset of the tubes that stitching found, and how the loop closes.
 
     Parameters
@@ -145,13 +145,13 @@ def stitching_findings(report: StitchingReport) -> Iterator[str]:
             )
 
 
-def stations_picture(directory: Path) -> Picture | None:
+def read_stations_picture(directory: Path) -> ReportPicture | None:
     """The picture that the stitching left; None where it is not there."""
     file = directory / STATIONS_PICTURE
     if not file.is_file() or file.stat().st_size > MOST_BYTES:
         return None
     data = b64encode(file.read_bytes()).decode("ascii")
-    return Picture(
+    return ReportPicture(
         "Stations and their overlaps",
         "Left, which station saw which part of the groove, overlaps shaded; right, what is left "
         "between the stations' corners in each overlap once all are placed.",

@@ -10,8 +10,8 @@ import numpy as np
 from tjscan.core.provenance import FRAME_MEANING
 from tjscan.joint.definition import JointDefinition
 from tjscan.report.data import ReportData
-from tjscan.report.findings import coverage
-from tjscan.report.stations import found_rows
+from tjscan.report.findings import describe_coverage
+from tjscan.report.stations import tube_rows
 from tjscan.result.section import MEASURES, SIGMAS
 
 MOST_EVENTS: Final = 200
@@ -24,9 +24,9 @@ def scan_rows(data: ReportData) -> Iterator[tuple[str, str]]:
     if data.joint is not None:
         yield "joint as designed", _joint(data.joint)
     if data.stitching is not None:
-        yield from found_rows(data.stitching)
+        yield from tube_rows(data.stitching)
     yield "groove", f"{summary.groove_length_mm:.0f} mm long"
-    yield "covered", coverage(data)
+    yield "covered", describe_coverage(data)
     yield "sections", f"{summary.sections} from {summary.scans} profiles"
     yield "ended", summary.detail
     words = FRAME_MEANING.get(summary.frame, "")
@@ -52,11 +52,11 @@ def measure_rows(data: ReportData) -> list[tuple[str, ...]]:
         values = field.values(data.sections)
         spread = np.median(sigma.values(data.sections))
         numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))
-        table.append((field.title, *numbers, f"{spread:.2g}"))
+        table.append((field.chart_title, *numbers, f"{spread:.2g}"))
     return table
 
 
-def going_rows(data: ReportData) -> list[tuple[str, ...]]:
+def scan_statistics_rows(data: ReportData) -> list[tuple[str, ...]]:
     """How the scan went: a row for each station, and one for all."""
     summary = data.summary
     parts = [(place.name, place.summary) for place in data.places]

@@ -8,12 +8,12 @@ from typing import Final
 from tjscan.comparison.sidecar import ShapeOptions
 from tjscan.core.files import atomic_directory
 from tjscan.report.data import read_report_data
-from tjscan.report.page import render
+from tjscan.report.page import render_page
 
 REPORT: Final = "report.html"
 
 
-def write_report(
+def write_run_report(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
@@ -41,7 +41,7 @@ def write_report(
     RecordingError
         If a recording is damaged, or the report can't be written.
     """
-    page = render(read_report_data(directory, reference, tolerance, options))
+    page = render_page(read_report_data(directory, reference, tolerance, options))
     with atomic_directory(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

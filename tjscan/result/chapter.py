@@ -1,7 +1,7 @@
 """What an algorithm has to say of a run in its report: facts, findings, charts, events, profiles.
 
-Each algorithm registers one function that takes a run directory and gives a `Chapter`. The report
-renders chapters, and knows no algorithm.
+Each algorithm registers one function that takes a run directory and gives a `ReportChapter`. The
+report renders chapters, and knows no algorithm.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tjscan.laser.profile import Profile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chart:
+class ReportChart:
     """One quantity over another. Charts of one title are drawn together, a line for each station.
 
     Parameters
@@ -47,7 +47,7 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class ReportEvent:
     """Something out of the ordinary.
 
     Parameters
@@ -64,7 +64,7 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chapter:
+class ReportChapter:
     """What an algorithm has to say of a run directory.
 
     Parameters
@@ -73,9 +73,9 @@ class Chapter:
         Name and value of what holds for all of it: device, job, calibration.
     findings : tuple of str
         What a reader has to know before relying on it, a sentence each.
-    charts : tuple of Chart
+    charts : tuple of ReportChart
         How it went.
-    events : tuple of Event
+    events : tuple of ReportEvent
         In their order.
     profiles : mapping of int to Profile
         Profile of each finished section, by its number.
@@ -85,16 +85,16 @@ class Chapter:
 
     facts: tuple[tuple[str, str], ...] = ()
     findings: tuple[str, ...] = ()
-    charts: tuple[Chart, ...] = ()
-    events: tuple[Event, ...] = ()
+    charts: tuple[ReportChart, ...] = ()
+    events: tuple[ReportEvent, ...] = ()
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
     settings: GrooveSettings = DEFAULT
 
 
-class WritesChapter(Protocol):
+class ChapterWriter(Protocol):
     """What a task registers for reports."""
 
-    def __call__(self, directory: Path) -> Chapter:
+    def __call__(self, directory: Path) -> ReportChapter:
         """Give the chapter of a run directory, an empty one where it has nothing to say.
 
         Parameters

@@ -35,7 +35,7 @@ of 80 mm to 1.2° and 5°.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Directions:
+class SectionDirections:
     """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
 
     Parameters
@@ -57,7 +57,7 @@ class Directions:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def directions_of(sections: Sequence[MeasuredSection]) -> Directions:
+def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections:
     """Directions at each section, from its neighbours.
 
     Parameters
@@ -68,14 +68,14 @@ def directions_of(sections: Sequence[MeasuredSection]) -> Directions:
     frames = np.array([section.T_r_g[:3, :3] for section in sections])
     x, y, z = (frames[:, :, i] for i in range(3))
     edges = np.array([section.points[1:4] for section in sections])
-    along = [direction_along(edges[:, i], x) for i in range(3)]
+    along = [line_directions(edges[:, i], x) for i in range(3)]
     opening = np.array([section.measures[0] for section in sections])
     work = np.array([section.work_angle for section in sections])
     # From (16): gamma_1 raises the bevel over z_g, gamma_2 lowers the leg below it.
     gamma_1, gamma_2 = (0.5 * opening + work)[:, None], (0.5 * opening - work)[:, None]
     bevel = np.cos(gamma_1) * z + np.sin(gamma_1) * y
     leg = np.cos(gamma_2) * z - np.sin(gamma_2) * y
-    return Directions(
+    return SectionDirections(
         tangent=along[1],
         wall=_units(np.cross(along[0], y)),
         bevel=_units(np.cross(along[1], bevel)),
@@ -83,7 +83,7 @@ def directions_of(sections: Sequence[MeasuredSection]) -> Directions:
     )
 
 
-def direction_along(points: Array, x: Array) -> Array:
+def line_directions(points: Array, x: Array) -> Array:
     """Directions of a smooth line through points.
 
     Parameters

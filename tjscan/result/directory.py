@@ -21,7 +21,7 @@ STATIONS: Final = "stations.json"
 STATIONS_PICTURE: Final = "stitch.png"
 
 
-def job_of(*directories: Path) -> str:
+def job_label_of_run(*directories: Path) -> str:
     """What a run's files call the job that they come from, see `Provenance`.
 
     Parameters
@@ -39,10 +39,10 @@ def job_of(*directories: Path) -> str:
         if (file := directory / JOB).is_file():
             content = file.read_bytes()
             head = Provenance.read(content.decode(errors="replace"), "#")
-            return job_name(JOB, content) if head is None else head.job
+            return job_label(JOB, content) if head is None else head.job
     return ""
 
 
-def job_name(name: str, content: bytes) -> str:
+def job_label(name: str, content: bytes) -> str:
     """Name of a job file, and the beginning of the SHA-256 of its content."""
     return f"{name}, SHA-256 {sha256(content).hexdigest()[:16]}"

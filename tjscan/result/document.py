@@ -12,17 +12,17 @@ from pydantic import Field as Described
 from tjscan.core.config import FileModel
 from tjscan.core.provenance import Length, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import FIELDS, Field
+from tjscan.result.section import FIELDS, SectionQuantity
 
 
-class FieldDescription(FileModel):
+class SectionFieldDescription(FileModel):
     """What a field of the sections means."""
 
     unit: str
     meaning: str
 
 
-def _type(field: Field) -> Any:
+def _type(field: SectionQuantity) -> Any:
     """The type of a field's value in JSON."""
     if field.name in ("index", "station"):
         return int if field.name == "index" else str
@@ -43,7 +43,7 @@ _HEAD: Final[dict[str, Any]] = {
     "run": (str, Described(description="name of the run directory")),
     "calibration": (str, Described(description="where the sensor's pose on the flange comes from")),
     "provenance": (Provenance, ...),
-    "fields": (dict[str, FieldDescription], ...),
+    "fields": (dict[str, SectionFieldDescription], ...),
 }
 _SECTIONS: Final[Any] = Annotated[tuple[_SECTION, ...], Described(strict=False, min_length=2)]
 
@@ -53,7 +53,7 @@ DOCUMENT: Final[type[BaseModel]] = create_model(
 """The document's model, whose schema is ``docs/export.schema.json``."""
 
 
-def to_json(
+def sections_to_json(
     sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
 ) -> bytes:
     """Sections as JSON, validated against `DOCUMENT`.
@@ -70,14 +70,14 @@ def to_json(
         Where the sensor's pose on the flange comes from.
     """
     return (
-        document(sections, provenance, run, calibration).model_dump_json(indent=1) + "\n"
+        sections_document(sections, provenance, run, calibration).model_dump_json(indent=1) + "\n"
     ).encode()
 
 
-def document(
+def sections_document(
     sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
 ) -> BaseModel:
-    """The same as a model; parameters as of `to_json`."""
+    """The same as a model; parameters as of `sections_to_json`."""
     unit = provenance.length
     columns = {field.name: _values(field, sections, unit) for field in FIELDS}
     return DOCUMENT.model_validate(
@@ -86,7 +86,9 @@ def document(
             "calibration": calibration,
             "provenance": provenance,
             "fields": {
-                field.name: FieldDescription(unit=field.unit_in(unit).suffix, meaning=field.meaning)
+                field.name: SectionFieldDescription(
+                    unit=field.unit_for_lengths(unit).suffix, meaning=field.meaning
+                )
                 for field in FIELDS
             },
             "sections": [
@@ -96,9 +98,9 @@ def document(
     )
 
 
-def _values(field: Field, sections: Sequence[MeasuredSection], unit: Length) -> list[Any]:
+def _values(field: SectionQuantity, sections: Sequence[MeasuredSection], unit: Length) -> list[Any]:
     """A field's value of each section, to the digits that tables print."""
-    cells = field.cells(sections, unit)
+    cells = field.printed_columns(sections, unit)
     if field.name == "station":
         return [row[0] for row in cells]
     if not field.shape:

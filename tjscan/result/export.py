@@ -11,11 +11,11 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.core.provenance import Length, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import SECTIONS, job_of
-from tjscan.result.document import to_json
+from tjscan.result.directory import SECTIONS, job_label_of_run
+from tjscan.result.document import sections_to_json
 from tjscan.result.ply import sections_to_ply
-from tjscan.result.shapes import finished_summary
-from tjscan.result.table import read_sections, to_csv
+from tjscan.result.shapes import read_finished_summary
+from tjscan.result.table import read_sections_csv, sections_to_csv
 from tjscan.result.weldx import write_weldx
 
 Format = Literal["csv", "ply", "json", "weldx"]
@@ -24,7 +24,7 @@ STEM: Final = "export"
 """Name of the file in the run directory, where none is given."""
 
 
-def export(directory: Path, to: Format, units: Length = "mm", out: Path | None = None) -> Path:
+def export_run(directory: Path, to: Format, units: Length = "mm", out: Path | None = None) -> Path:
     """Write a run's sections for another tool, and return the file.
 
     Parameters
@@ -46,15 +46,15 @@ def export(directory: Path, to: Format, units: Length = "mm", out: Path | None =
     RecordingError
         If the file can't be written; what stood there before then still does.
     """
-    summary = finished_summary(directory)
-    sections = by_azimuth(read_sections(directory / SECTIONS))
+    summary = read_finished_summary(directory)
+    sections = sorted_by_azimuth(read_sections_csv(directory / SECTIONS))
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
             file=directory / SECTIONS,
         )
     run, calibration = directory.resolve().name, summary.calibration
-    provenance = Provenance.now(job_of(directory), summary.frame, units)
+    provenance = Provenance.now(job_label_of_run(directory), summary.frame, units)
     file = out or directory / f"{STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
@@ -62,17 +62,17 @@ def export(directory: Path, to: Format, units: Length = "mm", out: Path | None =
         made = draft / file.name
         match to:
             case "csv":
-                made.write_text(to_csv(sections, provenance), encoding="utf-8", newline="")
+                made.write_text(sections_to_csv(sections, provenance), encoding="utf-8", newline="")
             case "ply":
                 made.write_bytes(sections_to_ply(sections, provenance))
             case "json":
-                made.write_bytes(to_json(sections, provenance, run, calibration))
+                made.write_bytes(sections_to_json(sections, provenance, run, calibration))
             case "weldx":
                 write_weldx(made, sections, provenance, run, calibration)
     return file
 
 
-def by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
+def sorted_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
     """Sections by growing azimuth, whichever way the scan went; as they are where none is known.
 
     Parameters

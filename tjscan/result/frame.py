@@ -10,7 +10,7 @@ from tjscan.core.frames import Array, inverse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ResultFrame:
+class JointOrBaseFrame:
     """The joint's own frame where the job says where the joint is, else the base frame.
 
     Parameters

@@ -17,8 +17,8 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import ReadResult, fitted_sides
-from tjscan.result.section import MEASURES, lengths
+from tjscan.result.readings import ProfileReading, fitted_sides
+from tjscan.result.section import MEASURES, lengths_along_groove
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
 POINTS_DRAWN = 6000
@@ -39,7 +39,7 @@ def draw_groove(
     title: str,
     outline: Sequence[Array] = (),
     paths: Sequence[Array] = (),
-    example: ReadResult | None = None,
+    example: ProfileReading | None = None,
 ) -> Figure:
     """Draw what was found: the groove in space, one profile, and its measures.
 
@@ -57,14 +57,14 @@ def draw_groove(
         Lines of the joint, metres, in the same frame; empty where no joint is known.
     paths : sequence of ndarray, shape (n, 3)
         Paths of the flange, metres, in the same frame, one for each station.
-    example : ReadResult, optional
+    example : ProfileReading, optional
         A section to show in the laser plane; depth and area are shown where left out.
     """
     figure = Figure(figsize=(14, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
     space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
-    draw_space(space, sections, points, frame, outline, paths)
+    draw_groove_3d(space, sections, points, frame, outline, paths)
     space.set_title(title)
     beside = figure.add_subplot(grid[0, 1])
     if example is None:
@@ -76,7 +76,7 @@ def draw_groove(
     return figure
 
 
-def write_picture(file: Path, figure: Figure, provenance: Provenance | None = None) -> None:
+def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) -> None:
     """Write a figure as PNG.
 
     Parameters
@@ -100,7 +100,7 @@ def write_picture(file: Path, figure: Figure, provenance: Provenance | None = No
         raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
 
 
-def draw_space(
+def draw_groove_3d(
     axes: Any,
     sections: Sequence[MeasuredSection],
     points: Array,
@@ -149,21 +149,21 @@ def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
 
 def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[int, int]) -> None:
     """Draw two of the measures along the groove, each with its own scale."""
-    along = 1e3 * lengths(sections)
+    along = 1e3 * lengths_along_groove(sections)
     fields = [MEASURES[i] for i in which]
     for field, part, colour in zip(fields, (axes, axes.twinx()), (CORNER, ROOT), strict=True):
         part.plot(along, field.values(sections), marker="o", markersize=3, color=colour)
-        part.set_ylabel(field.title, color=colour)
+        part.set_ylabel(field.chart_title, color=colour)
     axes.set_xlabel("along the groove / mm")
-    axes.set_title(" and ".join(field.words for field in fields))
+    axes.set_title(" and ".join(field.name_in_words for field in fields))
 
 
-def draw_readings(readings: Sequence[ReadResult], settings: GrooveSettings) -> Figure:
+def draw_read_profiles(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:
     """Draw profiles, at most `MOST_DRAWN`, evenly chosen, with the fitted sides over their points.
 
     Parameters
     ----------
-    readings : sequence of ReadResult
+    readings : sequence of ProfileReading
     settings : GrooveSettings
         How they were read.
     """

@@ -27,7 +27,7 @@ _PROPERTIES: Final = (
 )
 
 
-def write_cloud(file: Path, points: Array, provenance: Provenance) -> None:
+def write_cloud_ply(file: Path, points: Array, provenance: Provenance) -> None:
     """Write ``groove.ply``: points, shape (n, 3) in metres, as binary PLY in mm."""
     properties = [("float", axis) for axis in "xyz"]
     head = _head("binary_little_endian", provenance, len(points), properties)
@@ -51,7 +51,7 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
     n = len(sections)
 
     def printed(name: str) -> Array:
-        cells = BY_NAME[name].cells(sections, provenance.length)
+        cells = BY_NAME[name].printed_columns(sections, provenance.length)
         return np.array([[float(cell or "nan") for cell in row] for row in cells])
 
     sigmas = np.full((n, 5), np.nan)

@@ -21,7 +21,7 @@ SIDE_POINTS: Final = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReadResult:
+class ProfileReading:
     """What was read in one profile.
 
     Parameters
@@ -45,7 +45,9 @@ class ReadResult:
     refusal: GrooveNotFound | None = None
 
 
-def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Iterator[ReadResult]:
+def read_grooves(
+    profiles: Mapping[str, Profile], settings: GrooveSettings
+) -> Iterator[ProfileReading]:
     """Read every profile; one in which no groove is found has a result, too.
 
     Parameters
@@ -59,13 +61,13 @@ def read_all(profiles: Mapping[str, Profile], settings: GrooveSettings) -> Itera
         try:
             if settings.model is TEE:
                 section = find_groove(profile, settings)
-                yield ReadResult(name, profile, section.points_s, section)
+                yield ProfileReading(name, profile, section.points_s, section)
             else:
                 _, fitted = fit_profile(profile, settings)
                 xz = fitted.corners
-                yield ReadResult(name, profile, np.insert(xz, 1, 0.0, axis=1))
+                yield ProfileReading(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
-            yield ReadResult(name, profile, np.empty((0, 3)), refusal=refusal)
+            yield ProfileReading(name, profile, np.empty((0, 3)), refusal=refusal)
 
 
 def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
@@ -96,12 +98,12 @@ def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
     return sides
 
 
-def to_dict(reading: ReadResult) -> dict[str, Any]:
+def reading_to_dict(reading: ProfileReading) -> dict[str, Any]:
     """A result for JSON, in millimetres and degrees.
 
     Parameters
     ----------
-    reading : ReadResult
+    reading : ProfileReading
         What was read in one profile.
     """
     fields: dict[str, Any] = {"name": reading.name, "found": reading.refusal is None}
@@ -110,7 +112,7 @@ def to_dict(reading: ReadResult) -> dict[str, Any]:
     fields["points_mm"] = (1e3 * reading.points_s[:, [0, 2]]).round(5).tolist()
     if (section := reading.section) is not None:
         fields["corner_sigma_mm"] = (1e3 * np.sqrt(np.diag(section.covariance_s))).round(5).tolist()
-        fields |= {name: [value, sigma] for name, value, sigma in measures(section)}
+        fields |= {name: [value, sigma] for name, value, sigma in measures_with_sigmas(section)}
         fields["work_angle_deg"] = float(np.degrees(section.work_angle))
         fields["rms_mm"] = 1e3 * section.rms
         fields["model"] = section.model
@@ -121,7 +123,7 @@ def to_dict(reading: ReadResult) -> dict[str, Any]:
     return fields
 
 
-def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
+def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float]]:
     """Name with unit, value and standard deviation of each measure, in millimetres and degrees.
 
     Parameters
@@ -132,6 +134,10 @@ def measures(section: GrooveSection) -> list[tuple[str, float, float]]:
     values = (getattr(section, field.name) for field in MEASURES)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
-        (field.columns()[0], float(value / field.unit.factor), float(sigma / field.unit.factor))
+        (
+            field.column_names()[0],
+            float(value / field.unit.factor),
+            float(sigma / field.unit.factor),
+        )
         for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
     ]

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array, pose
 from tjscan.core.provenance import Length
 from tjscan.core.units import DEG, MM, MM2, Unit
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directions import directions_of
+from tjscan.result.directions import section_directions
 
 NONE: Final = Unit("")
 IN_METRES: Final = {MM: Unit("m"), MM2: Unit("m2")}
@@ -30,7 +30,7 @@ _PAIRS: Final = np.triu_indices(4, 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class SectionQuantity:
     """One quantity of a section.
 
     Parameters
@@ -71,32 +71,34 @@ class Field:
         object.__setattr__(self, "labels", self.labels or (self.name,))
 
     @property
-    def words(self) -> str:
+    def name_in_words(self) -> str:
         """Its name in words."""
         return self.name.replace("_", " ")
 
     @property
-    def title(self) -> str:
+    def chart_title(self) -> str:
         """Name and unit as a chart has them."""
         symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
-        return f"{self.words}{symbol and f' / {symbol}'}"
+        return f"{self.name_in_words}{symbol and f' / {symbol}'}"
 
-    def unit_in(self, length: Length) -> Unit:
+    def unit_for_lengths(self, length: Length) -> Unit:
         """Its unit in a file whose lengths are in mm or m."""
         return self.unit if length == "mm" else IN_METRES.get(self.unit, self.unit)
 
-    def columns(self, length: Length = "mm") -> tuple[str, ...]:
+    def column_names(self, length: Length = "mm") -> tuple[str, ...]:
         """Names of its columns, which end in its unit."""
-        suffix = self.unit_in(length).suffix
+        suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
 
     def values(self, sections: Sequence[MeasuredSection]) -> Array:
         """Values in millimetres and degrees, the shape of each after the number of sections."""
         return np.asarray(self.take(sections) / self.unit.factor)
 
-    def cells(self, sections: Sequence[MeasuredSection], length: Length = "mm") -> list[list[str]]:
+    def printed_columns(
+        self, sections: Sequence[MeasuredSection], length: Length = "mm"
+    ) -> list[list[str]]:
         """The printed numbers of each section, in the order of the columns; empty where unknown."""
-        unit = self.unit_in(length)
+        unit = self.unit_for_lengths(length)
         decimals = self.decimals
         if decimals is not None:
             decimals += round(np.log10(unit.factor / self.unit.factor))
@@ -117,7 +119,7 @@ def _text(value: float | str, factor: float, decimals: int | None) -> str:
     return text if float(text) else f"{0:.{decimals}f}"
 
 
-def lengths(sections: Sequence[MeasuredSection]) -> Array:
+def lengths_along_groove(sections: Sequence[MeasuredSection]) -> Array:
     """Length in metres of the chain of groove origins up to each section, shape (n,).
 
     Taken between the origins as they are printed, so that a file agrees with itself.
@@ -127,7 +129,7 @@ def lengths(sections: Sequence[MeasuredSection]) -> Array:
     return np.concatenate(([0.0], 1e-3 * steps.cumsum()))[: len(sections)]
 
 
-def section_of(values: Mapping[str, Any]) -> MeasuredSection:
+def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     """A section from the values of all fields that are not derived.
 
     Parameters
@@ -183,27 +185,29 @@ def _corner_sigmas(sections: Sequence[MeasuredSection]) -> Array:
 
 
 def _direction(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
-    return lambda sections: getattr(directions_of(sections), name)
+    return lambda sections: getattr(section_directions(sections), name)
 
 
-def _vector(name: str, meaning: str, attribute: str) -> Field:
+def _vector(name: str, meaning: str, attribute: str) -> SectionQuantity:
     labels = tuple(f"{name}_{axis}" for axis in "xyz")
-    return Field(
+    return SectionQuantity(
         name, meaning, NONE, _direction(attribute), labels, (3,), 7, least=-1, most=1, derived=True
     )
 
 
 MEASURES: Final = (
-    Field("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
-    Field(
+    SectionQuantity("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
+    SectionQuantity(
         "root_width",
         "distance between p3 and p4: across the face of the root bead, or of the root opening "
         "where no bead is laid yet",
         MM,
         _measure(1),
     ),
-    Field("depth", "distance of the middle of p3 and p4 behind the brace's wall", MM, _measure(2)),
-    Field(
+    SectionQuantity(
+        "depth", "distance of the middle of p3 and p4 behind the brace's wall", MM, _measure(2)
+    ),
+    SectionQuantity(
         "area",
         "of the quadrilateral of the origin of g, p2, p3 and p4",
         MM2,
@@ -228,9 +232,13 @@ SIGMAS: Final = tuple(
 """Standard deviations of the measures, in the same order."""
 
 FIELDS: Final = (
-    Field("index", "number of the section in its scan", NONE, _each("index"), decimals=0, least=0),
-    Field("station", "from where it was scanned; several joined by +", NONE, _each("station")),
-    Field(
+    SectionQuantity(
+        "index", "number of the section in its scan", NONE, _each("index"), decimals=0, least=0
+    ),
+    SectionQuantity(
+        "station", "from where it was scanned; several joined by +", NONE, _each("station")
+    ),
+    SectionQuantity(
         "azimuth",
         "about the brace's axis from the crown; empty where no joint is known",
         DEG,
@@ -238,8 +246,14 @@ FIELDS: Final = (
         least=-360,
         most=360,
     ),
-    Field("s", "length of the chain of groove origins up to here", MM, lengths, derived=True),
-    Field(
+    SectionQuantity(
+        "s",
+        "length of the chain of groove origins up to here",
+        MM,
+        lengths_along_groove,
+        derived=True,
+    ),
+    SectionQuantity(
         "points",
         "p1 to p5: end on the brace's wall, top of the bevel, root corner on the bevel, root "
         "corner on the leg, end on the leg",
@@ -249,9 +263,13 @@ FIELDS: Final = (
         (5, 3),
     ),
     *MEASURES,
-    Field("work_angle", "from z of g to the middle of the groove angle", DEG, _each("work_angle")),
-    Field("rms", "of the profile's points about the fitted sides", MM, _each("rms"), least=0),
-    Field(
+    SectionQuantity(
+        "work_angle", "from z of g to the middle of the groove angle", DEG, _each("work_angle")
+    ),
+    SectionQuantity(
+        "rms", "of the profile's points about the fitted sides", MM, _each("rms"), least=0
+    ),
+    SectionQuantity(
         "origin",
         "of frame g, where the lines along wall and leg meet",
         MM,
@@ -259,7 +277,7 @@ FIELDS: Final = (
         tuple(f"g{axis}" for axis in "xyz"),
         (3,),
     ),
-    Field(
+    SectionQuantity(
         "axes",
         "x, y and z of frame g: square to the section's plane, up the brace's wall, and out of it",
         NONE,
@@ -271,7 +289,7 @@ FIELDS: Final = (
         most=1,
     ),
     *SIGMAS,
-    Field(
+    SectionQuantity(
         "correlations",
         "of pairs of measures: "
         + ", ".join(
@@ -285,7 +303,7 @@ FIELDS: Final = (
         least=-1,
         most=1,
     ),
-    Field(
+    SectionQuantity(
         "covariances",
         "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz",
         MM2,
@@ -296,7 +314,7 @@ FIELDS: Final = (
         (3, 6),
         None,
     ),
-    Field(
+    SectionQuantity(
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,

@@ -14,8 +14,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_inside
 from tjscan.core.frames import readonly
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
-from tjscan.result.summary import Summary, read_summary
-from tjscan.result.table import read_sections
+from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.table import read_sections_csv
 
 
 def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
@@ -42,7 +42,7 @@ def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
     return read_file(path, options)
 
 
-def finished_summary(directory: Path) -> Summary:
+def read_finished_summary(directory: Path) -> ScanSummary:
     """The summary of a finished run, of one scan or stitched.
 
     Raises
@@ -67,9 +67,9 @@ def read_run_shape(directory: Path) -> Shape:
     ConfigurationError
         If the directory holds no finished run, or its files are damaged.
     """
-    summary = finished_summary(directory)
+    summary = read_finished_summary(directory)
     frame = summary.frame
-    sections = read_sections(directory / SECTIONS)
+    sections = read_sections_csv(directory / SECTIONS)
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS)
     cloud = read_file(directory / CLOUD, ShapeOptions("mm", frame))

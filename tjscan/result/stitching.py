@@ -147,12 +147,12 @@ class StitchingReport:
     provenance: Provenance | None = None
 
 
-def write_stitching(file: Path, report: StitchingReport) -> None:
+def write_stitching_report(file: Path, report: StitchingReport) -> None:
     """Write ``stations.json``."""
     file.write_bytes(to_json(report, indent=2) + b"\n")
 
 
-def read_stitching(directory: Path) -> StitchingReport | None:
+def read_stitching_report(directory: Path) -> StitchingReport | None:
     """Read how a run was stitched.
 
     Parameters

@@ -17,7 +17,7 @@ from tjscan.core.files import check_size
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import lengths
+from tjscan.result.section import lengths_along_groove
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -55,7 +55,7 @@ class StepStatistics:
     std: float | None
 
     @classmethod
-    def of(cls, nominal: float, steps: Array) -> Self:
+    def from_steps(cls, nominal: float, steps: Array) -> Self:
         """The statistics of steps, shape (n,) in millimetres.
 
         Parameters
@@ -71,7 +71,7 @@ class StepStatistics:
 
 @dataclass(frozen=True, slots=True)
 class StationSummary:
-    """What was scanned from one place; for the parameters see `Summary`."""
+    """What was scanned from one place; for the parameters see `ScanSummary`."""
 
     name: str
     sections: int
@@ -87,7 +87,7 @@ class StationSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class ScanSummary:
     """A scan in a few numbers; travel, rotation and time run from the second taught pose on.
 
     Parameters
@@ -122,7 +122,7 @@ class Summary:
     corrections_skipped : int
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
-        How often each remedy was tried, see `tjscan.scanning.events.EventCounts`.
+        How often each remedy was tried, see `tjscan.scanning.events.RetryCounts`.
     provenance : Provenance or None
         Of the file that it stands in; None before it is written, and in files of version 0.1.0.
     """
@@ -152,38 +152,38 @@ class Summary:
 
 
 def summarise_stations(
-    parts: Mapping[str, Summary],
+    parts: Mapping[str, ScanSummary],
     sections: Sequence[MeasuredSection],
     frame: str,
     corner_error: Array | None = None,
     *,
     closed: bool = False,
-) -> Summary:
+) -> ScanSummary:
     """Draw the numbers of a stitched groove from those of its stations.
 
     Parameters
     ----------
-    parts : mapping of str to Summary
+    parts : mapping of str to ScanSummary
         Each station's own summary, by its name; one at least.
     sections : sequence of MeasuredSection
         The stitched sections, in the order along the groove.
     frame : str
         Letter of their frame.
     corner_error : ndarray, optional
-        As of `summarise`.
+        As of `summarise_scan`.
     closed : bool
         Whether the way round closes: a step leads from the last section to the first, too.
     """
-    steps = np.diff(1e3 * lengths([*sections, *sections[:1]] if closed else sections))
+    steps = np.diff(1e3 * lengths_along_groove([*sections, *sections[:1]] if closed else sections))
     all_parts = list(parts.values())
-    return Summary(
+    return ScanSummary(
         sections=len(sections),
         complete=all(part.complete for part in all_parts),
         stopped_because=_each_once(part.stopped_because for part in all_parts),
         detail=_detail(parts),
         frame=frame,
         groove_length_mm=float(steps.sum()),
-        step_mm=StepStatistics.of(all_parts[0].step_mm.nominal, steps),
+        step_mm=StepStatistics.from_steps(all_parts[0].step_mm.nominal, steps),
         corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
         calibration=_each_once(part.calibration for part in all_parts),
         stations=tuple(_station(name, part) for name, part in parts.items()),
@@ -196,13 +196,13 @@ def _each_once(words: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(words))
 
 
-def _detail(parts: Mapping[str, Summary]) -> str:
+def _detail(parts: Mapping[str, ScanSummary]) -> str:
     """What each station says that did not do what was asked."""
     bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
     return "; ".join(bad) or f"{len(parts)} stations did what was asked"
 
 
-def _mean_scans(parts: Sequence[Summary]) -> float | None:
+def _mean_scans(parts: Sequence[ScanSummary]) -> float | None:
     """Profiles for each section that was not taught, two of each station being taught."""
     found = [p for p in parts if p.scans_per_section is not None]
     sections = sum(part.sections - 2 for part in found)
@@ -210,12 +210,12 @@ def _mean_scans(parts: Sequence[Summary]) -> float | None:
     return scans / sections if sections else None
 
 
-def _station(name: str, part: Summary) -> StationSummary:
+def _station(name: str, part: ScanSummary) -> StationSummary:
     shared = {field.name for field in fields(StationSummary)} - {"name"}
     return StationSummary(name, **{key: getattr(part, key) for key in shared})
 
 
-def read_summary(file: Path) -> Summary:
+def read_summary(file: Path) -> ScanSummary:
     """Read ``summary.json``.
 
     Raises
@@ -225,7 +225,7 @@ def read_summary(file: Path) -> Summary:
     """
     try:
         check_size(file, MOST_BYTES, "a summary")
-        return TypeAdapter(Summary).validate_json(file.read_bytes())
+        return TypeAdapter(ScanSummary).validate_json(file.read_bytes())
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
     except ValidationError as error:
@@ -236,7 +236,7 @@ def read_summary(file: Path) -> Summary:
         ) from None
 
 
-def check_recorded(directory: Path, summary: Summary, sections: int) -> None:
+def check_recording_complete(directory: Path, summary: ScanSummary, sections: int) -> None:
     """Refuse a recording that was cut short since its scan was summarised.
 
     Raises
@@ -251,11 +251,11 @@ def check_recorded(directory: Path, summary: Summary, sections: int) -> None:
         )
 
 
-def to_json(summary: Summary) -> str:
+def summary_to_json(summary: ScanSummary) -> str:
     """The summary as JSON text."""
     return to_json_bytes(summary, indent=2).decode()
 
 
-def write_summary(file: Path, summary: Summary) -> None:
+def write_summary(file: Path, summary: ScanSummary) -> None:
     """Write ``summary.json``."""
-    file.write_text(to_json(summary) + "\n", encoding="utf-8")
+    file.write_text(summary_to_json(summary) + "\n", encoding="utf-8")

@@ -16,7 +16,7 @@ from tjscan.core.files import check_size
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import BY_NAME, FIELDS, MEASURED, Field, section_of
+from tjscan.result.section import BY_NAME, FIELDS, MEASURED, SectionQuantity, section_from_values
 
 MARK: Final = "#"
 """What the lines above the table begin with."""
@@ -24,7 +24,7 @@ MARK: Final = "#"
 IN_RUN: Final = tuple(field for field in FIELDS if field in MEASURED or field.name == "s")
 """Fields of ``sections.csv``."""
 
-COLUMNS: Final = tuple(column for field in IN_RUN for column in field.columns())
+COLUMNS: Final = tuple(column for field in IN_RUN for column in field.column_names())
 """Columns of ``sections.csv``."""
 
 MOST_BYTES: Final = 50_000_000
@@ -37,10 +37,10 @@ _ROUNDED: Final = 1e-6
 """How far axes printed with seven decimals may be from orthonormal."""
 
 
-def to_csv(
+def sections_to_csv(
     sections: Sequence[MeasuredSection],
     provenance: Provenance,
-    fields: Iterable[Field] = FIELDS,
+    fields: Iterable[SectionQuantity] = FIELDS,
 ) -> str:
     """A table with a row per section; units stand in the names of the columns.
 
@@ -50,25 +50,27 @@ def to_csv(
         In their order along the groove.
     provenance : Provenance
         Stands above the table; its unit of length is the table's.
-    fields : iterable of Field
+    fields : iterable of SectionQuantity
         What to write of each section.
     """
     fields, unit = tuple(fields), provenance.length
     stream = io.StringIO()
     stream.write(provenance.lines(MARK))
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([column for field in fields for column in field.columns(unit)])
-    parts = [field.cells(sections, unit) for field in fields]
+    writer.writerow([column for field in fields for column in field.column_names(unit)])
+    parts = [field.printed_columns(sections, unit) for field in fields]
     writer.writerows([cell for part in row for cell in part] for row in zip(*parts, strict=True))
     return stream.getvalue()
 
 
-def write_sections(file: Path, sections: Sequence[MeasuredSection], provenance: Provenance) -> None:
+def write_sections_csv(
+    file: Path, sections: Sequence[MeasuredSection], provenance: Provenance
+) -> None:
     """Write ``sections.csv``."""
-    file.write_text(to_csv(sections, provenance, IN_RUN), encoding="utf-8", newline="")
+    file.write_text(sections_to_csv(sections, provenance, IN_RUN), encoding="utf-8", newline="")
 
 
-def read_sections(file: Path) -> tuple[MeasuredSection, ...]:
+def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """Read ``sections.csv``: what was written, to the digits that were printed.
 
     Columns may stand in another order, and others beside them. Lines that begin with ``#`` above
@@ -110,9 +112,9 @@ class _Row:
             raise self.wrong(f"{len(cells)} cells stand under {len(head)} columns: it was cut off?")
         self._cells = dict(zip(head, cells, strict=True))
 
-    def value(self, field: Field) -> Array:
+    def value(self, field: SectionQuantity) -> Array:
         """A field's value in SI units, of its shape; NaN for an azimuth that is left empty."""
-        columns = field.columns()
+        columns = field.column_names()
         if field.name == "azimuth" and not self._cells[columns[0]].strip():
             return np.array(np.nan)
         numbers = [self.number(c, least=field.least, most=field.most) for c in columns]
@@ -165,10 +167,10 @@ def _section(row: _Row) -> MeasuredSection:
         raise row.wrong(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
     if not np.allclose(R.T @ R, np.eye(3), atol=_ROUNDED) or np.linalg.det(R) < 0:
-        raise row.wrong("xg, yg and zg are no right-handed axes", BY_NAME["axes"].columns()[0])
+        raise row.wrong("xg, yg and zg are no right-handed axes", BY_NAME["axes"].column_names()[0])
     variances = np.asarray(values["covariances"])[:, _VARIANCES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
-        column = BY_NAME["covariances"].columns()[6 * corner + _VARIANCES[axis]]
+        column = BY_NAME["covariances"].column_names()[6 * corner + _VARIANCES[axis]]
         raise row.wrong("a variance is not negative", column)
-    return section_of({**values, "station": row.text("station")})
+    return section_from_values({**values, "station": row.text("station")})

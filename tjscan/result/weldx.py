@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import from_rounded, inverse, transform
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.document import document
+from tjscan.result.document import sections_document
 
 ROOTS = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""
@@ -36,7 +36,7 @@ def write_weldx(
     file : Path
         The file to write.
     sections, provenance, run, calibration
-        As of `tjscan.result.document.to_json`.
+        As of `tjscan.result.document.sections_to_json`.
 
     Raises
     ------
@@ -59,6 +59,6 @@ def write_weldx(
         frames.add_cs(name, root, where)
         points = per_metre * transform(inverse(T), section.points)
         frames.assign_data(weldx.SpatialData(weldx.Q_(points, unit)), f"points of {name}", name)
-    groove = document(sections, provenance, run, calibration).model_dump(mode="json")
+    groove = sections_document(sections, provenance, run, calibration).model_dump(mode="json")
     with weldx.WeldxFile(tree={"groove": groove, "coordinate_systems": frames}, mode="rw") as made:
         made.write_to(file)

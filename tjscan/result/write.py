@@ -12,20 +12,20 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import CLOUD, PICTURE, SECTIONS, SUMMARY
-from tjscan.result.picture import write_picture
-from tjscan.result.ply import write_cloud
-from tjscan.result.summary import Summary, write_summary
-from tjscan.result.table import write_sections
+from tjscan.result.picture import write_png
+from tjscan.result.ply import write_cloud_ply
+from tjscan.result.summary import ScanSummary, write_summary
+from tjscan.result.table import write_sections_csv
 
 
-def write_results(
+def write_run_results(
     directory: Path,
     sections: Sequence[MeasuredSection],
     points: Array,
-    summary: Summary,
+    summary: ScanSummary,
     picture: Any,
     job: str,
-) -> Summary:
+) -> ScanSummary:
     """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and ``summary.json``, all or none.
 
     Parameters
@@ -36,7 +36,7 @@ def write_results(
         In the frame that the summary names, in the order along the groove.
     points : ndarray, shape (n, 3)
         The groove's points in the same frame, metres.
-    summary : Summary
+    summary : ScanSummary
         The rest in a few numbers.
     picture : matplotlib Figure
         See `draw_groove`.
@@ -45,7 +45,7 @@ def write_results(
 
     Returns
     -------
-    Summary
+    ScanSummary
         With the provenance of its file.
 
     Raises
@@ -56,8 +56,8 @@ def write_results(
     provenance = Provenance.now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
     with atomic_directory(directory, last=SUMMARY) as draft:
-        write_sections(draft / SECTIONS, sections, provenance)
-        write_cloud(draft / CLOUD, points, provenance)
-        write_picture(draft / PICTURE, picture, provenance)
+        write_sections_csv(draft / SECTIONS, sections, provenance)
+        write_cloud_ply(draft / CLOUD, points, provenance)
+        write_png(draft / PICTURE, picture, provenance)
         write_summary(draft / SUMMARY, summary)
     return summary

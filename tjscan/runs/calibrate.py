@@ -24,12 +24,17 @@ from tjscan.core.files import sole_writer
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows
-from tjscan.job import CalibrationJob, CalibrationTable, SimulatedBoardTable, read_calibration_job
-from tjscan.job.cell import Cell, laser_model, make_cell, mount_of
+from tjscan.job import (
+    CalibrationJob,
+    CalibrationSettings,
+    SimulatedBoardSettings,
+    read_calibration_job,
+)
+from tjscan.job.cell import Cell, laser_model_of_job, make_cell, sensor_mount_of_job
 from tjscan.laser.drivers import Scene
 from tjscan.laser.optics import Surface
-from tjscan.result.directory import CALIBRATION, JOB, job_of
-from tjscan.runs.directory import make_directory
+from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.runs.directory import make_run_directory
 
 OLD: Final = "measured.jsonl"
 """What version 0.1.0 wrote in place of a recording."""
@@ -57,9 +62,9 @@ def start_calibration(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
     # The directory keeps the guess itself: the file it may come from is not its own result.
-    guess = CalibrationTable(T_f_s_mm=pose_to_rows(mount_of(job, job_file).T_f_s))
+    guess = CalibrationSettings(T_f_s_mm=pose_to_rows(sensor_mount_of_job(job, job_file).T_f_s))
     alone = job.model_copy(update={"calibration": guess, "joint": None, "scan": None})
-    make_directory(directory, alone, job_file)
+    make_run_directory(directory, alone, job_file)
     return resume_calibration(directory, operator)
 
 
@@ -77,10 +82,10 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         )
     if not operator.present and {job.arm.kind, job.laser.kind} != {Kind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
-    T_f_s = mount_of(job, directory / JOB).T_f_s
-    cell, probe = open_board_cell(job, T_f_s)
+    T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
+    cell, probe = make_board_cell(job, T_f_s)
     with sole_writer(directory), Logbook(directory, T_f_s) as logbook, cell:
-        task = task_of(job, T_f_s)
+        task = calibration_task(job, T_f_s)
         outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.started_at
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
@@ -93,11 +98,11 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         date=begun,
         verification=outcome.verification,
     )
-    write_calibration(file, found, Provenance.now(job_of(directory), "f"))
+    write_calibration(file, found, Provenance.now(job_label_of_run(directory), "f"))
     return Calibrated(file, found, outcome.result.caveats)
 
 
-def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
+def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
     """Make the cell of a calibration, and the probe that touches its board.
 
     Parameters
@@ -120,7 +125,7 @@ def open_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         )
     if simulation is None:
         raise ConfigurationError("a simulated board needs the table [simulation]")
-    truth = simulation.board or SimulatedBoardTable(
+    truth = simulation.board or SimulatedBoardSettings(
         position=board.position, euler_zyx=board.euler_zyx
     )
     cell = make_cell(job, T_f_s, lambda: Scene(_board_surface(board.size), truth.T))
@@ -142,7 +147,7 @@ def _board_surface(size: tuple[float, float]) -> Surface:
     return Surface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
 
 
-def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
+def calibration_task(job: CalibrationJob, T_f_s: Array) -> Task:
     """What a calibration is to do.
 
     Parameters
@@ -152,7 +157,7 @@ def task_of(job: CalibrationJob, T_f_s: Array) -> Task:
     T_f_s : ndarray, shape (4, 4)
         About where the laser sits.
     """
-    model, board = laser_model(job), job.board
+    model, board = laser_model_of_job(job), job.board
     return Task(
         board.T,
         0.5 * np.array(board.size),

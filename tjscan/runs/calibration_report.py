@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from tjscan.calibration.file import read_calibration
-from tjscan.result.chapter import Chapter
+from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import CALIBRATION
-from tjscan.runs.results import calibration_name
+from tjscan.runs.results import calibration_label
 
 
-def chapter(directory: Path) -> Chapter:
-    """The chapter of a calibration, see `tjscan.result.chapter.WritesChapter`."""
+def calibration_chapter(directory: Path) -> ReportChapter:
+    """The chapter of a calibration, see `tjscan.result.chapter.ChapterWriter`."""
     file = directory / CALIBRATION
     if not file.is_file():
-        return Chapter(
+        return ReportChapter(
             facts=(("calibration", "stated in the job; its uncertainty is not known"),),
             findings=(
                 "The sensor's pose on the flange is stated in the job and was not calibrated with "
@@ -22,11 +22,11 @@ def chapter(directory: Path) -> Chapter:
             ),
         )
     found = read_calibration(file)
-    return Chapter(
+    return ReportChapter(
         facts=(
             (
                 "calibration",
-                f"{calibration_name(directory)}, {found.lines} lines: the sensor's pose on the "
+                f"{calibration_label(directory)}, {found.lines} lines: the sensor's pose on the "
                 f"flange is known to {found.sigma_position_mm:.3f} mm and "
                 f"{found.sigma_rotation_deg:.4f}° (one standard deviation)",
             ),

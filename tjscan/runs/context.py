@@ -14,22 +14,22 @@ from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import JobFile
-from tjscan.job.cell import Cell, Mount, mount_of, open_cell
+from tjscan.job import ScanJob
+from tjscan.job.cell import Cell, SensorMount, make_scan_cell, sensor_mount_of_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import URDF
-from tjscan.result.frame import ResultFrame
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.directory import make_directory, origin_of
-from tjscan.scanning.journal import Journal, Journals
+from tjscan.runs.directory import make_run_directory, recording_origin
+from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.topics import scan_recording
+from tjscan.scanning.topics import open_scan_recording
 
 
 def report_nothing(directory: Path) -> None:
@@ -42,7 +42,7 @@ class RunContext:
 
     Parameters
     ----------
-    job : JobFile
+    job : ScanJob
         The job.
     job_file : Path
         Where it was read from; the files that it names are sought from there.
@@ -54,9 +54,9 @@ class RunContext:
         Is called with every directory whose results are written, for instance `write_report`.
     """
 
-    job: JobFile
+    job: ScanJob
     job_file: Path
-    journal: Journal = field(default_factory=Journals)
+    journal: Journal = field(default_factory=CombinedJournal)
     stop: StopRequest = field(default_factory=StopRequest)
     finished: Callable[[Path], object] = report_nothing
 
@@ -84,9 +84,9 @@ class RunContext:
         return None if self.joint_file is None else read_joint(self.joint_file)
 
     @cached_property
-    def mount(self) -> Mount:
-        """Where the sensor sits on the flange; raises ConfigurationError as `mount_of` does."""
-        return mount_of(self.job, self.job_file)
+    def mount(self) -> SensorMount:
+        """Where the sensor sits on the flange; raises as `sensor_mount_of_job` does."""
+        return sensor_mount_of_job(self.job, self.job_file)
 
     def cell(self, left: View | None = None) -> Cell:
         """Make the cell with all that the job names; connect nothing.
@@ -104,12 +104,12 @@ class RunContext:
         with naming(self.job_file):
             joint = self.joint
             state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
-            return open_cell(self.job, self.mount.T_f_s, joint, state)
+            return make_scan_cell(self.job, self.mount.T_f_s, joint, state)
 
     def make_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
         with naming(self.job_file):
-            make_directory(
+            make_run_directory(
                 directory,
                 self.job,
                 self.job_file,
@@ -119,33 +119,33 @@ class RunContext:
 
     def origin(self, directory: Path) -> JobSnapshot:
         """What a recording in a run directory is made with."""
-        return origin_of(directory, self.job)
+        return recording_origin(directory, self.job)
 
     @contextmanager
     def recording(self, directory: Path) -> Iterator[Journal]:
         """Record into a run directory while the block runs; gives the journal to report to."""
-        arm, T_b_j = Kinematics.load(self.job.arm.model), frame_of(self.job).T_b_j
+        arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
-        with scan_recording(
+        with open_scan_recording(
             next_recording_file(directory),
             self.origin(directory),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
             attachments={URDF: arm.urdf.read_bytes()},
         ) as recording:
-            yield Journals(recording, self.journal)
+            yield CombinedJournal(recording, self.journal)
 
 
-def reader_of(job: JobFile) -> Callable[[Profile], GrooveSection]:
+def groove_reader(job: ScanJob) -> Callable[[Profile], GrooveSection]:
     """What reads the grooves of a job's profiles."""
     return partial(find_groove, settings=job.groove)
 
 
-def frame_of(job: JobFile) -> ResultFrame:
+def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
     """The frame of a scan's results.
 
     It is b for a station: where the joint stands there is known but about.
     """
     if job.joint is None or job.station:
-        return ResultFrame()
-    return ResultFrame(job.joint.T_w_j)
+        return JointOrBaseFrame()
+    return JointOrBaseFrame(job.joint.T_w_j)

@@ -14,23 +14,23 @@ from tjscan.core.config import written
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT, atomic_directory, locked
 from tjscan.core.provenance import Provenance
-from tjscan.job import CalibrationTable, CellFile
+from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
-from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_name, job_of
+from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_label, job_label_of_run
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
 
 
-def default_directory(job_file: Path, station: str | None = None) -> Path:
+def default_run_directory(job_file: Path, station: str | None = None) -> Path:
     """``runs/JOB-DATE``, or ``runs/JOB-STATION-DATE``, below the working directory."""
     words = (job_file.stem, *(() if station is None else (station,)))
     return Path("runs") / f"{'-'.join(words)}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
-def make_directory(
+def make_run_directory(
     directory: Path,
-    job: CellFile,
+    job: CellJob,
     job_file: Path,
     *,
     joint: Path | None = None,
@@ -44,7 +44,7 @@ def make_directory(
     ----------
     directory : Path
         To make, or an empty one.
-    job : CellFile
+    job : CellJob
         The resolved job.
     job_file : Path
         The file that it was read from, whose name every file of the run states.
@@ -71,14 +71,18 @@ def make_directory(
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
         text = _text(job, draft)
-        name = job_name(_first_name(job_file), text.encode())
+        name = job_label(_first_name(job_file), text.encode())
         head = Provenance.now(name, "w" if job.station else "b").lines("#")
         (draft / JOB).write_text(head + text, encoding="utf-8")
 
 
 def _first_name(job_file: Path) -> str:
     """Name of the file that a job was first read from, be it from a copy in a run directory."""
-    copied = job_of(job_file.parent).rpartition(", SHA-256 ")[0] if job_file.name == JOB else ""
+    copied = (
+        job_label_of_run(job_file.parent).rpartition(", SHA-256 ")[0]
+        if job_file.name == JOB
+        else ""
+    )
     return copied or job_file.name
 
 
@@ -93,12 +97,12 @@ def _check_empty(directory: Path, draft: Path) -> None:
         )
 
 
-def is_untouched(directory: Path) -> bool:
+def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(file.name in COPIES or file.name.startswith(DRAFT) for file in directory.iterdir())
 
 
-def origin_of(directory: Path, job: CellFile) -> JobSnapshot:
+def recording_origin(directory: Path, job: CellJob) -> JobSnapshot:
     """What a run directory's recording is made with: a job as it now is, and the files it names.
 
     Raises
@@ -121,12 +125,12 @@ def origin_of(directory: Path, job: CellFile) -> JobSnapshot:
     return JobSnapshot(_text(job, directory), **texts, arm=arm)
 
 
-def _text(job: CellFile, directory: Path) -> str:
+def _text(job: CellJob, directory: Path) -> str:
     """A job as TOML that names the copies which stand in a directory."""
     if job.joint is not None and (directory / JOINT).is_file():
         job = job.model_copy(update={"joint": replace(job.joint, file=JOINT)})
     if (directory / CALIBRATION).is_file():
-        job = job.model_copy(update={"calibration": CalibrationTable(file=CALIBRATION)})
+        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION)})
     if (directory / URDF).is_file():
         job = job.model_copy(update={"arm": replace(job.arm, model=URDF)})
     return tomli_w.dumps(written(job))

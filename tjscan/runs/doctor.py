@@ -15,10 +15,10 @@ import numpy as np
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job import JobFile, read_job
-from tjscan.job.cell import Cell, clearance_of
+from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.cell import Cell, clearance_of_job
 from tjscan.laser.profile import Profile
-from tjscan.runs.context import RunContext, frame_of, reader_of
+from tjscan.runs.context import RunContext, groove_reader, result_frame_of_job
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
 """Whose versions are reported."""
@@ -32,7 +32,7 @@ FEWEST: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """What one check found.
 
     Parameters
@@ -55,9 +55,9 @@ class Finding:
         return self.error is None
 
 
-def examine(
+def check_job_and_cell(
     job_file: Path, overrides: dict[str, Any] | None = None, station: str | None = None
-) -> Iterator[Finding]:
+) -> Iterator[CheckResult]:
     """Check a job, what it names, its devices and the way to its start poses, one after another.
 
     Devices are connected, and nothing moves. What rests on something that is wrong is left out.
@@ -67,16 +67,16 @@ def examine(
     job_file : Path
         The job.
     overrides : dict, optional
-        Dotted keys and their values, as `read_job` takes them.
+        Dotted keys and their values, as `read_scan_job` takes them.
     station : str, optional
         The one station to look at; all that the arm stands at where left out.
     """
-    yield Finding("versions", ", ".join(_versions()))
-    jobs: list[JobFile] = []
+    yield CheckResult("versions", ", ".join(_versions()))
+    jobs: list[ScanJob] = []
 
     def read() -> str:
         with naming(job_file):
-            job = read_job(job_file, overrides)
+            job = read_scan_job(job_file, overrides)
             jobs.extend(job.places if station is None else (job.at(station),))
         return f"{job_file} is sound"
 
@@ -98,11 +98,11 @@ def examine(
                 yield replace(finding, what=f"{where}{finding.what}")
 
 
-def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
+def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
     try:
         cell = RunContext(job, job_file).cell()
     except TjscanError as error:
-        yield Finding("cell", str(error), error)
+        yield CheckResult("cell", str(error), error)
         return
     with ExitStack() as stack:
 
@@ -116,18 +116,18 @@ def _devices(job: JobFile, job_file: Path) -> Iterator[Finding]:
             yield _look("model", partial(_model, cell))
             yield _look("stance", partial(_stance, cell))
         if laser.sound and arm.sound:
-            yield _look("profile", partial(_profile, cell, reader_of(job)))
+            yield _look("profile", partial(_profile, cell, groove_reader(job)))
         if arm.sound:
             first, second = (start.T for start in job.starts)
             yield _look("first pose", partial(_path, cell, first))
             yield _look("second pose", partial(_path, cell, first, second))
 
 
-def _look(what: str, check: Callable[[], str]) -> Finding:
+def _look(what: str, check: Callable[[], str]) -> CheckResult:
     try:
-        return Finding(what, check())
+        return CheckResult(what, check())
     except TjscanError as error:
-        return Finding(what, str(error), error)
+        return CheckResult(what, str(error), error)
 
 
 def _versions() -> Iterator[str]:
@@ -139,7 +139,7 @@ def _versions() -> Iterator[str]:
 
 
 def _joint(context: RunContext) -> str:
-    frame = f"results will be in frame {frame_of(context.job).name}"
+    frame = f"results will be in frame {result_frame_of_job(context.job).name}"
     return f"none named: {frame}" if context.joint is None else f"{context.joint_file}; {frame}"
 
 
@@ -151,8 +151,8 @@ def _calibration(context: RunContext) -> str:
     )
 
 
-def _clearance(job: JobFile) -> str:
-    clearance_of(job)
+def _clearance(job: ScanJob) -> str:
+    clearance_of_job(job)
     table = job.clearance
     around, carried = (
         ", ".join(one.name for one in solids) or "nothing" for solids in (table.solid, table.tool)

@@ -15,16 +15,16 @@ from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
 from tjscan.core.files import atomic_directory, check_inside
 from tjscan.core.frames import Array
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB
-from tjscan.result.summary import Summary
-from tjscan.runs.context import RunContext, reader_of, report_nothing
+from tjscan.result.summary import ScanSummary
+from tjscan.runs.context import RunContext, groove_reader, report_nothing
 from tjscan.runs.directory import COPIES
-from tjscan.runs.scan import write_run
-from tjscan.runs.stitch import StitchedRun, stitch_runs
+from tjscan.runs.scan import write_job_results
+from tjscan.runs.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, View
@@ -40,21 +40,21 @@ STRAYED: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reprocessed:
+class ReprocessedStation:
     """A run whose profiles were read again.
 
     Parameters
     ----------
     directory : Path
         Where it was written.
-    summary : Summary
+    summary : ScanSummary
         The new one.
     lost : dict of int to GrooveNotFound
         Sections that these settings don't find, and why.
     """
 
     directory: Path
-    summary: Summary
+    summary: ScanSummary
     lost: dict[int, GrooveNotFound]
 
 
@@ -66,18 +66,18 @@ class ReprocessedRun:
     ----------
     directory : Path
         The new directory.
-    stations : tuple of Reprocessed
+    stations : tuple of ReprocessedStation
         One for each station; one where there are none.
     stitched : StitchedRun or None
         The whole groove; None where there is one station, or one is missing or has lost a section.
     """
 
     directory: Path
-    stations: tuple[Reprocessed, ...]
+    stations: tuple[ReprocessedStation, ...]
     stitched: StitchedRun | None = None
 
 
-def reprocess(
+def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
@@ -121,10 +121,10 @@ def reprocess(
                 file=job_file,
                 key=key,
             )
-    out = out or beside(directory)
+    out = out or dated_sibling_directory(directory)
     if out.resolve().is_relative_to(directory.resolve()):
         raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
-    job = read_job(job_file, overrides)
+    job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
         return ReprocessedRun(out, (_reprocess(replace(context, job=job.at()), out),))
@@ -132,7 +132,7 @@ def reprocess(
     context.make_directory(out)
     stations = tuple(
         _reprocess(
-            replace(context, job=read_job(run / JOB, overrides).at(), job_file=run / JOB),
+            replace(context, job=read_scan_job(run / JOB, overrides).at(), job_file=run / JOB),
             out / run.name,
         )
         for run in (directory / station.name for station in job.station)
@@ -140,17 +140,17 @@ def reprocess(
     )
     whole = len(stations) == len(job.station) and not any(one.lost for one in stations)
     return ReprocessedRun(
-        out, stations, stitch_runs([out], out, finished=finished) if whole else None
+        out, stations, stitch_run_directories([out], out, finished=finished) if whole else None
     )
 
 
-def _reprocess(context: RunContext, out: Path) -> Reprocessed:
+def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     directory, job = context.job_file.parent, context.job
     check_inside(directory, *COPIES)
     with naming(context.job_file):
         T_f_s = context.mount.T_f_s
-    recorded = read_scan(directory)
+    recorded = read_recorded_scan(directory)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
     if len(sections) < FEWEST:
@@ -165,20 +165,20 @@ def _reprocess(context: RunContext, out: Path) -> Reprocessed:
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections))
     result = ScanResult(sections, views, stop, detail, recorded.counts)
-    return Reprocessed(out, write_run(context, out, result), lost)
+    return ReprocessedStation(out, write_job_results(context, out, result), lost)
 
 
-def beside(directory: Path) -> Path:
+def dated_sibling_directory(directory: Path) -> Path:
     """``RUN-DATE`` beside a run directory."""
     whole = directory.resolve()
     return whole.with_name(f"{whole.name}-{datetime.now():%Y%m%d-%H%M%S}")
 
 
 def _sections(
-    job: JobFile, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
+    job: ScanJob, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
-    read, far = reader_of(job), STRAYED * job.scan.step
+    read, far = groove_reader(job), STRAYED * job.scan.step
     for one in recorded.sections.values():
         try:
             section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)

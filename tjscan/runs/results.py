@@ -14,20 +14,20 @@ from tjscan.core.frames import Array, rotation_angle, transform
 from tjscan.groove.measured import MeasuredSection, measure
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.result.directory import CALIBRATION, JOB, job_of
-from tjscan.result.frame import ResultFrame
+from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove
-from tjscan.result.readings import ReadResult
-from tjscan.result.summary import StepStatistics, Summary
+from tjscan.result.readings import ProfileReading
+from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_results
+from tjscan.result.write import write_run_results
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import complete, groove_length, step_lengths
+from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, Substep
 
 
-def calibration_name(directory: Path) -> str:
+def calibration_label(directory: Path) -> str:
     """Which calibration a run was made with, or that its job states the sensor's pose.
 
     Raises
@@ -42,8 +42,8 @@ def calibration_name(directory: Path) -> str:
     return f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
 
 
-def measure_all(
-    sections: Sequence[ScannedSection], frame: ResultFrame, station: str = "1"
+def sections_in_result_frame(
+    sections: Sequence[ScannedSection], frame: JointOrBaseFrame, station: str = "1"
 ) -> tuple[MeasuredSection, ...]:
     """Put every finished section into the frame of the result."""
     return tuple(
@@ -58,20 +58,20 @@ def measure_all(
     )
 
 
-def groove_points(sections: Sequence[ScannedSection], frame: ResultFrame) -> Array:
+def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
     return np.concatenate(
         [transform(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s) for scan in sections]
     )
 
 
-def summarise(
+def summarise_scan(
     result: ScanResult,
     plan: ScanPlan,
-    frame: ResultFrame,
+    frame: JointOrBaseFrame,
     corner_error: Array | None,
     calibration: str = "",
-) -> Summary:
+) -> ScanSummary:
     """Sum up what a scan found.
 
     Parameters
@@ -86,16 +86,16 @@ def summarise(
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     hops = list(pairwise(views))
-    return Summary(
+    return ScanSummary(
         sections=len(result.sections),
         scans=len(result.views),
-        complete=complete(result.stop, plan),
+        complete=plan_is_fulfilled(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
         frame=frame.name,
         groove_length_mm=1e3 * groove_length(result.sections),
         half_steps=result.counts.half_steps,
-        step_mm=StepStatistics.of(1e3 * plan.step, steps),
+        step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
         flange_travel_mm=1e3
         * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
         flange_rotation_deg=float(
@@ -120,16 +120,16 @@ def _scans_per_section(result: ScanResult) -> float | None:
     return taken / found if found else None
 
 
-def write_scan(
+def write_scan_results(
     directory: Path,
     result: ScanResult,
     plan: ScanPlan,
-    frame: ResultFrame,
+    frame: JointOrBaseFrame,
     joint: JointDefinition | None,
     *,
     station: str = "1",
-) -> Summary:
-    """Write what a scan from one place found; raises as `write_results` does.
+) -> ScanSummary:
+    """Write what a scan from one place found; raises as `write_run_results` does.
 
     Parameters
     ----------
@@ -142,11 +142,11 @@ def write_scan(
     station : str
         Where it was scanned from.
     """
-    sections = measure_all(result.sections, frame, station)
-    points = groove_points(result.sections, frame)
+    sections = sections_in_result_frame(result.sections, frame, station)
+    points = all_profile_points(result.sections, frame)
     corners = np.array([section.points for section in sections])
     error = None if joint is None else corner_errors(corners, feature_edges(joint))
-    summary = summarise(result, plan, frame, error, calibration_name(directory))
+    summary = summarise_scan(result, plan, frame, error, calibration_label(directory))
     middle = result.sections[len(result.sections) // 2]
     picture = draw_groove(
         sections,
@@ -155,8 +155,10 @@ def write_scan(
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=ReadResult(
+        example=ProfileReading(
             f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
         ),
     )
-    return write_results(directory, sections, points, summary, picture, job_of(directory))
+    return write_run_results(
+        directory, sections, points, summary, picture, job_label_of_run(directory)
+    )

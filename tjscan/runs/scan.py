@@ -16,21 +16,21 @@ from tjscan.core.errors import (
     message_of,
 )
 from tjscan.core.files import check_inside, sole_writer
-from tjscan.job import JobFile
+from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
 from tjscan.recording.header import JobSnapshot, job_changes
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.summary import Summary
-from tjscan.runs.context import RunContext, frame_of, reader_of
-from tjscan.runs.directory import COPIES, is_untouched
-from tjscan.runs.results import write_scan
+from tjscan.result.summary import ScanSummary
+from tjscan.runs.context import RunContext, groove_reader, result_frame_of_job
+from tjscan.runs.directory import COPIES, nothing_recorded_yet
+from tjscan.runs.results import write_scan_results
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import Journal, Journals
-from tjscan.scanning.profile_taker import Setup
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.journal import CombinedJournal, Journal
+from tjscan.scanning.profile_taker import ScanSetup
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
-from tjscan.scanning.scanned_surface import ScannedSurface
+from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.stopping import StopRequest
 
@@ -51,7 +51,7 @@ RESUMABLE: Final = (
 """Keys that may change while a scan goes on."""
 
 
-def check_job(context: RunContext) -> None:
+def check_scan_job(context: RunContext) -> None:
     """Check a job, what it names, and the way to its taught poses where it stands; move nothing.
 
     Raises
@@ -68,21 +68,21 @@ def check_job(context: RunContext) -> None:
             cell.arm.check(*(start.T for start in place.starts))
 
 
-def scan_in(
+def scan_in_cell(
     cell: Cell,
-    job: JobFile,
+    job: ScanJob,
     journal: Journal,
     done: RecordedScan | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
-    stop, read = stop or StopRequest(), reader_of(job)
+    stop, read = stop or StopRequest(), groove_reader(job)
     sections = () if done is None else done.read_sections(read)
-    seen = ScannedSurface(cell.clearance, sections)
-    journal = Journals(journal, seen)
-    with cell, stop.halting(cell.arm.stop):
+    seen = ScannedSurfaceObstacle(cell.clearance, sections)
+    journal = CombinedJournal(journal, seen)
+    with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
         _note_devices(cell, journal)
-        setup = Setup(cell.arm, cell.laser, cell.T_f_s, read)
+        setup = ScanSetup(cell.arm, cell.laser, cell.T_f_s, read)
         scanner = Scanner(setup, job.scan, journal, stop=stop)
         try:
             if done is not None and len(sections) >= 2:
@@ -90,22 +90,22 @@ def scan_in(
             first, second = job.starts
             return scanner.run(first.T, second.T)
         except TjscanError as error:
-            if stop.at_once:
-                journal.event(ScanEvent.INTERRUPTED, f"by the operator: {message_of(error)}")
+            if stop.stop_now:
+                journal.record_event(ScanEvent.INTERRUPTED, f"by the operator: {message_of(error)}")
                 raise Interrupted from error
-            journal.event(ScanEvent.FAILED, message_of(error))
+            journal.record_event(ScanEvent.FAILED, message_of(error))
             raise
 
 
 def _note_devices(cell: Cell, journal: Journal) -> None:
     """Let a journal know which devices these are, and of everything that they report."""
     for name, device in (("arm", cell.arm), ("laser", cell.laser)):
-        device.listen(journal.event)
+        device.listen(journal.record_event)
         if device.identity:
-            journal.event(name, str(device.identity))
+            journal.record_event(name, str(device.identity))
 
 
-def run_scan(context: RunContext, directory: Path) -> Summary:
+def run_scan(context: RunContext, directory: Path) -> ScanSummary:
     """Scan as a job says and leave a run directory behind.
 
     Parameters
@@ -126,11 +126,11 @@ def run_scan(context: RunContext, directory: Path) -> Summary:
         context.make_directory(directory)
         with sole_writer(directory):
             with context.recording(directory) as journal:
-                result = scan_in(cell, context.job, journal, stop=context.stop)
-            return write_run(context, directory, result)
+                result = scan_in_cell(cell, context.job, journal, stop=context.stop)
+            return write_job_results(context, directory, result)
 
 
-def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> Summary:
+def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
     """Go on with a scan that was interrupted, after its last finished section.
 
     Parameters
@@ -151,22 +151,22 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> Summary:
     """
     directory = context.job_file.parent
     check_inside(directory, *COPIES)
-    check_resumable(overrides, context.job_file)
+    check_keys_replaceable(overrides, context.job_file)
     with naming(context.job_file), sole_writer(directory):
         context = replace(context, job=context.job.at())
         changed, done = [], None
-        if not is_untouched(directory):  # else it ended before it began to record
-            done = read_scan(directory)
-            changed = check_origin(directory, done, context.origin(directory))
+        if not nothing_recorded_yet(directory):  # else it ended before it began to record
+            done = read_recorded_scan(directory)
+            changed = changes_since_recording(directory, done, context.origin(directory))
         cell = context.cell(left=done.views[-1] if done and done.views else None)
         with context.recording(directory) as journal:
             for key, what in changed:
-                journal.event("changed", f"{key} {what}")
-            result = scan_in(cell, context.job, journal, done, context.stop)
-        return write_run(context, directory, result)
+                journal.record_event("changed", f"{key} {what}")
+            result = scan_in_cell(cell, context.job, journal, done, context.stop)
+        return write_job_results(context, directory, result)
 
 
-def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
+def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
     """Check that keys may be replaced while a scan goes on.
 
     Raises
@@ -184,7 +184,9 @@ def check_resumable(overrides: Iterable[str], job_file: Path) -> None:
             )
 
 
-def check_origin(directory: Path, done: RecordedScan, now: JobSnapshot) -> list[tuple[str, str]]:
+def changes_since_recording(
+    directory: Path, done: RecordedScan, now: JobSnapshot
+) -> list[tuple[str, str]]:
     """What changed since a run was last recorded, where a scan may go on all the same.
 
     Returns
@@ -219,7 +221,7 @@ def check_origin(directory: Path, done: RecordedScan, now: JobSnapshot) -> list[
     return changed
 
 
-def write_run(context: RunContext, directory: Path, result: ScanResult) -> Summary:
+def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
     """Write what a job's scan found into its run directory.
 
     Raises
@@ -227,8 +229,8 @@ def write_run(context: RunContext, directory: Path, result: ScanResult) -> Summa
     RecordingError
         If a file can't be written.
     """
-    job, frame = context.job, frame_of(context.job)
-    summary = write_scan(
+    job, frame = context.job, result_frame_of_job(context.job)
+    summary = write_scan_results(
         directory,
         result,
         job.scan,

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.devices import Kind
-from tjscan.job import JobFile, read_job
-from tjscan.result.chapter import Chapter, Chart, Event
+from tjscan.job import ScanJob, read_scan_job
+from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB, RECORDING, SUMMARY
-from tjscan.result.summary import check_recorded, read_summary
+from tjscan.result.summary import check_recording_complete, read_summary
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection
 
 ORDINARY: Final = (ScanEvent.STOP, ScanEvent.RESUMED, "arm")
@@ -25,15 +25,15 @@ COUNTED: Final = (ScanEvent.HALF_STEP,)
 """Events that the summary counts: the report reads them there."""
 
 
-def chapter(directory: Path) -> Chapter:
-    """The chapter of a scan from one place, see `tjscan.result.chapter.WritesChapter`."""
+def scan_chapter(directory: Path) -> ReportChapter:
+    """The chapter of a scan from one place, see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / RECORDING).is_file():
-        return Chapter()
-    job, log = read_job(directory / JOB), read_scan(directory)
-    check_recorded(directory, read_summary(directory / SUMMARY), len(log.sections))
+        return ReportChapter()
+    job, log = read_scan_job(directory / JOB), read_recorded_scan(directory)
+    check_recording_complete(directory, read_summary(directory / SUMMARY), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
-    events = tuple(Event(event.time, event.name, event.detail) for event in log.events)
-    return Chapter(
+    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
+    return ReportChapter(
         facts=(("scanned", started), ("devices", _devices(job)), ("job", _job(job))),
         findings=tuple(_findings(job, events)),
         charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
@@ -43,12 +43,12 @@ def chapter(directory: Path) -> Chapter:
     )
 
 
-def _devices(job: JobFile) -> str:
+def _devices(job: ScanJob) -> str:
     arm = f"arm {job.arm.device} ({job.arm.driver})"
     return f"{arm}, laser {job.laser.device} ({job.laser.driver})"
 
 
-def _job(job: JobFile) -> str:
+def _job(job: ScanJob) -> str:
     scan = job.scan
     until = "to the end of the arm's reach"
     if scan.length is not None:
@@ -61,7 +61,7 @@ def _job(job: JobFile) -> str:
     )
 
 
-def _findings(job: JobFile, events: Sequence[Event]) -> Iterator[str]:
+def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
     names = [event.name for event in events if event.name not in (*ORDINARY, *COUNTED)]
     for name in dict.fromkeys(names):
         count = names.count(name)
@@ -76,13 +76,13 @@ def _findings(job: JobFile, events: Sequence[Event]) -> Iterator[str]:
         yield "Simulated: no real arm and laser saw this groove."
 
 
-def _charts(sections: Sequence[RecordedSection], job: JobFile) -> Iterator[Chart]:
+def _charts(sections: Sequence[RecordedSection], job: ScanJob) -> Iterator[ReportChart]:
     """Length of every step, and when each section was finished."""
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
     clock = np.array([section.view.time for section in sections])
-    yield Chart(
+    yield ReportChart(
         "distance from the section before",
         "section",
         "step / mm",
@@ -90,6 +90,6 @@ def _charts(sections: Sequence[RecordedSection], job: JobFile) -> Iterator[Chart
         steps,
         1e3 * job.scan.step,
     )
-    yield Chart(
+    yield ReportChart(
         "time of each section", "section", "arm's clock / s", index, clock - clock[:1].sum()
     )

@@ -14,22 +14,22 @@ from tjscan.core.config import naming
 from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import check_inside, sole_writer
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.result.directory import JOB, SUMMARY
-from tjscan.result.summary import Summary, read_summary
+from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.context import RunContext, report_nothing
-from tjscan.runs.directory import COPIES, is_untouched
-from tjscan.runs.scan import check_resumable, resume_scan, run_scan
-from tjscan.runs.stitch import StitchedRun, stitch_runs
+from tjscan.runs.directory import COPIES, nothing_recorded_yet
+from tjscan.runs.scan import check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.reader import read_scan
+from tjscan.scanning.reader import read_recorded_scan
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""
 
 
-class Attendant(Protocol):
+class StationAttendant(Protocol):
     """Moves the arm from station to station, and says when it stands there."""
 
     def confirm(self, question: Question) -> bool:
@@ -47,13 +47,13 @@ class StationScan:
         The station's name.
     directory : Path
         Its own run directory.
-    summary : Summary or None
+    summary : ScanSummary or None
         Its scan in a few numbers; None where it is still to be scanned.
     """
 
     name: str
     directory: Path
-    summary: Summary | None
+    summary: ScanSummary | None
 
     @property
     def done(self) -> bool:
@@ -62,7 +62,7 @@ class StationScan:
 
 
 def run_stations(
-    context: RunContext, directory: Path, attendant: Attendant, watch: Watch
+    context: RunContext, directory: Path, attendant: StationAttendant, watch: Watch
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -74,7 +74,7 @@ def run_stations(
         The job, with several stations; its journal is not used.
     directory : Path
         The directory to make.
-    attendant : Attendant
+    attendant : StationAttendant
         Is asked before the arm moves at another station than the first.
     watch : callable
         Gives a journal for each scan.
@@ -91,14 +91,14 @@ def run_stations(
     """
     _check(context)
     context.make_directory(directory)
-    made = replace(context, job=read_job(directory / JOB), job_file=directory / JOB)
+    made = replace(context, job=read_scan_job(directory / JOB), job_file=directory / JOB)
     return resume_stations(made, {}, attendant, watch)
 
 
 def resume_stations(
     context: RunContext,
     overrides: dict[str, Any],
-    attendant: Attendant,
+    attendant: StationAttendant,
     watch: Watch,
     only: str | None = None,
 ) -> tuple[StationScan, ...]:
@@ -128,7 +128,7 @@ def resume_stations(
     job, job_file = context.job, context.job_file
     directory = job_file.parent
     check_inside(directory, *COPIES)
-    check_resumable(overrides, job_file)
+    check_keys_replaceable(overrides, job_file)
     check_inside(directory, *job.stations)
     _check(context)
     if only is not None:
@@ -139,7 +139,7 @@ def resume_stations(
             found = _found(directory, name)
             if found.done:
                 continue
-            if context.stop.wanted or not _stands(job, found, attendant):
+            if context.stop.stop_after_section or not _stands(job, found, attendant):
                 break
             with (
                 _saying_how_to_go_on(directory, name),
@@ -149,7 +149,7 @@ def resume_stations(
     return tuple(_found(directory, name) for name in job.stations)
 
 
-def stitch_stations(
+def stitch_station_runs(
     directory: Path, finished: Callable[[Path], object] = report_nothing
 ) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
@@ -168,7 +168,7 @@ def stitch_stations(
     """
     with sole_writer(directory):
         try:
-            return stitch_runs([directory], directory, finished=finished)
+            return stitch_run_directories([directory], directory, finished=finished)
         except StitchingRefused as error:
             error.add_note(
                 "What each station scanned is whole. Where an overlap is too small, scan further: "
@@ -197,7 +197,7 @@ def _found(directory: Path, name: str) -> StationScan:
     return StationScan(name, folder, read_summary(file) if file.is_file() else None)
 
 
-def _stands(job: JobFile, station: StationScan, attendant: Attendant) -> bool:
+def _stands(job: ScanJob, station: StationScan, attendant: StationAttendant) -> bool:
     """Whether the arm stands there: it does at the first station, and at one that was cut short."""
     i = job.stations.index(station.name)
     if i == 0 or (station.directory / JOB).is_file():
@@ -221,10 +221,10 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
     """Scan from one station, or go on with its scan where two sections of it are finished."""
     file = station.directory / JOB
     if file.is_file():
-        begun = not is_untouched(station.directory)
-        if begun and len(read_scan(station.directory).sections) >= 2:
+        begun = not nothing_recorded_yet(station.directory)
+        if begun and len(read_recorded_scan(station.directory).sections) >= 2:
             check_inside(station.directory, JOB)
-            job = read_job(file, overrides)
+            job = read_scan_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)
             return
         # Nothing to go on from: its start poses may have been taught anew since.

@@ -16,26 +16,38 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import inverse, transform
 from tjscan.core.provenance import Provenance
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.writer import recording_files
-from tjscan.result.directory import JOB, JOINT, STATIONS, STATIONS_PICTURE, SUMMARY, job_of
-from tjscan.result.frame import ResultFrame
-from tjscan.result.picture import draw_groove, write_picture
-from tjscan.result.stitching import StitchingReport, write_stitching
-from tjscan.result.summary import Summary, check_recorded, read_summary, summarise_stations
+from tjscan.result.directory import (
+    JOB,
+    JOINT,
+    STATIONS,
+    STATIONS_PICTURE,
+    SUMMARY,
+    job_label_of_run,
+)
+from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.picture import draw_groove, write_png
+from tjscan.result.stitching import StitchingReport, write_stitching_report
+from tjscan.result.summary import (
+    ScanSummary,
+    check_recording_complete,
+    read_summary,
+    summarise_stations,
+)
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_results
-from tjscan.runs.context import RunContext, reader_of, report_nothing
-from tjscan.runs.results import groove_points
-from tjscan.runs.stitching_report import report_stitching
-from tjscan.scanning.reader import read_scan
-from tjscan.stitching.draft import Draft
+from tjscan.result.write import write_run_results
+from tjscan.runs.context import RunContext, groove_reader, report_nothing
+from tjscan.runs.results import all_profile_points
+from tjscan.runs.stitching_report import stitching_report
+from tjscan.scanning.reader import read_recorded_scan
+from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Station, station_of
-from tjscan.stitching.stitch import Stitched, stitch
+from tjscan.stitching.stations import Station, station_from_recording
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +60,7 @@ class StationRun:
         Where it is.
     station : Station
         What was scanned.
-    summary : Summary
+    summary : ScanSummary
         Its scan in a few numbers.
     joint : JointDefinition or None
         The joint that its job names, for the comparison alone.
@@ -56,7 +68,7 @@ class StationRun:
 
     directory: Path
     station: Station
-    summary: Summary
+    summary: ScanSummary
     joint: JointDefinition | None
 
 
@@ -66,20 +78,20 @@ class StitchedRun:
 
     Parameters
     ----------
-    summary : Summary
+    summary : ScanSummary
         The groove in a few numbers.
     report : StitchingReport
         How the stations were stitched.
-    stitched : Stitched
+    stitched : StitchedGroove
         The stations and sections in frame j.
     """
 
-    summary: Summary
+    summary: ScanSummary
     report: StitchingReport
-    stitched: Stitched
+    stitched: StitchedGroove
 
 
-def stitch_runs(
+def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
     settings: StitchSettings = DEFAULT,
@@ -112,11 +124,11 @@ def stitch_runs(
     read = [read_station(run) for run in station_directories(runs)]
     _check_names(read)
     try:
-        stitched = stitch([one.station for one in read], settings)
+        stitched = stitch_stations([one.station for one in read], settings)
     except StitchingRefused as error:
-        if isinstance(error.draft, Draft):
+        if isinstance(error.draft, StitchingDraft):
             with atomic_directory(directory) as draft:
-                write_picture(draft / STATIONS_PICTURE, draw_stitching(error.draft))
+                write_png(draft / STATIONS_PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / STATIONS_PICTURE} shows it")
         raise
     _gather(directory, read)
@@ -143,7 +155,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        names = read_job(run / JOB).stations if (run / JOB).is_file() else ()
+        names = read_scan_job(run / JOB).stations if (run / JOB).is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
@@ -152,13 +164,13 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 
 
 def read_station(directory: Path) -> StationRun:
-    """Read the run directory of one station; raises as `stitch_runs` does."""
+    """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
     with naming(job_file):
-        job = read_job(job_file)
+        job = read_scan_job(job_file)
         name = _name(job, job_file)
-        read = reader_of(job)
-        done = read_scan(directory)
+        read = groove_reader(job)
+        done = read_recorded_scan(directory)
         sections = done.read_sections(read)
         joint = RunContext(job, job_file).joint
     if not (directory / SUMMARY).is_file():
@@ -166,16 +178,16 @@ def read_station(directory: Path) -> StationRun:
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
     summary = read_summary(directory / SUMMARY)
-    check_recorded(directory, summary, len(sections))
+    check_recording_complete(directory, summary, len(sections))
     return StationRun(
         directory,
-        station_of(name, job.T_w_b, sections, done.views, read),
+        station_from_recording(name, job.T_w_b, sections, done.views, read),
         summary,
         joint,
     )
 
 
-def _name(job: JobFile, job_file: Path) -> str:
+def _name(job: ScanJob, job_file: Path) -> str:
     if len(job.station) != 1:
         raise ConfigurationError(
             f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
@@ -212,7 +224,7 @@ def _common_joint(read: Sequence[StationRun]) -> Path | None:
     return files[0] if same and read[0].joint is not None and files[0].is_file() else None
 
 
-def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> StitchedRun:
+def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove) -> StitchedRun:
     joints = [one.joint for one in read]
     joint = joints[0] if all(one == joints[0] for one in joints) else None
     corners = np.array([section.points for section in stitched.sections])
@@ -223,11 +235,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
         None if joint is None else corner_errors(corners, feature_edges(joint)),
         closed=stitched.closed,
     )
-    report = report_stitching(stitched, {one.station.name: _folder(directory, one) for one in read})
-    frames = [ResultFrame(inverse(one.T_j_b)) for one in stitched.stations]
+    report = stitching_report(stitched, {one.station.name: _folder(directory, one) for one in read})
+    frames = [JointOrBaseFrame(inverse(one.T_j_b)) for one in stitched.stations]
     points = np.concatenate(
         [
-            groove_points(one.station.sections, frame)
+            all_profile_points(one.station.sections, frame)
             for one, frame in zip(stitched.stations, frames, strict=True)
         ]
     )
@@ -245,11 +257,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: Stitched) -> S
             for one in stitched.stations
         ],
     )
-    job = job_of(directory, *(one.directory for one in read))
+    job = job_label_of_run(directory, *(one.directory for one in read))
     provenance = Provenance.now(job, "j")
     report = replace(report, provenance=provenance)
     with atomic_directory(directory) as draft:
-        write_stitching(draft / STATIONS, report)
-        write_picture(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
-    summary = write_results(directory, stitched.sections, points, summary, picture, job)
+        write_stitching_report(draft / STATIONS, report)
+        write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
+    summary = write_run_results(directory, stitched.sections, points, summary, picture, job)
     return StitchedRun(summary, report, stitched)

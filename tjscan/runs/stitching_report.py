@@ -8,16 +8,16 @@ import numpy as np
 
 from tjscan.core.frames import inverse, rotation_angle, to_euler_zyx
 from tjscan.result.stitching import OverlapReport, StationReport, StitchingReport, Triple
-from tjscan.stitching.registration import Registration, point_covariance
-from tjscan.stitching.stitch import PlacedStation, Stitched
+from tjscan.stitching.registration import StationRegistration, point_covariance_from_pose
+from tjscan.stitching.stitch import PlacedStation, StitchedGroove
 
 
-def report_stitching(stitched: Stitched, sources: Mapping[str, str]) -> StitchingReport:
+def stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
     """Convert a stitched groove to the units and words of its file.
 
     Parameters
     ----------
-    stitched : Stitched
+    stitched : StitchedGroove
         In metres and radians.
     sources : mapping of str to str
         Each station's run directory, seen from that of the result, by the station's name.
@@ -68,7 +68,7 @@ def _station(
     spread = np.sqrt(np.diag(one.covariance))
     meant = inverse(first.station.T_w_b) @ one.station.T_w_b
     found = inverse(first.T_j_b) @ one.T_j_b
-    at_groove = point_covariance(one.covariance, middle)
+    at_groove = point_covariance_from_pose(one.covariance, middle)
     return StationReport(
         name=one.station.name,
         source=source,
@@ -87,14 +87,14 @@ def _station(
     )
 
 
-def _overlap(edge: Registration, names: tuple[str, ...], gap: float) -> OverlapReport:
+def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
     overlap = edge.overlap
     units = np.repeat((1e3, 180 / np.pi), 3)
     covariance = edge.covariance * np.outer(units, units)
     return OverlapReport(
         stations=(names[overlap.first], names[overlap.second]),
-        azimuth_deg=float(np.degrees(overlap.arc.middle)),
-        arc_deg=float(np.degrees(overlap.arc.length)),
+        azimuth_deg=float(np.degrees(overlap.arc.middle_azimuth)),
+        arc_deg=float(np.degrees(overlap.arc.span_angle)),
         sections=overlap.sections,
         views=len(edge.azimuth),
         left_out=int((~edge.counted).sum()),

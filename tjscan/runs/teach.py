@@ -16,9 +16,9 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, 
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array, to_euler_zyx
 from tjscan.groove.section import GrooveSection
-from tjscan.job import JobFile, read_job
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.robot.rest import await_rest, check_still
-from tjscan.runs.context import RunContext, reader_of
+from tjscan.runs.context import RunContext, groove_reader
 
 Which = Literal["first", "second"]
 
@@ -28,7 +28,7 @@ DEG_DECIMALS: Final = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Taught:
+class TaughtPose:
     """A pose as it was written.
 
     Parameters
@@ -47,7 +47,7 @@ class Taught:
     groove: GrooveSection
 
 
-def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
+def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
     """Write where the arm stands into a job file, if the laser sees a groove there; move nothing.
 
     It waits until the arm rests, for it may have been led there by hand a moment ago. Comments
@@ -55,7 +55,7 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
 
     Parameters
     ----------
-    job : JobFile
+    job : ScanJob
         The job as it was read, with keys replaced or not; of one station, if it has any.
     job_file : Path
         Where it was read from, and what is changed.
@@ -80,18 +80,18 @@ def teach_pose(job: JobFile, job_file: Path, which: Which) -> Taught:
         profile = cell.laser.capture()
         check_still(state, cell.arm.state())
         try:
-            groove = reader_of(job)(profile)
+            groove = groove_reader(job)(profile)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
     if groove.on_tack:
         raise StartOnTack(which)
-    position_mm, euler_zyx_deg = written(state.T_b_f)
+    position_mm, euler_zyx_deg = pose_for_job_file(state.T_b_f)
     key = (*(("station", job.station[0].name) if job.station else ("scan",)), which)
-    write_pose(job_file, key, position_mm, euler_zyx_deg)
-    return Taught(key, position_mm, euler_zyx_deg, groove)
+    write_start_pose(job_file, key, position_mm, euler_zyx_deg)
+    return TaughtPose(key, position_mm, euler_zyx_deg, groove)
 
 
-def written(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def pose_for_job_file(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
     position, angles = to_euler_zyx(T_b_f)
     position_mm = np.round(1e3 * position, MM_DECIMALS) + 0.0  # no minus zero
@@ -99,7 +99,7 @@ def written(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(position_mm.tolist()), tuple(euler_zyx_deg.tolist())
 
 
-def write_pose(
+def write_start_pose(
     job_file: Path,
     key: Sequence[str],
     position_mm: tuple[float, ...],
@@ -143,7 +143,7 @@ def write_pose(
 def _check(draft: Path, job_file: Path) -> None:
     """Refuse to write a file that would not be read again."""
     try:
-        read_job(draft)
+        read_scan_job(draft)
     except ConfigurationError as error:
         raise ConfigurationError(error.message, file=job_file, key=error.key) from None
 

@@ -13,11 +13,11 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core.frames import Array
 from tjscan.core.gp import Matern52, OrdinaryKriging
 from tjscan.core.units import DEG, MM, MM2, Settings
-from tjscan.scanning.seam.fit import fit_seam
+from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
-from tjscan.scanning.seam.track import MOST_SECTIONS, Track, track_of
+from tjscan.scanning.seam.track import MOST_SECTIONS, RecentSections, recent_section_arrays
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import StepRule
+from tjscan.scanning.set_point import StepLengthRule
 
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""
@@ -27,7 +27,7 @@ CHOICES: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Adaptive(Settings):
+class AdaptiveStepSettings(Settings):
     """The table [scan.adaptive]: how much may change from section to section.
 
     Steps are as long as that allows; the plan's step counts for the taught poses alone.
@@ -55,7 +55,7 @@ class Adaptive(Settings):
             raise ValueError("least_mm must not be larger than most_mm")
 
 
-def adaptive_rule(adaptive: Adaptive) -> StepRule:
+def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     """Take the longest step over which nothing changes by more than is allowed.
 
     Angle and area are smooth random functions of the groove's length, measured with the sections'
@@ -65,7 +65,7 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
     steps = np.linspace(adaptive.least, adaptive.most, CHOICES)
 
     def rule(sections: Sequence[ScannedSection]) -> float:
-        track = track_of(sections)
+        track = recent_section_arrays(sections)
         angles = OrdinaryKriging(
             track.along,
             track.shape[:, 2],
@@ -75,14 +75,14 @@ def adaptive_rule(adaptive: Adaptive) -> StepRule:
         allowed = (
             (_change(angles, steps) <= adaptive.angle_change)
             & (_change(_areas(sections, track), steps) <= adaptive.area_change)
-            & (fit_seam(track).curvature() * steps <= adaptive.turn)
+            & (fit_tubes_to_sections(track).curvature() * steps <= adaptive.turn)
         )
         return float(steps[max(0, int(np.logical_and.accumulate(allowed).sum()) - 1)])
 
     return rule
 
 
-def _areas(sections: Sequence[ScannedSection], track: Track) -> OrdinaryKriging:
+def _areas(sections: Sequence[ScannedSection], track: RecentSections) -> OrdinaryKriging:
     grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.

@@ -106,7 +106,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
         )
 
 
-def check_step(found: ScannedSection, step: StepRequest) -> None:
+def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> None:
     """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
 
     Were it accepted, such a section would turn the next set-point round and lead the arm astray.
@@ -142,7 +142,7 @@ def check_step(found: ScannedSection, step: StepRequest) -> None:
         )
 
 
-def check_side(groove: GrooveSection) -> None:
+def check_section_orientation(groove: GrooveSection) -> None:
     """Refuse a section whose wall is not above the groove, or does not face the sensor.
 
     Raises
@@ -159,7 +159,7 @@ def check_side(groove: GrooveSection) -> None:
         )
 
 
-def check_measures(found: ScannedSection, step: StepRequest) -> None:
+def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
     """Refuse a section whose own measures can't follow those of the last one.
 
     Parameters
@@ -190,13 +190,13 @@ def check_measures(found: ScannedSection, step: StepRequest) -> None:
     )
 
 
-def measures_can_follow(found: ScannedSection, step: StepRequest) -> bool:
-    """Whether `check_measures` would accept a section; for the parameters see there."""
+def measures_are_plausible(found: ScannedSection, step: StepRequest) -> bool:
+    """Whether `check_measures_plausible` would accept a section; for the parameters see there."""
     before, after, allowed = _measures(found, step)
     return not bool((np.abs(after - before) > allowed).any())
 
 
-def check_agreement(found: ScannedSection, step: StepRequest) -> None:
+def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> None:
     """Refuse a corrected section that is another one than was predicted.
 
     The correction turns the sensor about the groove that the prediction view showed: seen along

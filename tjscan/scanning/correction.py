@@ -7,7 +7,7 @@ import numpy as np
 from tjscan.core.frames import Array, cross, pose, unit
 
 
-def correct(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
+def correction_target_pose(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
     """Set-point of frame t for the correction substep.
 
     Parameters

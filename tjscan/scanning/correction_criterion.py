@@ -15,7 +15,7 @@ from tjscan.core.units import DEG, MM, Settings
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 SIGMAS: Final = 2.0
 """Standard deviations that count besides the deviation itself."""
@@ -50,13 +50,13 @@ class CorrectionCriterion(Settings):
     work_angle: Annotated[float, Gt(0), Le(30), DEG] = radians(5)
     rotation: Annotated[float, Gt(0), Le(30), DEG] = radians(8)
 
-    def allows(self, off: Array, sigma: Array) -> bool:
+    def allows_skipping(self, off: Array, sigma: Array) -> bool:
         """Whether a view may stand that is off the ideal one.
 
         Parameters
         ----------
         off : ndarray, shape (6,)
-            Position and rotation vector in frame t, see `deviation`; metres and radians.
+            Position and rotation vector in frame t, see `view_deviation`; metres and radians.
         sigma : ndarray, shape (6,)
             Their standard deviations.
         """
@@ -68,7 +68,7 @@ class CorrectionCriterion(Settings):
         )
 
 
-def deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
+def view_deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
     """How far a view is from the ideal one.
 
     Parameters
@@ -88,8 +88,10 @@ def deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
     return lie.log(T_t_ideal_t_taken)
 
 
-def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: Direction) -> Array:
-    """Standard deviations of `deviation`, from what was read and what was predicted, shape (6,).
+def view_deviation_sigmas(
+    groove: GrooveSection, ahead: SetPoint, step: float, direction: ScanDirection
+) -> Array:
+    """Standard deviations of `view_deviation`, from reading and prediction, shape (6,).
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: 
         The prediction, with the covariance of the ideal set-point where the predictor tells it.
     step : float
         From the last section, metres.
-    direction : Direction
+    direction : ScanDirection
         Which way round: it says how the work angle turns frame t.
 
     Notes
@@ -117,7 +119,7 @@ def uncertainty(groove: GrooveSection, ahead: SetPoint, step: float, direction: 
         return np.asarray(np.sqrt(reading))
     P = ahead.covariance
     prediction = np.diag(P)[:6].copy()
-    turns = -1.0 if direction is Direction.COUNTERCLOCKWISE else 1.0
+    turns = -1.0 if direction is ScanDirection.COUNTERCLOCKWISE else 1.0
     prediction[3] += P[6, 6] + 2 * turns * P[3, 6]
     total = reading + prediction
     return np.sqrt(np.divide(reading * prediction, total, out=np.zeros(6), where=total > 0))

@@ -24,7 +24,7 @@ class ScanEvent(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class EventCounts:
+class RetryCounts:
     """How often each kind of retry was made.
 
     Parameters
@@ -47,7 +47,7 @@ class EventCounts:
     half_steps: int = 0
     retreats: int = 0
 
-    def counting(self, name: str) -> EventCounts:
+    def with_one_more(self, name: str) -> RetryCounts:
         """With one more event of that name; the same for events that are no retry."""
         field = _COUNTED.get(name)
         return self if field is None else replace(self, **{field: getattr(self, field) + 1})

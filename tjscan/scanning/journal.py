@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol
 
-from tjscan.scanning.events import EventCounts
+from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ScannedSection, View
 
@@ -13,15 +13,15 @@ from tjscan.scanning.section import ScannedSection, View
 class Journal(Protocol):
     """Receives everything at once, in the order in which it happens."""
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Note that a profile was taken, before it is read."""
         ...
 
-    def section(self, section: ScannedSection) -> None:
+    def record_section(self, section: ScannedSection) -> None:
         """Note that a section is finished."""
         ...
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         """Note that something out of the ordinary happened.
 
         Parameters
@@ -34,7 +34,7 @@ class Journal(Protocol):
         ...
 
 
-class Journals:
+class CombinedJournal:
     """Passes everything on to several journals, in their order.
 
     Parameters
@@ -46,20 +46,20 @@ class Journals:
     def __init__(self, *journals: Journal) -> None:
         self._journals = journals
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Pass a profile on."""
         for journal in self._journals:
-            journal.view(view)
+            journal.record_view(view)
 
-    def section(self, section: ScannedSection) -> None:
+    def record_section(self, section: ScannedSection) -> None:
         """Pass a section on."""
         for journal in self._journals:
-            journal.section(section)
+            journal.record_section(section)
 
-    def event(self, name: str, detail: str) -> None:
-        """Pass an event on; for the parameters see `Journal.event`."""
+    def record_event(self, name: str, detail: str) -> None:
+        """Pass an event on; for the parameters see `Journal.record_event`."""
         for journal in self._journals:
-            journal.event(name, detail)
+            journal.record_event(name, detail)
 
 
 class ScanLog:
@@ -76,7 +76,7 @@ class ScanLog:
         The finished sections in order.
     views : list of View
         Every profile taken, in order.
-    counts : EventCounts
+    counts : RetryCounts
         How often each kind of retry was made.
     """
 
@@ -84,7 +84,7 @@ class ScanLog:
         self._journal = journal
         self.sections: list[ScannedSection] = []
         self.views: list[View] = []
-        self.counts = EventCounts()
+        self.counts = RetryCounts()
 
     def restore(self, done: RecordedScan, sections: Iterable[ScannedSection]) -> None:
         """Continue from what was recorded before, which is in the journal already.
@@ -99,17 +99,17 @@ class ScanLog:
         self.sections, self.views = list(sections), list(done.views)
         self.counts = done.counts
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Keep a profile and pass it on."""
         self.views.append(view)
-        self._journal.view(view)
+        self._journal.record_view(view)
 
-    def section(self, section: ScannedSection) -> None:
+    def record_section(self, section: ScannedSection) -> None:
         """Keep a section and pass it on."""
         self.sections.append(section)
-        self._journal.section(section)
+        self._journal.record_section(section)
 
-    def event(self, name: str, detail: str) -> None:
-        """Count an event and pass it on; for the parameters see `Journal.event`."""
-        self.counts = self.counts.counting(name)
-        self._journal.event(name, detail)
+    def record_event(self, name: str, detail: str) -> None:
+        """Count an event and pass it on; for the parameters see `Journal.record_event`."""
+        self.counts = self.counts.with_one_more(name)
+        self._journal.record_event(name, detail)

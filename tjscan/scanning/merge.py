@@ -19,7 +19,7 @@ WITHIN: Final = 0.3e-3
 """Metres of range within which points agree: six standard deviations of a sensor's noise."""
 
 
-def merge(profiles: Sequence[Profile]) -> Profile | None:
+def merge_repeated_profiles(profiles: Sequence[Profile]) -> Profile | None:
     """Keep what several profiles, taken with the arm at rest, agree on, column by column.
 
     Parameters

@@ -10,10 +10,10 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.units import AS_WRITTEN, DEG, MM, Key, PoseTable, Settings
-from tjscan.scanning.adaptive import Adaptive
+from tjscan.scanning.adaptive import AdaptiveStepSettings
 from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.prediction import SMOOTH
-from tjscan.scanning.target import Direction, target_in_sensor
+from tjscan.scanning.target import ScanDirection, target_pose_in_sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +22,7 @@ class ScanPlan(Settings):
 
     Parameters
     ----------
-    direction : Direction
+    direction : ScanDirection
         Which way round the brace.
     step : float
         Distance from section to section, d_st, metres.
@@ -42,13 +42,13 @@ class ScanPlan(Settings):
         How far a section may seem to have moved when it is seen once more, metres.
     criterion : CorrectionCriterion
         When a prediction view may be the section's, and no correction is made; see `skip`.
-    adaptive : Adaptive, optional
+    adaptive : AdaptiveStepSettings, optional
         What may change from section to section: it says how long the steps are, not `step`.
     first, second : PoseTable, optional
         The taught poses of the flange in frame b; each station has its own.
     """
 
-    direction: Annotated[Direction, AS_WRITTEN] = Direction.COUNTERCLOCKWISE
+    direction: Annotated[ScanDirection, AS_WRITTEN] = ScanDirection.COUNTERCLOCKWISE
     step: Annotated[float, Ge(5), Le(300), MM] = 0.04
     prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], Key("prediction_case")] = 3
     pull_angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
@@ -60,7 +60,7 @@ class ScanPlan(Settings):
     criterion: Annotated[CorrectionCriterion, Key("skip")] = field(
         default_factory=CorrectionCriterion
     )
-    adaptive: Adaptive | None = None
+    adaptive: AdaptiveStepSettings | None = None
     first: PoseTable | None = None
     second: PoseTable | None = None
 
@@ -75,4 +75,4 @@ class ScanPlan(Settings):
     def target(self, work_angle: float) -> Array:
         """T_s_t for a groove with this work angle, shape (4, 4)."""
         p_s_t = (self.offset, 0.0, self.standoff)
-        return target_in_sensor(work_angle, self.pull_angle, p_s_t, self.direction)
+        return target_pose_in_sensor(work_angle, self.pull_angle, p_s_t, self.direction)

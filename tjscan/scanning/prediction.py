@@ -8,12 +8,12 @@ from typing import Final
 
 from tjscan.core.frames import Array, pose, unit
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import Predictor, SetPoint
-from tjscan.scanning.target import R_REVERSED, Direction
+from tjscan.scanning.set_point import SetPoint, SetPointPredictor
+from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 
 @dataclass(frozen=True, slots=True)
-class Prediction:
+class PredictionCase:
     """How the motion between the last two sections is carried on.
 
     Parameters
@@ -29,10 +29,10 @@ class Prediction:
 
 
 CASES = {
-    1: Prediction(turns_frame=False, turns_step=False),
-    2: Prediction(turns_frame=True, turns_step=True),
-    3: Prediction(turns_frame=False, turns_step=True),
-    4: Prediction(turns_frame=True, turns_step=False),
+    1: PredictionCase(turns_frame=False, turns_step=False),
+    2: PredictionCase(turns_frame=True, turns_step=True),
+    3: PredictionCase(turns_frame=False, turns_step=True),
+    4: PredictionCase(turns_frame=True, turns_step=False),
 }
 """The four cases of the paper, section 4.2."""
 
@@ -40,13 +40,13 @@ SMOOTH: Final = "smooth"
 """The fifth: see `tjscan.scanning.smooth`."""
 
 
-def predict(
+def predicted_target_pose(
     T_b_t: Array,
     T_b_g_before: Array,
     T_b_g_last: Array,
     step: float,
-    prediction: Prediction,
-    direction: Direction,
+    prediction: PredictionCase,
+    direction: ScanDirection,
 ) -> Array:
     """Set-point of frame t for the prediction substep.
 
@@ -58,9 +58,9 @@ def predict(
         Frames g of the sections i-2 and i-1.
     step : float
         d_st, metres.
-    prediction : Prediction
+    prediction : PredictionCase
         What is carried on.
-    direction : Direction
+    direction : ScanDirection
         Which way round.
 
     Returns
@@ -79,25 +79,27 @@ def predict(
     if not prediction.turns_frame:
         return T_I @ T_b_t
     R_t = R_before.T @ R_last  # (9)
-    if direction is Direction.CLOCKWISE:
+    if direction is ScanDirection.CLOCKWISE:
         R_t = R_REVERSED.T @ R_t @ R_REVERSED  # (27)
     return T_I @ T_b_t @ pose(R_t)  # (7)
 
 
-def paper_predictor(prediction: Prediction, direction: Direction) -> Predictor:
+def paper_predictor(prediction: PredictionCase, direction: ScanDirection) -> SetPointPredictor:
     """A case of the paper as a predictor: frame t stays where it sits in the sensor.
 
     Parameters
     ----------
-    prediction : Prediction
+    prediction : PredictionCase
         The case.
-    direction : Direction
+    direction : ScanDirection
         Which way round.
     """
 
     def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         before, last = sections[-2:]
-        T_b_t = predict(last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction)
+        T_b_t = predicted_target_pose(
+            last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction
+        )
         return SetPoint(T_b_t, last.T_s_t)
 
     return predictor

@@ -17,7 +17,7 @@ from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import ScanLog
-from tjscan.scanning.merge import merge
+from tjscan.scanning.merge import merge_repeated_profiles
 from tjscan.scanning.retries import MERGED, MISSING
 from tjscan.scanning.section import Substep, View
 from tjscan.scanning.set_point import SetPoint
@@ -28,7 +28,7 @@ MOVED: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Setup:
+class ScanSetup:
     """What a scan is made with.
 
     Parameters
@@ -57,7 +57,7 @@ class ProfileTaker:
 
     Parameters
     ----------
-    setup : Setup
+    setup : ScanSetup
         Arm and laser.
     log : ScanLog
         Receives every view and event.
@@ -65,26 +65,26 @@ class ProfileTaker:
         Lets nothing begin once everything is to stop.
     """
 
-    def __init__(self, setup: Setup, log: ScanLog, stop: StopRequest) -> None:
+    def __init__(self, setup: ScanSetup, log: ScanLog, stop: StopRequest) -> None:
         self._setup, self._log, self._stop = setup, log, stop
         self._frozen = FrozenProfileCheck()
 
-    def remember(self, views: Iterable[View]) -> None:
+    def remember_views(self, views: Iterable[View]) -> None:
         """Recognise profiles that were taken before."""
         for view in views:
             self._frozen.add(view)
 
     def move_joint(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a path in joint space."""
-        self._stop.check()
+        self._stop.raise_if_stop_now()
         return self._setup.arm.move_joint(T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a straight line."""
-        self._stop.check()
+        self._stop.raise_if_stop_now()
         return self._setup.arm.move_linear(T_b_f)
 
-    def go(self, to: SetPoint) -> ArmState:
+    def move_to_set_point(self, to: SetPoint) -> ArmState:
         """Move to a set-point: on a line where that is wanted or the path in joint space blocked.
 
         Raises
@@ -99,13 +99,13 @@ class ProfileTaker:
             try:
                 # In the present configuration or not at all: the arm never changes sides on its
                 # way round a joint.
-                self._stop.check()
+                self._stop.raise_if_stop_now()
                 return self._setup.arm.move_joint(T_b_f, near=self._setup.arm.state().q)
             except PoseUnreachable as error:
-                self._log.event(ScanEvent.STRAIGHT, str(error))
+                self._log.record_event(ScanEvent.STRAIGHT, str(error))
         return self.move_linear(T_b_f)
 
-    def take(self, index: int, substep: Substep, state: ArmState) -> View:
+    def take_view(self, index: int, substep: Substep, state: ArmState) -> View:
         """Take a profile that shows what is before the sensor now.
 
         Parameters
@@ -128,10 +128,10 @@ class ProfileTaker:
         T_b_s = state.T_b_f @ self._setup.T_f_s
         view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
         self._frozen.add(view)
-        self._log.view(view)
+        self._log.record_view(view)
         return view
 
-    def merge(self, views: Sequence[View], state: ArmState) -> View | None:
+    def merge_views(self, views: Sequence[View], state: ArmState) -> View | None:
         """Merge `MERGED` profiles of one place; None where they do not hold different points.
 
         Parameters
@@ -143,17 +143,17 @@ class ProfileTaker:
         """
         first, profiles = views[0], [view.profile for view in views]
         while len(profiles) < MERGED:
-            profiles.append(self.take(first.index, first.substep, state).profile)
-        if (profile := merge(profiles)) is None:
+            profiles.append(self.take_view(first.index, first.substep, state).profile)
+        if (profile := merge_repeated_profiles(profiles)) is None:
             return None
         view = replace(first, profile=profile)
-        self._log.view(view)
+        self._log.record_view(view)
         return view
 
     def _capture(self, index: int, substep: Substep, state: ArmState) -> Profile:
         missed = 0
         while True:
-            self._stop.check()
+            self._stop.raise_if_stop_now()
             try:
                 profile = self._setup.laser.capture()
                 self._frozen.check(profile, state)
@@ -164,7 +164,9 @@ class ProfileTaker:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
-                self._log.event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}")
+                self._log.record_event(
+                    ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}"
+                )
 
 
 class FrozenProfileCheck:

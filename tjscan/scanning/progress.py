@@ -37,7 +37,7 @@ def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
     return lengths
 
 
-def complete(stop: StopReason, plan: ScanPlan) -> bool:
+def plan_is_fulfilled(stop: StopReason, plan: ScanPlan) -> bool:
     """Whether a scan did what it was asked to.
 
     Parameters
@@ -52,7 +52,9 @@ def complete(stop: StopReason, plan: ScanPlan) -> bool:
     return stop in (StopReason.LENGTH, StopReason.SECTIONS, StopReason.CLOSED)
 
 
-def finished(plan: ScanPlan, sections: Sequence[ScannedSection], step: float) -> StopReason | None:
+def reason_to_stop(
+    plan: ScanPlan, sections: Sequence[ScannedSection], step: float
+) -> StopReason | None:
     """Why the scan is done; None while there is more to do.
 
     Parameters

@@ -16,7 +16,7 @@ from tjscan.scanning.topics import read_entries as read_newest
 from tjscan.scanning.topics_0_1 import read_entries_0_1
 
 
-def read_scan(directory: Path) -> RecordedScan:
+def read_recorded_scan(directory: Path) -> RecordedScan:
     """Read the recording of a run directory, all its parts together.
 
     Raises
@@ -45,13 +45,13 @@ def read_scan(directory: Path) -> RecordedScan:
 
 
 def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
-    """Yield time and content of each view, section and event; raises as `read_scan` does."""
+    """Yield time and content of each view, section and event; see `read_recorded_scan`."""
     head = read_header(file)
     return read_entries_0_1(file) if head is not None and head.format == 1 else read_newest(file)
 
 
 def read_views(path: Path) -> Iterator[View]:
-    """Yield every view of a run directory, or of one file; raises as `read_scan` does."""
+    """Yield every view of a run directory, or of one file; raises as `read_recorded_scan` does."""
     for file in recording_files(path) if path.is_dir() else (path,):
         for _, entry in read_entries(file):
             if isinstance(entry, View):
@@ -59,7 +59,7 @@ def read_views(path: Path) -> Iterator[View]:
 
 
 def read_profiles(directory: Path) -> dict[str, Profile]:
-    """Every profile of a run directory, by section and substep; raises as `read_scan` does."""
+    """Every profile of a run directory, by section and substep; see `read_recorded_scan`."""
     return {
         f"profile {number}: section {view.index}, {view.substep}": view.profile
         for number, view in enumerate(read_views(directory), start=1)

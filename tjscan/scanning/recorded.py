@@ -9,7 +9,7 @@ from datetime import datetime
 from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.scanning.events import EventCounts, ScanEvent
+from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.section import ScannedSection, View
 
 
@@ -74,11 +74,11 @@ class RecordedScan:
     events: tuple[RecordedEvent, ...]
 
     @property
-    def counts(self) -> EventCounts:
+    def counts(self) -> RetryCounts:
         """How often each remedy was tried."""
-        counts = EventCounts()
+        counts = RetryCounts()
         for event in self.events:
-            counts = counts.counting(event.name)
+            counts = counts.with_one_more(event.name)
         return counts
 
     @property

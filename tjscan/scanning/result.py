@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tjscan.scanning.events import EventCounts
+from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.section import ScannedSection, View
 
@@ -23,7 +23,7 @@ class ScanResult:
         Why it ended.
     detail : str
         The same in one sentence, with numbers.
-    counts : EventCounts
+    counts : RetryCounts
         How often each kind of retry was made.
     """
 
@@ -31,4 +31,4 @@ class ScanResult:
     views: tuple[View, ...]
     stop: StopReason
     detail: str
-    counts: EventCounts
+    counts: RetryCounts

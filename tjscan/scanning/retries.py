@@ -21,7 +21,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint, StepRequest
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 NotRead = (GrooveNotFound, SetPointRefused)
 """What another set-point or another step may mend."""
@@ -94,7 +94,7 @@ ENOUGH: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Nudge:
+class ViewAdjustment:
     """A small change of where the sensor looks from.
 
     Parameters
@@ -109,17 +109,17 @@ class Nudge:
     standoff: float = 0.0
     work_angle: float = 0.0
 
-    def applied(self, to: SetPoint, direction: Direction) -> SetPoint:
+    def applied(self, to: SetPoint, direction: ScanDirection) -> SetPoint:
         """The set-point from which the groove is seen so.
 
         Parameters
         ----------
         to : SetPoint
             Where the groove was to be seen from.
-        direction : Direction
+        direction : ScanDirection
             Which way round: it says how the work angle turns frame t.
         """
-        turn = self.work_angle if direction is Direction.COUNTERCLOCKWISE else -self.work_angle
+        turn = self.work_angle if direction is ScanDirection.COUNTERCLOCKWISE else -self.work_angle
         T_s_t = to.T_s_t @ pose(rot_x(turn))  # (14), (15): the work angle turns last
         T_s_t[0, 3] += self.offset
         T_s_t[2, 3] += self.standoff
@@ -134,14 +134,14 @@ class Nudge:
         return ", ".join(f"{value:+.1f} {name}" for value, name in parts if value)
 
 
-def max_attempts(error: GrooveNotFound) -> int:
+def max_profiles_per_pose(error: GrooveNotFound) -> int:
     """How many profiles are taken at one place before it is left."""
     return 1 + (MISSING if error.reason == FEW else AGAIN)
 
 
-def nudges(
+def view_adjustments(
     error: GrooveNotFound, seen: Profile, before: ScannedSection, last: ScannedSection
-) -> list[Nudge]:
+) -> list[ViewAdjustment]:
     """What to change about the view, likeliest first.
 
     Parameters
@@ -159,16 +159,16 @@ def nudges(
     to go; a groove partly out of range may be so on either side. Otherwise the work angle is
     turned, first the way it has been going, then the other way.
     """
-    nearer, further = Nudge(standoff=-SHIFT), Nudge(standoff=SHIFT)
+    nearer, further = ViewAdjustment(standoff=-SHIFT), ViewAdjustment(standoff=SHIFT)
     trend = last.groove.work_angle - before.groove.work_angle
     turn = TURN if trend >= 0 else -TURN
-    turns = [Nudge(work_angle=turn), Nudge(work_angle=-turn)]
+    turns = [ViewAdjustment(work_angle=turn), ViewAdjustment(work_angle=-turn)]
     off = _further(seen, last.view.profile)
     if abs(off) > EVIDENT:
         shift = float(np.clip(-off, -LARGEST_SHIFT, LARGEST_SHIFT))
-        return [Nudge(standoff=shift), *turns]
+        return [ViewAdjustment(standoff=shift), *turns]
     if error.reason == "out of range":
-        return [Nudge(offset=-SHIFT), Nudge(offset=SHIFT), nearer, further]
+        return [ViewAdjustment(offset=-SHIFT), ViewAdjustment(offset=SHIFT), nearer, further]
     if error.reason == FEW:
         return [nearer, further, *turns]
     return [*turns, nearer, further]
@@ -180,7 +180,7 @@ def fallback_set_points(
     seen: Profile,
     before: ScannedSection,
     step: StepRequest,
-    direction: Direction,
+    direction: ScanDirection,
 ) -> Iterator[tuple[str, SetPoint]]:
     """Set-points beside one that showed no groove, and what is other about them.
 
@@ -196,7 +196,7 @@ def fallback_set_points(
         The section before the one that the step starts from.
     step : StepRequest
         The step under way.
-    direction : Direction
+    direction : ScanDirection
         Which way round.
 
     Notes
@@ -210,7 +210,7 @@ def fallback_set_points(
         yield "half of the correction", replace(to, T_b_t=half)
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
     elif isinstance(error, GrooveNotFound):
-        for nudge in nudges(error, seen, before, step.last):
+        for nudge in view_adjustments(error, seen, before, step.last):
             yield str(nudge), nudge.applied(to, direction)
 
 

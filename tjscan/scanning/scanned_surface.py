@@ -11,7 +11,7 @@ from tjscan.robot.clearance import Clearance
 from tjscan.scanning.section import ScannedSection, View
 
 
-class ScannedSurface:
+class ScannedSurfaceObstacle:
     """A journal that adds the surface through the sections' points to what the arm keeps clear of.
 
     Parameters
@@ -27,24 +27,24 @@ class ScannedSurface:
         self._points_b = [section.points_b for section in sections]
         self._update()
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Pass over profiles: their false points are no surface."""
 
-    def section(self, section: ScannedSection) -> None:
+    def record_section(self, section: ScannedSection) -> None:
         """Keep clear of the strip from the last section to this one."""
         self._points_b.append(section.points_b)
         self._update()
 
-    def event(self, name: str, detail: str) -> None:
-        """Pass over events; see `Journal.event`."""
+    def record_event(self, name: str, detail: str) -> None:
+        """Pass over events; see `Journal.record_event`."""
 
     def _update(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
-            self._clearance.see(points.reshape(-1, 3), strip_triangles(*points.shape[:2]))
+            self._clearance.see(points.reshape(-1, 3), grid_triangles(*points.shape[:2]))
 
 
-def strip_triangles(rows: int, columns: int) -> NDArray[np.int64]:
+def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
     """Triangles of the surface through a grid of points, numbered row by row.
 
     Parameters

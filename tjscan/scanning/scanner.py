@@ -19,22 +19,22 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.checks import (
-    check_agreement,
-    check_measures,
+    check_agrees_with_prediction,
+    check_measures_plausible,
+    check_section_one_step_ahead,
+    check_section_orientation,
     check_set_point,
-    check_side,
-    check_step,
     doubt,
-    measures_can_follow,
+    measures_are_plausible,
 )
-from tjscan.scanning.correction import correct
-from tjscan.scanning.correction_criterion import deviation, uncertainty
+from tjscan.scanning.correction import correction_target_pose
+from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, ScanLog
-from tjscan.scanning.method import predictor_of, step_rule_of
+from tjscan.scanning.method import predictor_for_plan, step_rule_for_plan
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.profile_taker import ProfileTaker, Setup
-from tjscan.scanning.progress import StopReason, finished, groove_length
+from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
+from tjscan.scanning.progress import StopReason, groove_length, reason_to_stop
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import (
@@ -43,12 +43,12 @@ from tjscan.scanning.retries import (
     STEP_RETRIES,
     NotRead,
     fallback_set_points,
-    max_attempts,
+    max_profiles_per_pose,
 )
 from tjscan.scanning.section import ScannedSection, Substep, View
-from tjscan.scanning.set_point import Predictor, SetPoint, StepRequest, StepRule
+from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 
 class Scanner:
@@ -56,15 +56,15 @@ class Scanner:
 
     Parameters
     ----------
-    setup : Setup
+    setup : ScanSetup
         Arm, laser, how the laser is mounted, and what reads its profiles.
     plan : ScanPlan
         Step, direction, view and end.
     journal : Journal
         Receives everything at once.
-    predictor : Predictor, optional
+    predictor : SetPointPredictor, optional
         Predicts where the next section lies; the plan's where left out.
-    step_rule : StepRule, optional
+    step_rule : StepLengthRule, optional
         Chooses the length of each step; the plan's where left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
@@ -72,16 +72,16 @@ class Scanner:
 
     def __init__(
         self,
-        setup: Setup,
+        setup: ScanSetup,
         plan: ScanPlan,
         journal: Journal,
-        predictor: Predictor | None = None,
-        step_rule: StepRule | None = None,
+        predictor: SetPointPredictor | None = None,
+        step_rule: StepLengthRule | None = None,
         stop: StopRequest | None = None,
     ) -> None:
         self._setup, self._plan = setup, plan
-        self._predict = predictor or predictor_of(plan)
-        self._step_length = step_rule or step_rule_of(plan)
+        self._predict = predictor or predictor_for_plan(plan)
+        self._step_length = step_rule or step_rule_for_plan(plan)
         self._stop = stop or StopRequest()
         self._log = ScanLog(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)
@@ -132,10 +132,12 @@ class Scanner:
             As `run` does.
         """
         self._log.restore(done, sections)
-        self._taker.remember(done.views)
+        self._taker.remember_views(done.views)
         moved = self._check_last_section(self._taker.move_joint(sections[-1].view.T_b_f))
         last = len(sections) - 1
-        self._log.event(ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm")
+        self._log.record_event(
+            ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm"
+        )
         return self._scan_on()
 
     def _scan_on(self) -> ScanResult:
@@ -143,11 +145,13 @@ class Scanner:
         sections = self._log.sections
         while True:
             d_st = self._step_length(sections)
-            if (stop := finished(self._plan, sections, d_st)) is not None:
+            if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end(stop)
-            self._stop.check()
-            if self._stop.wanted:
-                self._log.event(ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}")
+            self._stop.raise_if_stop_now()
+            if self._stop.stop_after_section:
+                self._log.record_event(
+                    ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}"
+                )
                 return self._end(StopReason.REQUESTED)
             try:
                 self._keep(self._step_with_retries(d_st))
@@ -164,8 +168,8 @@ class Scanner:
         From one on a tack weld the scan steps on: wall and leg, which lead it, are seen there.
         """
         if section.groove.on_tack:
-            self._log.event(ScanEvent.TACK, f"section {section.view.index}: stepped over")
-        self._log.section(section)
+            self._log.record_event(ScanEvent.TACK, f"section {section.view.index}: stepped over")
+        self._log.record_section(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
         """Make a step; where the groove is not read, one of `STEP_RETRIES`.
@@ -185,7 +189,7 @@ class Scanner:
         except NotRead as error:
             lost = error
         for retry in STEP_RETRIES:
-            self._log.event(retry.event, retry.describe(d_st, lost))
+            self._log.record_event(retry.event, retry.describe(d_st, lost))
             try:
                 if retry.from_last_section:
                     T_b_f = self._log.sections[-1].view.T_b_f
@@ -210,7 +214,7 @@ class Scanner:
 
         # Correction substep
         T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
-        ideal = SetPoint(correct(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
+        ideal = SetPoint(correction_target_pose(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
         if self._needs_no_correction(predicted, ideal, ahead, step):
             return predicted
         return self._scan(Substep.CORRECTION, ideal, replace(step, predicted=predicted))
@@ -222,9 +226,9 @@ class Scanner:
         criterion = self._plan.skip
         if criterion is None:
             return False
-        sigma = uncertainty(predicted.groove, ahead, step.length, self._plan.direction)
-        near = criterion.allows(deviation(predicted, ideal), sigma)
-        return near and measures_can_follow(predicted, step)
+        sigma = view_deviation_sigmas(predicted.groove, ahead, step.length, self._plan.direction)
+        near = criterion.allows_skipping(view_deviation(predicted, ideal), sigma)
+        return near and measures_are_plausible(predicted, step)
 
     def _scan(self, substep: Substep, to: SetPoint, step: StepRequest) -> ScannedSection:
         """Read the groove from a set-point, or from others near it.
@@ -247,7 +251,7 @@ class Scanner:
         others = fallback_set_points(lost, to, seen, before, step, self._plan.direction)
         for change, other in others:
             where = f"section {len(self._log.sections)}, {substep}"
-            self._log.event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
+            self._log.record_event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
             try:
                 return self._scan_from(other, substep, step, once=True)
             except (*NotRead, PoseUnreachable):
@@ -259,7 +263,7 @@ class Scanner:
     ) -> ScannedSection:
         """Move frame t to a set-point and read the groove there."""
         check_set_point(to, step, self._plan)
-        state = self._taker.go(to)
+        state = self._taker.move_to_set_point(to)
         return self._read_at(state, len(self._log.sections), substep, to.T_s_t, step, once=once)
 
     def _read_at(
@@ -283,18 +287,18 @@ class Scanner:
         """
         views: list[View] = []
         while True:
-            views.append(self._taker.take(index, substep, state))
+            views.append(self._taker.take_view(index, substep, state))
             try:
                 return self._read(views[-1], T_s_t, step)
             except GrooveNotFound as error:
                 lost = error
-            if once or len(views) >= max_attempts(lost):
+            if once or len(views) >= max_profiles_per_pose(lost):
                 break
-            self._log.event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
-        if once or lost.reason == FEW or (merged := self._taker.merge(views, state)) is None:
+            self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
+        if once or lost.reason == FEW or (merged := self._taker.merge_views(views, state)) is None:
             raise lost
         what = f"section {index}, {substep}, {MERGED} profiles: {lost}"
-        self._log.event(ScanEvent.MERGED, what)
+        self._log.record_event(ScanEvent.MERGED, what)
         return self._read(merged, T_s_t, step)
 
     def _read(self, view: View, T_s_t: Array | None, step: StepRequest | None) -> ScannedSection:
@@ -308,14 +312,14 @@ class Scanner:
             If no groove is read, or another one than was expected.
         """
         groove = self._setup.read(view.profile)
-        check_side(groove)
+        check_section_orientation(groove)
         T_s_t = self._plan.target(groove.work_angle) if T_s_t is None else T_s_t
         section = ScannedSection(view, groove, T_s_t)
         if step is not None:
-            check_step(section, step)
+            check_section_one_step_ahead(section, step)
             if view.substep is Substep.CORRECTION:
-                check_measures(section, step)
-                check_agreement(section, step)
+                check_measures_plausible(section, step)
+                check_agrees_with_prediction(section, step)
         return section
 
     def _scan_taught(self, which: str, state: ArmState) -> None:
@@ -326,7 +330,7 @@ class Scanner:
             raise StartSeesNoGroove(which, error) from None
         if section.groove.on_tack:
             raise StartOnTack(which)
-        self._log.section(section)
+        self._log.record_section(section)
 
     def _check_last_section(self, state: ArmState) -> float:
         """Read the last section again; gives the metres that it seems to have moved.
@@ -356,7 +360,7 @@ class Scanner:
         """Refuse taught poses that coincide or lead the other way round than the plan."""
         first, second = (section.T_b_g for section in self._log.sections)
         forward = float((second[:3, 3] - first[:3, 3]) @ first[:3, 0])
-        if self._plan.direction is Direction.CLOCKWISE:
+        if self._plan.direction is ScanDirection.CLOCKWISE:
             forward = -forward
         if forward < 0.1 * self._plan.step:
             apart = 1e3 * float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
@@ -372,5 +376,5 @@ class Scanner:
         length = 1e3 * groove_length(log.sections[1:])
         detail = f"{stop} after {length:.1f} mm from the second taught section"
         detail = f"{detail}: {cause}" if cause else detail
-        log.event(ScanEvent.STOP, detail)
+        log.record_event(ScanEvent.STOP, detail)
         return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)

@@ -103,7 +103,7 @@ class StepRequest:
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 
-class Predictor(Protocol):
+class SetPointPredictor(Protocol):
     """Predicts the set-point of the next section from the finished ones, and from nothing else.
 
     It keeps no state: a scan that was interrupted goes on as if it had not been.
@@ -122,7 +122,7 @@ class Predictor(Protocol):
         ...
 
 
-class StepRule(Protocol):
+class StepLengthRule(Protocol):
     """Chooses the length of the next step, from the finished sections and from nothing else."""
 
     def __call__(self, sections: Sequence[ScannedSection]) -> float:

@@ -15,12 +15,12 @@ from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import CASES, paper_predictor
-from tjscan.scanning.seam.fit import fit_seam
-from tjscan.scanning.seam.next_section import NextSection
-from tjscan.scanning.seam.track import Track, track_of
+from tjscan.scanning.seam.fit import fit_tubes_to_sections
+from tjscan.scanning.seam.next_section import ExpectedSection
+from tjscan.scanning.seam.track import RecentSections, recent_section_arrays
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import Predictor, SetPoint, StepRequest
-from tjscan.scanning.target import Direction
+from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepRequest
+from tjscan.scanning.target import ScanDirection
 
 ROUNDS: Final = 30
 STILL: Final = 1e-7
@@ -31,7 +31,7 @@ SURE: Final = 3.0
 their edge often needs a correction."""
 
 
-def smooth_predictor(plan: ScanPlan) -> Predictor:
+def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     """Predict what the laser plane will cut out of the seam, a step further on.
 
     Parameters
@@ -48,10 +48,12 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
     otherwise = paper_predictor(CASES[3], plan.direction)
 
     def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
-        track, last = track_of(sections), sections[-1]
+        track, last = recent_section_arrays(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
-            ahead = NextSection.of(track, fit_seam(track), last.T_b_g, step)
+            ahead = ExpectedSection.from_track(
+                track, fit_tubes_to_sections(track), last.T_b_g, step
+            )
             guess = ahead.guess(track, R_b_now)
             section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
             covariance = ahead.covariance(section, _R_b_s(ideal))
@@ -67,7 +69,7 @@ def smooth_predictor(plan: ScanPlan) -> Predictor:
 
 
 def _settle(
-    ahead: NextSection,
+    ahead: ExpectedSection,
     plan: ScanPlan,
     section: Array,
     R_b_s: Array,
@@ -114,11 +116,13 @@ def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Ar
     return lie.so3_exp(back)
 
 
-def _slack(plan: ScanPlan, covariance: Array, track: Track, step: float) -> tuple[float, float]:
+def _slack(
+    plan: ScanPlan, covariance: Array, track: RecentSections, step: float
+) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""
     if plan.skip is None:
         return 0.0, 0.0
-    turns = -1.0 if plan.direction is Direction.COUNTERCLOCKWISE else 1.0
+    turns = -1.0 if plan.direction is ScanDirection.COUNTERCLOCKWISE else 1.0
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]

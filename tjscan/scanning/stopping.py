@@ -16,31 +16,31 @@ class StopRequest:
         self._halt: Callable[[], None] | None = None
 
     @property
-    def wanted(self) -> bool:
+    def stop_after_section(self) -> bool:
         """Whether the scan shall end after the section under way."""
         return self._wanted
 
     @property
-    def at_once(self) -> bool:
+    def stop_now(self) -> bool:
         """Whether nothing shall move any more."""
         return self._at_once
 
     @property
-    def heard(self) -> bool:
+    def scan_is_running(self) -> bool:
         """Whether a scan is under way that looks at this request."""
         return self._halt is not None
 
-    def ask(self) -> None:
+    def request_stop_after_section(self) -> None:
         """Ask for an end after the section under way."""
         self._wanted = True
 
-    def ask_at_once(self) -> None:
+    def request_stop_now(self) -> None:
         """Ask for an end now, and stop the arm."""
         self._wanted = self._at_once = True
         if (halt := self._halt) is not None:
             halt()
 
-    def check(self) -> None:
+    def raise_if_stop_now(self) -> None:
         """Let nothing begin after the end was asked for now.
 
         Raises
@@ -52,7 +52,7 @@ class StopRequest:
             raise Interrupted
 
     @contextmanager
-    def halting(self, halt: Callable[[], None]) -> Iterator[None]:
+    def halt_arm_on_stop_now(self, halt: Callable[[], None]) -> Iterator[None]:
         """Stop an arm by `halt` where the end is asked for now, while the block runs."""
         self._halt = halt
         try:

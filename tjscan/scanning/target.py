@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z
 
 
-class Direction(StrEnum):
+class ScanDirection(StrEnum):
     """Which way round the brace the scan goes, seen from above."""
 
     COUNTERCLOCKWISE = "counterclockwise"
@@ -24,8 +24,8 @@ R_REVERSED = rot_y(pi)
 """What turns frame g (or t) round for the clockwise scan, eq. (27): x back, z into the joint."""
 
 
-def target_in_sensor(
-    work_angle: float, pull_angle: float, p_s_t: ArrayLike, direction: Direction
+def target_pose_in_sensor(
+    work_angle: float, pull_angle: float, p_s_t: ArrayLike, direction: ScanDirection
 ) -> Array:
     """Pose T_s_t of the target frame in the sensor frame.
 
@@ -40,7 +40,7 @@ def target_in_sensor(
     p_s_t : array_like, shape (3,)
         Where the groove's origin shall appear in the laser plane, metres: (0, 0, stand-off) for
         the middle of the line.
-    direction : Direction
+    direction : ScanDirection
         Which way round.
 
     Returns
@@ -54,7 +54,7 @@ def target_in_sensor(
     gains the half turn of eq. (27), which the paper leaves unsaid: x_t follows the motion,
     so z_t has to point into the joint.
     """
-    if direction is Direction.COUNTERCLOCKWISE:
+    if direction is ScanDirection.COUNTERCLOCKWISE:
         R = R_S_T @ rot_y(-pull_angle) @ rot_x(work_angle)  # (14), (15)
     else:
         R = R_S_T @ R_REVERSED @ rot_y(pull_angle) @ rot_x(-work_angle)  # (14), (28)

@@ -8,6 +8,6 @@ from tjscan.core.registry import Task
 
 TASK: Final = Task(
     "scan",
-    report="tjscan.runs.scan_report:chapter",
+    report="tjscan.runs.scan_report:scan_chapter",
     study="tjscan.runs.scan_study.kind:SCAN_STUDY",
 )

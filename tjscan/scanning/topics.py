@@ -95,7 +95,7 @@ def _from_view(view: View) -> dict[str, Any]:
 def _to_view(fields: dict[str, Any]) -> View:
     (arm_time,) = to_finite_floats((fields["arm_time"],))
     return View(
-        index=section_number(fields["index"]),
+        index=parse_section_number(fields["index"]),
         substep=Substep(fields["substep"]),
         T_b_f=pose_from_list(fields["T_b_f"]),
         T_b_s=pose_from_list(fields["T_b_s"]),
@@ -116,14 +116,14 @@ def _from_section(section: SectionRecord) -> dict[str, Any]:
 
 def _to_section(fields: dict[str, Any]) -> SectionRecord:
     return SectionRecord(
-        section_number(fields["index"]),
+        parse_section_number(fields["index"]),
         pose_from_list(fields["T_s_t"]),
         pose_from_list(fields["T_b_g"]),
         readonly(np.reshape(to_finite_floats(fields["points_b"]), (CORNERS, 3))),
     )
 
 
-def section_number(value: Any) -> int:
+def parse_section_number(value: Any) -> int:
     """The number of a section; raises ValueError where it is none."""
     if type(value) is not int or not 0 <= value <= MOST_SECTIONS:
         raise ValueError(f"{value!r} is no number of a section")
@@ -171,7 +171,7 @@ READ: Final[tuple[Topic[Any], ...]] = (VIEW, PROFILE, SECTION, LOG)
 """What is read again; the rest is for viewers."""
 
 
-class ScanJournal:
+class RecordingJournal:
     """The journal that writes a scan's recording.
 
     Parameters
@@ -199,7 +199,7 @@ class ScanJournal:
             frames = {("b", name): T for name, T in fixed.items()}
             recording.write(self._now, (TRANSFORMS, frame_transforms_message(self._now, frames)))
 
-    def view(self, view: View) -> None:
+    def record_view(self, view: View) -> None:
         """Write where the arm stood and the raw profile, before anybody tries to read it."""
         if self._arm_start is None:  # a real arm's clock began when it was switched on
             self._arm_start = view.time
@@ -217,7 +217,7 @@ class ScanJournal:
             (JOINTS, joint_states_message(now, names, view.q)),
         )
 
-    def section(self, scan: ScannedSection) -> None:
+    def record_section(self, scan: ScannedSection) -> None:
         """Write a finished section and bring all of it to the disk."""
         now, points = self._now, scan.points_b
         frames = {("s", "t"): scan.T_s_t, ("b", "g"): scan.T_b_g}
@@ -231,21 +231,21 @@ class ScanJournal:
         self._last = points
         self._recording.sync_to_disk()
 
-    def event(self, name: str, detail: str) -> None:
+    def record_event(self, name: str, detail: str) -> None:
         """Write what happened out of the ordinary."""
         level = _LEVELS.get(name, Log.Level.INFO)
         self._recording.write(self._now, (LOG, log_message(self._now, level, name, detail)))
 
 
 @contextmanager
-def scan_recording(
+def open_scan_recording(
     file: Path,
     origin: JobSnapshot | None = None,
     *,
     joint_names: Sequence[str] = (),
     fixed: Mapping[str, Array] = MappingProxyType({}),
     attachments: Mapping[str, bytes] = NO_ATTACHMENTS,
-) -> Iterator[ScanJournal]:
+) -> Iterator[RecordingJournal]:
     """Record a scan into a new file while the block runs.
 
     Parameters
@@ -253,7 +253,7 @@ def scan_recording(
     file, origin, attachments
         As of `RecordingWriter`.
     joint_names, fixed
-        As of `ScanJournal`.
+        As of `RecordingJournal`.
 
     Raises
     ------
@@ -261,7 +261,7 @@ def scan_recording(
         On entering or writing, if the file can't be written.
     """
     with RecordingWriter(file, TOPICS, origin, attachments) as recording:
-        yield ScanJournal(recording, joint_names, fixed)
+        yield RecordingJournal(recording, joint_names, fixed)
 
 
 def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:

@@ -19,7 +19,7 @@ from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.scanning.recorded import RecordedEvent, RecordedSection
 from tjscan.scanning.section import Substep, View
-from tjscan.scanning.topics import section_number
+from tjscan.scanning.topics import parse_section_number
 
 UNNORMALISED: Final = 1e-6
 """A quaternion whose length is further from one is not one."""
@@ -68,7 +68,7 @@ def read_entries_0_1(
 def _view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
     table = np.frombuffer(b64decode(profile["data"])).reshape(-1, len(profile["fields"]))
     columns = {field["name"]: table[:, i] for i, field in enumerate(profile["fields"])}
-    index = section_number(profile["index"])
+    index = parse_section_number(profile["index"])
     if index != flange["index"]:
         raise ValueError(f"a profile of section {index} after a pose of section {flange['index']}")
     (time,) = to_finite_floats((profile["arm_time"],))

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.stitching.overlaps import Overlap, arc_of
-from tjscan.stitching.registration import Registration
+from tjscan.stitching.overlaps import StationOverlap, arc_of_azimuths
+from tjscan.stitching.registration import StationRegistration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Draft:
+class StitchingDraft:
     """Stations, where they meet, and how they fit there.
 
     Parameters
@@ -21,29 +21,30 @@ class Draft:
         Of the stations.
     azimuths : tuple of ndarray
         Of each station's sections, radians.
-    overlaps : tuple of Overlap
+    overlaps : tuple of StationOverlap
         All of them, the small ones too.
-    registrations : tuple of Registration
+    registrations : tuple of StationRegistration
         As far as it came.
     """
 
     names: tuple[str, ...]
     azimuths: tuple[Array, ...]
-    overlaps: tuple[Overlap, ...]
-    registrations: tuple[Registration, ...] = ()
+    overlaps: tuple[StationOverlap, ...]
+    registrations: tuple[StationRegistration, ...] = ()
 
-    def describe(self, overlap: Overlap) -> str:
+    def describe_overlap(self, overlap: StationOverlap) -> str:
         """Text on an overlap: its stations, azimuth, length and sections."""
         a, b = self.names[overlap.first], self.names[overlap.second]
         one, other = overlap.sections
         return (
-            f"stations {a} and {b} overlap at azimuth {np.degrees(overlap.arc.middle):.0f}° by "
-            f"{np.degrees(overlap.arc.length):.1f}° ({one} and {other} sections)"
+            f"stations {a} and {b} overlap at azimuth "
+            f"{np.degrees(overlap.arc.middle_azimuth):.0f}° by "
+            f"{np.degrees(overlap.arc.span_angle):.1f}° ({one} and {other} sections)"
         )
 
-    def reach(self) -> str:
+    def describe_coverage(self) -> str:
         """Text on the azimuths that each station covers."""
-        arcs = [arc_of(azimuths) for azimuths in self.azimuths]
+        arcs = [arc_of_azimuths(azimuths) for azimuths in self.azimuths]
         return ", ".join(
             f"{name} reaches from {np.degrees(arc.start):.0f}° to {np.degrees(arc.end):.0f}°"
             for name, arc in zip(self.names, arcs, strict=True)

@@ -16,7 +16,7 @@ from tjscan.joint.geometry import LegSurface, in_j
 from tjscan.joint.tubes.frame import JointShape
 from tjscan.joint.tubes.walls import Repeatability
 from tjscan.stitching.overlaps import TURN
-from tjscan.stitching.registration import SMOOTH, point_covariance
+from tjscan.stitching.registration import SMOOTH, point_covariance_from_pose
 from tjscan.stitching.stations import Station
 from tjscan.stitching.unrolled_views import WIDEST
 
@@ -33,7 +33,7 @@ LEAST_SHARE: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unrolled:
+class UnrolledSection:
     """A section unrolled about the brace, to be carried along the groove.
 
     Parameters
@@ -52,7 +52,7 @@ class Unrolled:
     up: Array
 
 
-def placed_sections(
+def sections_in_joint_frame(
     station: Station, T_j_b: Array, covariance: Array, repeatability: Repeatability
 ) -> tuple[MeasuredSection, ...]:
     """Sections of a station in frame j.
@@ -77,13 +77,13 @@ def placed_sections(
         section = measure(scan.groove, T_j_s, "j", index=scan.view.index, station=station.name)
         corners = section.points[CORNERS]
         flange = transform(T_j_b, scan.view.T_b_f[:3, 3])
-        whole = section.covariances + point_covariance(covariance, corners)
-        whole = whole + point_covariance(repeatability.covariance, corners - flange)
+        whole = section.covariances + point_covariance_from_pose(covariance, corners)
+        whole = whole + point_covariance_from_pose(repeatability.covariance, corners - flange)
         sections.append(replace(section, covariances=whole))
     return tuple(sections)
 
 
-def fuse(
+def fuse_sections(
     stations: Sequence[Sequence[MeasuredSection]], shape: JointShape
 ) -> tuple[MeasuredSection, ...]:
     """All sections by azimuth, those that several stations have of one place made one.
@@ -142,7 +142,7 @@ def _turns(sections: Sequence[MeasuredSection]) -> Array:
     return np.unwrap([section.azimuth for section in sections])
 
 
-def _curves(unrolled: Sequence[Unrolled]) -> list[SimpleKriging]:
+def _curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
     """How out and up of p2, p3 and p4, and the four measures, change along the groove."""
     curves = []
     covariances = np.array([one.section.covariances for one in unrolled])
@@ -167,12 +167,12 @@ def _curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 
-def _unroll(section: MeasuredSection, shape: JointShape) -> Unrolled:
+def _unroll(section: MeasuredSection, shape: JointShape) -> UnrolledSection:
     points = np.vstack((section.points, section.T_r_g[:3, 3]))
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     azimuth = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
     out = np.hypot(points[:, 0], points[:, 1])
-    return Unrolled(section, azimuth, out, points[:, 2] - _height(azimuth, out, shape))
+    return UnrolledSection(section, azimuth, out, points[:, 2] - _height(azimuth, out, shape))
 
 
 def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
@@ -181,7 +181,9 @@ def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
 
 
 def _one(
-    members: Sequence[tuple[float, Unrolled]], curves: Sequence[SimpleKriging], shape: JointShape
+    members: Sequence[tuple[float, UnrolledSection]],
+    curves: Sequence[SimpleKriging],
+    shape: JointShape,
 ) -> MeasuredSection:
     """One section of several, each carried along the groove to their middle."""
     middle = float(np.mean([azimuth for azimuth, _ in members]))

@@ -19,11 +19,11 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from tjscan.core import lie
 from tjscan.core.frames import Array, inverse, readonly, transform
 from tjscan.joint.tubes.frame import JointFrame, JointShape
-from tjscan.stitching.registration import Registration
+from tjscan.stitching.registration import StationRegistration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placement:
+class StationPoses:
     """Where all stations stand to the joint, and what the joint is like.
 
     Parameters
@@ -51,14 +51,16 @@ class Placement:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -> Placement:
+def solve_station_poses(
+    frames: Sequence[JointFrame], registrations: Sequence[StationRegistration]
+) -> StationPoses:
     """Place all stations by least squares: the joint as each found it, and all overlaps.
 
     Parameters
     ----------
     frames : sequence of JointFrame
         As each of k stations found it.
-    registrations : sequence of Registration
+    registrations : sequence of StationRegistration
         Of all overlaps, in the stations' own frames j.
     """
     k = len(frames)
@@ -84,7 +86,7 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
     jacobian: Array = np.array(found.jac)
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
     blocks = [covariance[i : i + 6, i : i + 6] for i in range(0, 6 * k, 6)]
-    return Placement(
+    return StationPoses(
         np.array([lie.exp(v) for v in found.x[: 6 * k].reshape(k, 6)]),
         np.array(blocks),
         JointShape(*(found.x[6 * k :] + origin).tolist()),
@@ -93,14 +95,14 @@ def solve(frames: Sequence[JointFrame], registrations: Sequence[Registration]) -
     )
 
 
-def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
+def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:
     """How far apart two placed stations see the groove in the middle of an overlap, metres.
 
     Across the groove: along it there is nothing to see a step by.
 
     Parameters
     ----------
-    edge : Registration
+    edge : StationRegistration
         The overlap.
     T : sequence of ndarray, shape (4, 4)
         Maps each station's own frame j into the common one.
@@ -112,22 +114,22 @@ def gap(edge: Registration, T: Sequence[Array] | Array) -> float:
 
 
 def spanning_tree_poses(
-    count: int, registrations: Sequence[Registration]
-) -> tuple[Array, list[Registration]]:
+    count: int, registrations: Sequence[StationRegistration]
+) -> tuple[Array, list[StationRegistration]]:
     """Stations placed by overlaps alone, along the spanning tree of the surest ones.
 
     Parameters
     ----------
     count : int
         Of the stations, all of which overlaps connect.
-    registrations : sequence of Registration
+    registrations : sequence of StationRegistration
         Of all overlaps.
 
     Returns
     -------
     T : ndarray, shape (count, 4, 4)
         Maps each station's own frame j into that of the first.
-    closing : list of Registration
+    closing : list of StationRegistration
         Those that close a loop, the surest first; how far they are from `T` is the gap before
         closing.
     """

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, inverse, transform
-from tjscan.stitching.stations import StationFit
+from tjscan.stitching.stations import StationTubeFit
 
 TURN: Final = 2 * pi
 
@@ -20,7 +20,7 @@ WIDE: Final = 1.6
 
 
 @dataclass(frozen=True, slots=True)
-class Arc:
+class AzimuthArc:
     """A stretch of azimuth.
 
     Parameters
@@ -33,33 +33,33 @@ class Arc:
     end: float
 
     @property
-    def length(self) -> float:
-        """Radians."""
+    def span_angle(self) -> float:
+        """Angle from start to end, radians."""
         return self.end - self.start
 
     @property
-    def middle(self) -> float:
+    def middle_azimuth(self) -> float:
         """Radians, -pi to pi."""
         return float(np.angle(np.exp(0.5j * (self.start + self.end))))
 
-    def offset(self, azimuth: Array) -> Array:
+    def offset_from_middle(self, azimuth: Array) -> Array:
         """How far azimuths, any turn, lie beyond the middle, -pi to pi."""
         return np.asarray(np.angle(np.exp(1j * (azimuth - 0.5 * (self.start + self.end)))))
 
-    def holds(self, azimuth: Array) -> Array:
+    def contains(self, azimuth: Array) -> Array:
         """Which azimuths lie within."""
-        return np.asarray(np.abs(self.offset(azimuth)) <= 0.5 * self.length + 1e-9)
+        return np.asarray(np.abs(self.offset_from_middle(azimuth)) <= 0.5 * self.span_angle + 1e-9)
 
 
 @dataclass(frozen=True, slots=True)
-class Overlap:
+class StationOverlap:
     """Two stations and what they share.
 
     Parameters
     ----------
     first, second : int
         Which stations.
-    arc : Arc
+    arc : AzimuthArc
         The azimuth that both saw.
     sections : tuple of (int, int)
         How many sections each has there.
@@ -67,11 +67,11 @@ class Overlap:
 
     first: int
     second: int
-    arc: Arc
+    arc: AzimuthArc
     sections: tuple[int, int]
 
 
-def section_azimuths(fit: StationFit) -> Array:
+def section_azimuths(fit: StationTubeFit) -> Array:
     """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
     T_j_b = inverse(fit.frame.T)
     middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in fit.station.sections])
@@ -79,12 +79,12 @@ def section_azimuths(fit: StationFit) -> Array:
     return np.unwrap(np.arctan2(y, x))
 
 
-def arc_of(azimuths: Array) -> Arc:
+def arc_of_azimuths(azimuths: Array) -> AzimuthArc:
     """The stretch that sections reach over."""
-    return Arc(float(azimuths.min()), float(azimuths.max()))
+    return AzimuthArc(float(azimuths.min()), float(azimuths.max()))
 
 
-def find_overlaps(azimuths: Sequence[Array]) -> list[Overlap]:
+def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
     """Every stretch that two stations share, however short; two stations may share two.
 
     Parameters
@@ -94,17 +94,19 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[Overlap]:
     """
     overlaps = []
     for a, b in combinations(range(len(azimuths)), 2):
-        one, other = arc_of(azimuths[a]), arc_of(azimuths[b])
+        one, other = arc_of_azimuths(azimuths[a]), arc_of_azimuths(azimuths[b])
         for turn in range(-3, 4):
             shift = turn * TURN
-            shared = Arc(max(one.start, other.start + shift), min(one.end, other.end + shift))
-            if shared.length > 0:
-                count = tuple(int(shared.holds(azimuths[k]).sum()) for k in (a, b))
-                overlaps.append(Overlap(a, b, shared, (count[0], count[1])))
+            shared = AzimuthArc(
+                max(one.start, other.start + shift), min(one.end, other.end + shift)
+            )
+            if shared.span_angle > 0:
+                count = tuple(int(shared.contains(azimuths[k]).sum()) for k in (a, b))
+                overlaps.append(StationOverlap(a, b, shared, (count[0], count[1])))
     return overlaps
 
 
-def coverage(azimuths: Sequence[Array]) -> tuple[float, list[Arc]]:
+def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
     """How much of the turn is covered, in radians, and the gaps.
 
     Neighbouring sections further apart than `WIDE` usual steps have a gap between them.
@@ -112,6 +114,6 @@ def coverage(azimuths: Sequence[Array]) -> tuple[float, list[Arc]]:
     around = np.sort(np.concatenate(azimuths) % TURN)
     steps = np.diff(np.append(around, around[0] + TURN))
     usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
-    gaps = [Arc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
-    gaps = [gap for gap in gaps if gap.length > WIDE * usual]
-    return TURN - sum(gap.length for gap in gaps), gaps
+    gaps = [AzimuthArc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
+    gaps = [gap for gap in gaps if gap.span_angle > WIDE * usual]
+    return TURN - sum(gap.span_angle for gap in gaps), gaps

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.stitching.draft import Draft
-from tjscan.stitching.overlaps import arc_of
-from tjscan.stitching.registration import Registration
+from tjscan.stitching.draft import StitchingDraft
+from tjscan.stitching.overlaps import arc_of_azimuths
+from tjscan.stitching.registration import StationRegistration
 
 COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
 SHADE: Final = "#9aa5b1"
@@ -21,7 +21,7 @@ RING: Final = 0.12
 """Between the stations' rings."""
 
 
-def draw_stitching(draft: Draft) -> Figure:
+def draw_stitching(draft: StitchingDraft) -> Figure:
     """Draw stations and overlaps about the brace, and the residuals of each overlap."""
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -29,7 +29,9 @@ def draw_stitching(draft: Draft) -> Figure:
     _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
     if not draft.registrations:
         beside = figure.add_subplot(grid[1])
-        lines = [draft.describe(overlap) for overlap in draft.overlaps] or [draft.reach()]
+        lines = [draft.describe_overlap(overlap) for overlap in draft.overlaps] or [
+            draft.describe_coverage()
+        ]
         beside.text(0.0, 0.5, "\n".join(lines).replace(" overlap at", "\noverlap at"), wrap=True)
         beside.set_axis_off()
         return figure
@@ -43,14 +45,19 @@ def _colour(station: int) -> str:
     return COLOURS[station % len(COLOURS)]
 
 
-def _draw_arcs(axes: Any, draft: Draft) -> None:
+def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
     for overlap in draft.overlaps:
         arc = overlap.arc
         axes.bar(
-            arc.start + 0.5 * arc.length, 1.6, arc.length, color=SHADE, alpha=0.35, linewidth=0
+            arc.start + 0.5 * arc.span_angle,
+            1.6,
+            arc.span_angle,
+            color=SHADE,
+            alpha=0.35,
+            linewidth=0,
         )
     for k, (name, azimuths) in enumerate(zip(draft.names, draft.azimuths, strict=True)):
-        arc, radius = arc_of(azimuths), 1 + RING * k
+        arc, radius = arc_of_azimuths(azimuths), 1 + RING * k
         turn = np.linspace(arc.start, arc.end, 200)
         axes.plot(turn, np.full(200, radius), color=_colour(k), linewidth=1.5, label=name)
         axes.plot(azimuths, np.full(len(azimuths), radius), ".", color=_colour(k), markersize=5)
@@ -60,8 +67,8 @@ def _draw_arcs(axes: Any, draft: Draft) -> None:
     axes.set_title("sections about the brace, overlaps shaded")
 
 
-def _draw_residuals(axes: Any, draft: Draft, edge: Registration) -> None:
-    middle = edge.overlap.arc.middle
+def _draw_residuals(axes: Any, draft: StitchingDraft, edge: StationRegistration) -> None:
+    middle = edge.overlap.arc.middle_azimuth
     at = np.degrees(edge.azimuth + middle)
     for k, second in ((edge.overlap.first, False), (edge.overlap.second, True)):
         mine = edge.of_second == second
@@ -76,7 +83,7 @@ def _draw_residuals(axes: Any, draft: Draft, edge: Registration) -> None:
                     markersize=4,
                 )
     axes.plot(at[~edge.counted], np.zeros(int((~edge.counted).sum())), "x", color="black")
-    half = 0.5 * np.degrees(edge.overlap.arc.length)
+    half = 0.5 * np.degrees(edge.overlap.arc.span_angle)
     axes.axvspan(np.degrees(middle) - half, np.degrees(middle) + half, color=SHADE, alpha=0.35)
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set_ylabel("residual / mm")

@@ -20,7 +20,7 @@ from tjscan.core import lie
 from tjscan.core.frames import Array, readonly, skew, unit
 from tjscan.core.gp import PeriodicKernel
 from tjscan.core.robust import tukey_weights
-from tjscan.stitching.overlaps import Overlap
+from tjscan.stitching.overlaps import StationOverlap
 from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES, UnrolledViews
 
 SMOOTH: Final = radians(30.0)
@@ -44,12 +44,12 @@ LEAST_STEP: Final = 5e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Registration:
+class StationRegistration:
     """Pose of one station against another, found from their overlap.
 
     Parameters
     ----------
-    overlap : Overlap
+    overlap : StationOverlap
         Which one.
     T : ndarray, shape (4, 4)
         Maps the second station's own frame j into the first's.
@@ -69,7 +69,7 @@ class Registration:
         Which views are the second station's, and to which the robust kernel gave weight.
     """
 
-    overlap: Overlap
+    overlap: StationOverlap
     T: Array
     covariance: Array
     centre: Array
@@ -101,10 +101,12 @@ class Registration:
 
         Root mean square over the three directions.
         """
-        return float(np.sqrt(np.trace(point_covariance(self.covariance, self.centre)) / 3))
+        return float(
+            np.sqrt(np.trace(point_covariance_from_pose(self.covariance, self.centre)) / 3)
+        )
 
 
-def point_covariance(covariance: Array, points: Array) -> Array:
+def point_covariance_from_pose(covariance: Array, points: Array) -> Array:
     """Covariances, shape (..., 3, 3), of points that move with an uncertain pose.
 
     Parameters
@@ -120,12 +122,14 @@ def point_covariance(covariance: Array, points: Array) -> Array:
     return np.asarray(by_pose @ covariance @ by_pose.swapaxes(-1, -2))
 
 
-def register(overlap: Overlap, first: UnrolledViews, second: UnrolledViews) -> Registration:
+def align_second_to_first(
+    overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
+) -> StationRegistration:
     """Lay the second station on the first.
 
     Parameters
     ----------
-    overlap : Overlap
+    overlap : StationOverlap
         What they share.
     first, second : UnrolledViews
         Unrolled about one shape. The second's points are to be moved by little: the unrolled
@@ -133,11 +137,11 @@ def register(overlap: Overlap, first: UnrolledViews, second: UnrolledViews) -> R
 
     Returns
     -------
-    Registration
+    StationRegistration
         Where the views leave a direction free, one whose covariance is that of no knowledge.
     """
     views, of_second = _near(overlap, first, second)
-    azimuth = overlap.arc.offset(views.azimuth)
+    azimuth = overlap.arc.offset_from_middle(views.azimuth)
     value = views.value - views.value.mean(axis=0)
     shape = value.shape
     difference = azimuth[:, None] - azimuth
@@ -167,7 +171,7 @@ def register(overlap: Overlap, first: UnrolledViews, second: UnrolledViews) -> R
     own = np.einsum("ninj,nij->n", inverse, noise)
     degrees = max(float(own[counted].sum()) - 6, 1.0)
     reduced_chi2 = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
-    return Registration(
+    return StationRegistration(
         overlap,
         lie.exp(motion),
         max(1.0, reduced_chi2) * spread,
@@ -196,9 +200,9 @@ def _weights(mahalanobis_sq: Array) -> Array:
     return tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
 
 
-def _middle_of(overlap: Overlap, seen: UnrolledViews) -> tuple[Array, Array]:
+def _middle_of(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Array]:
     """Where a station saw the groove amid the overlap, and the groove's direction there."""
-    order = np.argsort(np.abs(overlap.arc.offset(seen.place)), kind="stable")
+    order = np.argsort(np.abs(overlap.arc.offset_from_middle(seen.place)), kind="stable")
     centre = seen.middle[order[0]]
     # Prediction and correction views show nearly one place: the direction comes from another.
     far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
@@ -206,11 +210,13 @@ def _middle_of(overlap: Overlap, seen: UnrolledViews) -> tuple[Array, Array]:
 
 
 def _near(
-    overlap: Overlap, first: UnrolledViews, second: UnrolledViews
+    overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
 ) -> tuple[UnrolledViews, NDArray[np.bool_]]:
     """The views of both stations in and beside the overlap, and which are the second's."""
-    reach = 0.5 * overlap.arc.length + BEYOND
-    one, other = (o.take(np.abs(overlap.arc.offset(o.place)) < reach) for o in (first, second))
+    reach = 0.5 * overlap.arc.span_angle + BEYOND
+    one, other = (
+        o.take(np.abs(overlap.arc.offset_from_middle(o.place)) < reach) for o in (first, second)
+    )
     return one.joined(other), np.repeat((False, True), (len(one), len(other)))
 
 

@@ -70,7 +70,7 @@ def _fingerprint(view: View) -> bytes:
     return view.T_b_f.tobytes() + view.profile.x_s.tobytes() + view.profile.z_s.tobytes()
 
 
-def station_of(
+def station_from_recording(
     name: str,
     T_w_b: Array,
     sections: Sequence[ScannedSection],
@@ -105,7 +105,7 @@ def station_of(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StationFit:
+class StationTubeFit:
     """The joint as fitted to what one station saw.
 
     Parameters
@@ -123,7 +123,9 @@ class StationFit:
     frame: JointFrame
 
 
-def fit_stations(stations: Sequence[Station], settings: StitchSettings) -> list[StationFit]:
+def fit_tubes_to_stations(
+    stations: Sequence[Station], settings: StitchSettings
+) -> list[StationTubeFit]:
     """Fit the tubes to what every station saw, x of all frames j to the same side.
 
     Parameters
@@ -138,7 +140,7 @@ def fit_stations(stations: Sequence[Station], settings: StitchSettings) -> list[
     StitchingRefused
         If one does not see enough of the tubes.
     """
-    fits: list[StationFit] = []
+    fits: list[StationTubeFit] = []
     side_w = SIDE_W
     for station in stations:
         try:
@@ -150,14 +152,14 @@ def fit_stations(stations: Sequence[Station], settings: StitchSettings) -> list[
                 "joint not found",
                 f"station {station.name}, {len(station.sections)} sections: {error}",
             ) from None
-        fits.append(StationFit(station, tubes, found))
+        fits.append(StationTubeFit(station, tubes, found))
         if len(fits) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
         _check_nominal(fits[0], fits[-1])
     return fits
 
 
-def _check_nominal(first: StationFit, other: StationFit) -> None:
+def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
     if (turned := rotation_angle(a, b)) > MOST_TURNED:
@@ -188,7 +190,7 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     return brace, leg
 
 
-def allow_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
+def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
     """The same frame, its covariance widened by tubes that are not round.
 
     Parameters

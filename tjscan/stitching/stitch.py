@@ -16,20 +16,30 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, inverse, readonly
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import JointShape
-from tjscan.stitching.draft import Draft
-from tjscan.stitching.fusion import fuse, placed_sections
-from tjscan.stitching.graph import Placement, gap, solve, spanning_tree_poses
+from tjscan.stitching.draft import StitchingDraft
+from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
+from tjscan.stitching.graph import (
+    StationPoses,
+    overlap_gap,
+    solve_station_poses,
+    spanning_tree_poses,
+)
 from tjscan.stitching.overlaps import (
     TURN,
-    Arc,
-    Overlap,
-    coverage,
+    AzimuthArc,
+    StationOverlap,
+    azimuth_coverage,
     find_overlaps,
     section_azimuths,
 )
-from tjscan.stitching.registration import Registration, register
+from tjscan.stitching.registration import StationRegistration, align_second_to_first
 from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Station, StationFit, allow_out_of_round, fit_stations
+from tjscan.stitching.stations import (
+    Station,
+    StationTubeFit,
+    fit_tubes_to_stations,
+    widen_for_out_of_round,
+)
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 
 ROUNDS = 6
@@ -57,7 +67,7 @@ class PlacedStation:
         Its base in frame j.
     covariance : ndarray, shape (6, 6)
         Of translation and rotation vector, in j and about its origin.
-    arc : Arc
+    arc : AzimuthArc
         What it saw.
     views : int
         Number of views that its place rests on.
@@ -68,7 +78,7 @@ class PlacedStation:
     station: Station
     T_j_b: Array
     covariance: Array
-    arc: Arc
+    arc: AzimuthArc
     views: int
     tubes_reduced_chi2: float
     tubes_rms: float
@@ -79,7 +89,7 @@ class PlacedStation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stitched:
+class StitchedGroove:
     """One groove of several stations.
 
     Parameters
@@ -90,7 +100,7 @@ class Stitched:
         Radii of the tubes, angle and offset of their axes.
     shape_sigma : ndarray, shape (4,)
         Standard deviations of these.
-    registrations : tuple of Registration
+    registrations : tuple of StationRegistration
         Of every overlap.
     gaps : tuple of float
         How far apart the placed stations are at each of these, metres.
@@ -108,14 +118,14 @@ class Stitched:
     stations: tuple[PlacedStation, ...]
     shape: JointShape
     shape_sigma: Array
-    registrations: tuple[Registration, ...]
+    registrations: tuple[StationRegistration, ...]
     gaps: tuple[float, ...]
     out_of_round: float
     gap_before: float | None
     gap_after: float | None
     covered: float
     sections: tuple[MeasuredSection, ...]
-    draft: Draft
+    draft: StitchingDraft
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape_sigma", readonly(self.shape_sigma))
@@ -126,7 +136,9 @@ class Stitched:
         return self.covered > TURN - 1e-9
 
 
-def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> Stitched:
+def stitch_stations(
+    stations: Sequence[Station], settings: StitchSettings = DEFAULT
+) -> StitchedGroove:
     """Make one groove of what several stations saw of one joint.
 
     Parameters
@@ -140,19 +152,21 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
     ------
     StitchingRefused
         If a station does not see the joint, or an overlap that is needed can't hold two stations
-        together. It carries a `Draft` of what there was until then.
+        together. It carries a `StitchingDraft` of what there was until then.
     ConfigurationError
         If there are fewer than two stations, or two of one name or of one recording.
     """
     stations = sorted(stations, key=lambda station: station.name)
     _check_apart(stations)
-    fits = fit_stations(stations, settings)
+    fits = fit_tubes_to_stations(stations, settings)
     azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
-    draft = Draft(tuple(station.name for station in stations), tuple(azimuths), tuple(overlaps))
+    draft = StitchingDraft(
+        tuple(station.name for station in stations), tuple(azimuths), tuple(overlaps)
+    )
     try:
         held = _held(draft, settings)
-        registrations = register_all(fits, held, settings)
+        registrations = register_overlaps(fits, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
         placement, out_of_round = place_stations(fits, registrations, settings)
@@ -164,36 +178,36 @@ def stitch(stations: Sequence[Station], settings: StitchSettings = DEFAULT) -> S
         for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     single = [
-        placed_sections(one.station, one.T_j_b, one.covariance, settings.repeatability)
+        sections_in_joint_frame(one.station, one.T_j_b, one.covariance, settings.repeatability)
         for one in placed
     ]
-    gaps = tuple(gap(edge, placement.T) for edge in registrations)
+    gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
     chain, closing = spanning_tree_poses(len(stations), registrations)
-    return Stitched(
+    return StitchedGroove(
         tuple(placed),
         placement.shape,
         np.sqrt(np.diag(placement.shape_covariance)),
         tuple(registrations),
         gaps,
         out_of_round,
-        max((gap(edge, chain) for edge in closing), default=None),
+        max((overlap_gap(edge, chain) for edge in closing), default=None),
         max(gaps) if closing else None,
-        coverage(azimuths)[0],
-        fuse(single, placement.shape),
+        azimuth_coverage(azimuths)[0],
+        fuse_sections(single, placement.shape),
         draft,
     )
 
 
-def register_all(
-    fits: Sequence[StationFit], overlaps: Sequence[Overlap], settings: StitchSettings
-) -> list[Registration]:
-    """Register the two stations of every overlap to each other; raises as `register` does.
+def register_overlaps(
+    fits: Sequence[StationTubeFit], overlaps: Sequence[StationOverlap], settings: StitchSettings
+) -> list[StationRegistration]:
+    """Align the two stations of every overlap; raises as `align_second_to_first` does.
 
     Parameters
     ----------
-    fits : sequence of StationFit
+    fits : sequence of StationTubeFit
         Of all stations.
-    overlaps : sequence of Overlap
+    overlaps : sequence of StationOverlap
         Those that are large enough.
     settings : StitchSettings
         Gives the arms' repeatability.
@@ -210,7 +224,7 @@ def register_all(
     for overlap in overlaps:
         first, second, T = own[overlap.first], own[overlap.second], np.eye(4)
         for _ in range(ROUNDS):
-            edge = register(overlap, first, second)
+            edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(lie.log(edge.T)).max())
             if moved < STILL or moved > FAR:
@@ -221,8 +235,10 @@ def register_all(
 
 
 def place_stations(
-    fits: Sequence[StationFit], registrations: Sequence[Registration], settings: StitchSettings
-) -> tuple[Placement, float]:
+    fits: Sequence[StationTubeFit],
+    registrations: Sequence[StationRegistration],
+    settings: StitchSettings,
+) -> tuple[StationPoses, float]:
     """Place stations, and find how far tubes must be out of round for all to agree.
 
     A station can't see that the half of a tube before it is not round: it finds frame j a little
@@ -230,24 +246,24 @@ def place_stations(
 
     Parameters
     ----------
-    fits : sequence of StationFit
+    fits : sequence of StationTubeFit
         Of all stations.
-    registrations : sequence of Registration
+    registrations : sequence of StationRegistration
         Of all overlaps.
     settings : StitchSettings
         How far tubes may be out of round.
 
     Returns
     -------
-    placement : Placement
+    placement : StationPoses
         Of all stations.
     out_of_round : float
         How far the tubes' walls were taken to bulge from circles, metres.
     """
     allowance = settings.out_of_round
     while True:
-        frames = [allow_out_of_round(fit.frame, allowance) for fit in fits]
-        placement = solve(frames, registrations)
+        frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
+        placement = solve_station_poses(frames, registrations)
         if placement.reduced_chi2 < AGREED or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
@@ -267,12 +283,12 @@ def _check_apart(stations: Sequence[Station]) -> None:
             )
 
 
-def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
+def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
     """The overlaps that are large enough; refuse where one that is needed is not."""
 
-    def enough(overlap: Overlap) -> bool:
+    def enough(overlap: StationOverlap) -> bool:
         return (
-            overlap.arc.length >= settings.least_overlap
+            overlap.arc.span_angle >= settings.least_overlap
             and min(overlap.sections) >= settings.fewest_sections
         )
 
@@ -287,10 +303,13 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
     bridged = [o.arc for o in held]
     for overlap in small:
         if not any(
-            abs(float(arc.offset(np.array(overlap.arc.middle)))) < 0.5 * arc.length
+            abs(float(arc.offset_from_middle(np.array(overlap.arc.middle_azimuth))))
+            < 0.5 * arc.span_angle
             for arc in bridged
         ):
-            raise StitchingRefused("overlap too small", f"{draft.describe(overlap)}; {needed}")
+            raise StitchingRefused(
+                "overlap too small", f"{draft.describe_overlap(overlap)}; {needed}"
+            )
     count = len(draft.names)
     pairs = [(overlap.first, overlap.second) for overlap in held]
     links = coo_array(
@@ -301,15 +320,15 @@ def _held(draft: Draft, settings: StitchSettings) -> list[Overlap]:
     if len(parts) > 1:
         apart = " | ".join(", ".join(draft.names[k] for k in part) for part in parts)
         raise StitchingRefused(
-            "not connected", f"no overlap ties {apart}; {draft.reach()}; {needed}"
+            "not connected", f"no overlap ties {apart}; {draft.describe_coverage()}; {needed}"
         )
     return held
 
 
-def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
+def _check_registrations(draft: StitchingDraft, settings: StitchSettings) -> None:
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
-        described = draft.describe(edge.overlap)
+        described = draft.describe_overlap(edge.overlap)
         if edge.reduced_chi2 > settings.largest_reduced_chi2 or edge.share < settings.least_counted:
             raise StitchingRefused(
                 "overlap contradicts itself",
@@ -329,27 +348,30 @@ def _check_registrations(draft: Draft, settings: StitchSettings) -> None:
             )
 
 
-def _check_placement(draft: Draft, placement: Placement, settings: StitchSettings) -> None:
+def _check_placement(
+    draft: StitchingDraft, placement: StationPoses, settings: StitchSettings
+) -> None:
     """Refuse stations that find the tubes elsewhere than their overlaps put them."""
     if placement.reduced_chi2 > settings.largest_reduced_chi2:
-        worst = max(draft.registrations, key=lambda edge: gap(edge, placement.T))
+        worst = max(draft.registrations, key=lambda edge: overlap_gap(edge, placement.T))
         raise StitchingRefused(
             "overlaps and tubes disagree",
             f"where stations see leg and brace does not fit how they overlap, "
             f"{np.sqrt(placement.reduced_chi2):.1f} times farther off than errors explain, "
             f"{np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed; "
-            f"{draft.describe(worst.overlap)}, where {1e3 * gap(worst, placement.T):.2f} mm would "
+            f"{draft.describe_overlap(worst.overlap)}, where "
+            f"{1e3 * overlap_gap(worst, placement.T):.2f} mm would "
             f"be left between them. A base or the joint moved during a scan, or tubes are out of "
             f"round by more than {1e3 * settings.most_out_of_round:g} mm",
         )
 
 
-def _placed(fit: StationFit, placement: Placement, k: int, azimuths: Array) -> PlacedStation:
+def _placed(fit: StationTubeFit, placement: StationPoses, k: int, azimuths: Array) -> PlacedStation:
     return PlacedStation(
         fit.station,
         placement.T[k] @ inverse(fit.frame.T),
         placement.covariance[k],
-        Arc(float(azimuths.min()), float(azimuths.max())),
+        AzimuthArc(float(azimuths.min()), float(azimuths.max())),
         len(fit.station.all_sections),
         fit.tubes.reduced_chi2,
         fit.tubes.rms,

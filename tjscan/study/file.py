@@ -10,7 +10,7 @@ from pydantic import Field
 
 from tjscan.core.config import FileModel, read_toml, validate
 from tjscan.core.errors import ConfigurationError
-from tjscan.study.kind import kind_of
+from tjscan.study.kind import study_kind_of_task
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
@@ -47,7 +47,7 @@ class StudyFile(FileModel):
     @property
     def fixed_keys(self) -> dict[str, Any]:
         """Dotted keys and values that hold for every run."""
-        return flattened(self.fixed)
+        return dotted_keys(self.fixed)
 
     def axes(self) -> list[list[dict[str, Any]]]:
         """What is varied: the product of these lists, the last one running fastest.
@@ -61,9 +61,9 @@ class StudyFile(FileModel):
             together differ in length.
         """
         axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
-        axes += [_together(flattened(table)) for table in self.together]
+        axes += [_together(dotted_keys(table)) for table in self.together]
         if self.seeds is not None:
-            key = kind_of(self.task).seed
+            key = study_kind_of_task(self.task).seed
             axes.append([{key: seed} for seed in range(1, self.seeds + 1)])
         keys = [key for axis in axes for key in axis[0]]
         for key in keys:
@@ -72,10 +72,10 @@ class StudyFile(FileModel):
         return axes
 
     def _grid(self) -> list[tuple[str, Any]]:
-        return list(flattened(self.grid).items())
+        return list(dotted_keys(self.grid).items())
 
 
-def read_study(file: Path) -> StudyFile:
+def read_study_file(file: Path) -> StudyFile:
     """Read a study file.
 
     Raises
@@ -91,7 +91,7 @@ def read_study(file: Path) -> StudyFile:
     return study
 
 
-def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as dotted keys; ``{"scan": {"step_mm": 1}}`` is ``{"scan.step_mm": 1}``.
 
     Parameters
@@ -104,7 +104,7 @@ def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):
-            flat |= flattened(value, f"{prefix}{key}.")
+            flat |= dotted_keys(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

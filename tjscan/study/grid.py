@@ -11,14 +11,14 @@ from typing import Any, Final
 from tjscan.core.config import naming
 from tjscan.core.errors import ConfigurationError
 from tjscan.study.file import StudyFile
-from tjscan.study.kind import kind_of
-from tjscan.study.trial import Trial, Value, canonical
+from tjscan.study.kind import study_kind_of_task
+from tjscan.study.trial import Trial, Value, canonical_json
 
 MOST_TRIALS: Final = 1_000_000
 """A study of more is a mistake in its file."""
 
 
-def trials_of(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
+def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
     """All runs of a study, in the order of its table.
 
     Parameters
@@ -33,7 +33,7 @@ def trials_of(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
     ConfigurationError
         For the first run that can't be, naming the key.
     """
-    kind, axes = kind_of(study.task), study.axes()
+    kind, axes = study_kind_of_task(study.task), study.axes()
     jobs = [study_file.parent / name for name in study.jobs]
     count = len(jobs) * prod(map(len, axes))
     if count > MOST_TRIALS:
@@ -56,6 +56,6 @@ def trials_of(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
 def _cells(values: Mapping[str, Any]) -> dict[str, Value]:
     """Values as a table's cells; lists and tables become JSON."""
     return {
-        key: value if isinstance(value, bool | int | float | str) else canonical(value)
+        key: value if isinstance(value, bool | int | float | str) else canonical_json(value)
         for key, value in values.items()
     }

@@ -8,13 +8,13 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from tjscan.study.row import Outcome, Row
+from tjscan.study.row import RunOutcome, StudyRow
 from tjscan.study.trial import Value
 
-O = TypeVar("O", bound=Outcome)  # noqa: E741
+O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 
-def varied(rows: Sequence[Row[Any]]) -> dict[str, list[Value]]:
+def varied_keys(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Value]]:
     """Keys that take several values, and these in the order in which they come."""
     found: dict[str, dict[Value, None]] = {}
     for row in rows:
@@ -24,19 +24,19 @@ def varied(rows: Sequence[Row[Any]]) -> dict[str, list[Value]]:
 
 
 @dataclass(frozen=True, slots=True)
-class Group(Generic[O]):
+class RowGroup(Generic[O]):
     """Rows that share a value of one key, or of several.
 
     Parameters
     ----------
-    rows : tuple of Row
+    rows : tuple of StudyRow
         One at least.
     """
 
-    rows: tuple[Row[O], ...]
+    rows: tuple[StudyRow[O], ...]
 
     @property
-    def complete(self) -> tuple[Row[O], ...]:
+    def complete(self) -> tuple[StudyRow[O], ...]:
         """Those whose run did what was asked."""
         return tuple(row for row in self.rows if row.outcome.complete)
 
@@ -52,17 +52,19 @@ class Group(Generic[O]):
         return float(np.mean(known)) if known else float("nan")
 
 
-def group(rows: Iterable[Row[O]], *keys: str) -> dict[tuple[Value | None, ...], Group[O]]:
+def group_rows(
+    rows: Iterable[StudyRow[O]], *keys: str
+) -> dict[tuple[Value | None, ...], RowGroup[O]]:
     """Rows by their values of some keys, in the order in which they come.
 
     Parameters
     ----------
-    rows : iterable of Row
+    rows : iterable of StudyRow
         What is grouped.
     *keys : str
         Dotted keys.
     """
-    sorted_: dict[tuple[Value | None, ...], list[Row[O]]] = {}
+    sorted_: dict[tuple[Value | None, ...], list[StudyRow[O]]] = {}
     for row in rows:
         sorted_.setdefault(tuple(row.inputs.get(key) for key in keys), []).append(row)
-    return {values: Group(tuple(members)) for values, members in sorted_.items()}
+    return {values: RowGroup(tuple(members)) for values, members in sorted_.items()}

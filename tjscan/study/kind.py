@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
 from tjscan.core.registry import TASKS
-from tjscan.study.row import Outcome, Row
+from tjscan.study.row import RunOutcome, StudyRow
 
-O = TypeVar("O", bound=Outcome)  # noqa: E741
+O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 
 @dataclass(frozen=True, slots=True)
-class Resolved:
+class ResolvedRun:
     """A run, resolved and checked.
 
     Parameters
@@ -31,7 +31,7 @@ class Resolved:
 
 
 @dataclass(frozen=True, slots=True)
-class Measure(Generic[O]):
+class ReportedQuantity(Generic[O]):
     """A number of every run that reports show.
 
     Parameters
@@ -55,19 +55,19 @@ class StudyKind(ABC, Generic[O]):
     Attributes
     ----------
     outcome : type
-        What comes out of a run: a subclass of `Outcome` whose other fields have defaults.
+        What comes out of a run: a subclass of `RunOutcome` whose other fields have defaults.
     seed : str
         The key that sets a run's random numbers.
-    measures : sequence of Measure
+    measures : sequence of ReportedQuantity
         What every report of a study shows.
     """
 
     outcome: type[O]
     seed: str
-    measures: Sequence[Measure[O]]
+    measures: Sequence[ReportedQuantity[O]]
 
     @abstractmethod
-    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> Resolved:
+    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
         """Resolve and check one run; nothing moves.
 
         Parameters
@@ -93,20 +93,20 @@ class StudyKind(ABC, Generic[O]):
             If it fails.
         """
 
-    def chapters(self, folder: Path, rows: Sequence[Row[O]]) -> Iterator[str]:
+    def chapters(self, folder: Path, rows: Sequence[StudyRow[O]]) -> Iterator[str]:
         """Lines of the report in place of the usual ones, where rows are of a known programme.
 
         Parameters
         ----------
         folder : Path
             Where pictures may be written.
-        rows : sequence of Row
+        rows : sequence of StudyRow
             What is done so far, one at least.
         """
         yield from ()
 
 
-def kind_of(task: str) -> StudyKind[Any]:
+def study_kind_of_task(task: str) -> StudyKind[Any]:
     """The studies of a task.
 
     Raises

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.study.groups import Group, group, varied
+from tjscan.study.groups import RowGroup, group_rows, varied_keys
 from tjscan.study.kind import StudyKind
-from tjscan.study.row import Row
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
 MOST_VALUES: Final = 12
@@ -21,38 +21,40 @@ MOST_VALUES: Final = 12
 COMPLETE: Final = "complete / %"
 
 
-def shown_keys(rows: Sequence[Row[Any]], seed: str) -> list[str]:
+def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
     """The keys that an overview shows; of keys that always go together, the first.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of StudyRow
         Those to show.
     seed : str
         The key of the random numbers, which is not shown.
     """
     shown: list[str] = []
     seen: set[frozenset[tuple[int, ...]]] = set()
-    for key in varied(rows):
-        parts = frozenset(tuple(row.index for row in g.rows) for g in by_value(rows, key).values())
+    for key in varied_keys(rows):
+        parts = frozenset(
+            tuple(row.index for row in g.rows) for g in group_by_value(rows, key).values()
+        )
         if key != seed and parts not in seen:
             seen.add(parts)
             shown.append(key)
     return shown
 
 
-def by_value(rows: Sequence[Row[Any]], key: str) -> dict[str, Group[Any]]:
+def group_by_value(rows: Sequence[StudyRow[Any]], key: str) -> dict[str, RowGroup[Any]]:
     """Rows by the value of a key, in words; by ranges of it where it has many values.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of StudyRow
         Those without the key are left out.
     key : str
         Dotted.
     """
     rows = [row for row in rows if key in row.inputs]
-    groups = group(rows, key)
+    groups = group_rows(rows, key)
     numbers = [value for (value,) in groups if isinstance(value, int | float)]
     if len(groups) <= MOST_VALUES or len(numbers) < len(groups):
         ordered = sorted(groups.items(), key=lambda item: _order(item[0][0]))
@@ -60,29 +62,29 @@ def by_value(rows: Sequence[Row[Any]], key: str) -> dict[str, Group[Any]]:
     edges = np.linspace(min(numbers), max(numbers), MOST_VALUES + 1)
     values = np.array([float(row.inputs[key]) for row in rows])
     places = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, MOST_VALUES - 1)
-    ranges: dict[str, list[Row[Any]]] = {f"{a:.0f} to {b:.0f}": [] for a, b in pairwise(edges)}
+    ranges: dict[str, list[StudyRow[Any]]] = {f"{a:.0f} to {b:.0f}": [] for a, b in pairwise(edges)}
     words = list(ranges)
     for row, place in zip(rows, places, strict=True):
         ranges[words[place]].append(row)
-    return {word: Group(tuple(members)) for word, members in ranges.items() if members}
+    return {word: RowGroup(tuple(members)) for word, members in ranges.items() if members}
 
 
-def draw_overview(rows: Sequence[Row[Any]], kind: StudyKind[Any]) -> Figure:
+def draw_overview(rows: Sequence[StudyRow[Any]], kind: StudyKind[Any]) -> Figure:
     """Draw a row of panels for every key that was varied.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of StudyRow
         One at least.
     kind : StudyKind
         Says what is measured.
     """
-    keys = shown_keys(rows, kind.seed)
+    keys = keys_to_show(rows, kind.seed)
     figure = Figure(figsize=(13, 2.1 * max(len(keys), 1)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(max(len(keys), 1), 1 + len(kind.measures), squeeze=False)
     for key, line in zip(keys, panels, strict=False):
-        groups = by_value(rows, key)
+        groups = group_by_value(rows, key)
         shares = [100 * members.share for members in groups.values()]
         _draw_bars(line[0], list(groups), shares)
         line[0].set_ylim(min(90.0, *shares), 100)

@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.result.picture import write_picture
+from tjscan.result.picture import write_png
 from tjscan.study.kind import StudyKind
-from tjscan.study.overview import by_value, draw_overview, shown_keys
-from tjscan.study.row import Row
+from tjscan.study.overview import draw_overview, group_by_value, keys_to_show
+from tjscan.study.row import StudyRow
 
 REPORT: Final = "report.md"
 MOST_CAUSES: Final = 40
 """Runs that are not complete and listed one by one."""
 
 
-def write_report(
-    folder: Path, kind: StudyKind[Any], rows: Sequence[Row[Any]], *, planned: int
+def write_study_report(
+    folder: Path, kind: StudyKind[Any], rows: Sequence[StudyRow[Any]], *, planned: int
 ) -> None:
     """Write the report and its pictures.
 
@@ -28,7 +28,7 @@ def write_report(
         Where to.
     kind : StudyKind
         Says what is measured, and may have chapters of its own.
-    rows : sequence of Row
+    rows : sequence of StudyRow
         What is done so far, one row at least.
     planned : int
         How many rows there will be.
@@ -43,7 +43,7 @@ def write_report(
     (folder / REPORT).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _ended(rows: Sequence[Row[Any]], planned: int) -> Iterator[str]:
+def _ended(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
     complete = sum(row.outcome.complete for row in rows)
     yield "# Study"
     yield ""
@@ -58,22 +58,22 @@ def _ended(rows: Sequence[Row[Any]], planned: int) -> Iterator[str]:
     yield ""
 
 
-def _by_keys(folder: Path, kind: StudyKind[Any], rows: Sequence[Row[Any]]) -> Iterator[str]:
-    keys = shown_keys(rows, kind.seed)
+def _by_keys(folder: Path, kind: StudyKind[Any], rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+    keys = keys_to_show(rows, kind.seed)
     for key in keys:
         yield f"| {key} | runs | complete | {' | '.join(m.name for m in kind.measures)} |"
         yield f"| --- | ---: | ---: |{' ---: |' * len(kind.measures)}"
-        for word, members in by_value(rows, key).items():
+        for word, members in group_by_value(rows, key).items():
             means = (f"{members.mean(m.value):{m.form}}" for m in kind.measures)
             yield f"| {word} | {len(members.rows)} | {members.share:.1%} | {' | '.join(means)} |"
         yield ""
     if keys:
-        write_picture(folder / "overview.png", draw_overview(rows, kind))
+        write_png(folder / "overview.png", draw_overview(rows, kind))
         yield "![overview](overview.png)"
         yield ""
 
 
-def _causes(rows: Sequence[Row[Any]]) -> Iterator[str]:
+def _causes(rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
     failed = [row for row in rows if not row.outcome.complete]
     if not failed:
         return

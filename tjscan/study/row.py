@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Generic, Self, TypeVar
 
-from tjscan.study.trial import Trial, Value, canonical
+from tjscan.study.trial import Trial, Value, canonical_json
 
 LOST_WORKER = "WorkerLost"
 """The reason of a row whose process died twice."""
@@ -17,7 +17,7 @@ HIDDEN = {"column": False}
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What came out of one run. Every algorithm adds its own fields, with defaults.
 
     Parameters
@@ -35,11 +35,11 @@ class Outcome:
     detail: str
 
 
-O = TypeVar("O", bound=Outcome)  # noqa: E741
+O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 
 @dataclass(frozen=True, slots=True)
-class Row(Generic[O]):
+class StudyRow(Generic[O]):
     """One run of a study: what was varied, and what came out.
 
     Parameters
@@ -50,7 +50,7 @@ class Row(Generic[O]):
         Its place in the table.
     inputs : mapping
         What was varied.
-    outcome : Outcome
+    outcome : RunOutcome
         What came out.
     wall_s : float
         How long it took on the clock of the machine that made it, seconds: the one value that
@@ -64,14 +64,14 @@ class Row(Generic[O]):
     wall_s: float = 0.0
 
     @classmethod
-    def of(cls, trial: Trial, outcome: O, wall_s: float = 0.0) -> Self:
+    def from_trial(cls, trial: Trial, outcome: O, wall_s: float = 0.0) -> Self:
         """The row of a trial.
 
         Parameters
         ----------
         trial : Trial
             What was run.
-        outcome : Outcome
+        outcome : RunOutcome
             What came out.
         wall_s : float
             How long it took, seconds.
@@ -79,13 +79,13 @@ class Row(Generic[O]):
         return cls(trial.key, trial.index, trial.inputs, outcome, wall_s)
 
     @property
-    def timeless(self) -> Self:
+    def without_wall_time(self) -> Self:
         """All of it that is the same in every run."""
         return replace(self, wall_s=0.0)
 
     def to_json(self) -> str:
         """One line."""
-        return canonical(asdict(self))
+        return canonical_json(asdict(self))
 
     @classmethod
     def from_json(cls, line: str, outcome: type[O]) -> Self:

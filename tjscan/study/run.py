@@ -10,18 +10,18 @@ from typing import Any
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.files import atomic_directory, sole_writer
-from tjscan.study.kind import kind_of
-from tjscan.study.report import write_report
-from tjscan.study.row import LOST_WORKER, Row
-from tjscan.study.schedule import Done, Lost, Scheduler
-from tjscan.study.store import keeping, read_plan, read_rows
-from tjscan.study.table import CSV, PARQUET, write_csv, write_parquet
+from tjscan.study.kind import study_kind_of_task
+from tjscan.study.report import write_study_report
+from tjscan.study.row import LOST_WORKER, StudyRow
+from tjscan.study.schedule import FinishedTask, LostTask, Scheduler
+from tjscan.study.store import open_row_writer, read_rows, read_trials
+from tjscan.study.table import CSV, PARQUET, write_study_csv, write_study_parquet
 from tjscan.study.trial import Trial
 
 
 def run_study(
-    directory: Path, scheduler: Scheduler, watch: Callable[[Row[Any]], None]
-) -> tuple[Row[Any], ...]:
+    directory: Path, scheduler: Scheduler, watch: Callable[[StudyRow[Any]], None]
+) -> tuple[StudyRow[Any], ...]:
     """Run what a study's directory still lacks, and write its tables.
 
     A study that is interrupted leaves tables of what is done, and goes on from there.
@@ -37,7 +37,7 @@ def run_study(
 
     Returns
     -------
-    tuple of Row
+    tuple of StudyRow
         In the order of the plan.
 
     Raises
@@ -47,14 +47,17 @@ def run_study(
     RecordingError
         If the directory can't be written, or another process runs this study.
     """
-    trials = read_plan(directory)
+    trials = read_trials(directory)
     with sole_writer(directory):
         rows = read_rows(directory, trials)
         for row in rows.values():
             watch(row)
         left = [trial for trial in trials if trial.key not in rows]
         try:
-            with keeping(directory) as keep, closing(scheduler(run_trial, left)) as all_ended:
+            with (
+                open_row_writer(directory) as keep,
+                closing(scheduler(run_trial, left)) as all_ended,
+            ):
                 for ended in all_ended:
                     row = _row(ended)
                     keep(row)
@@ -63,13 +66,13 @@ def run_study(
         finally:
             done = tuple(rows[trial.key] for trial in trials if trial.key in rows)
             if done:
-                write_tables(directory, done, trials)
+                write_study_results(directory, done, trials)
     return done
 
 
-def run_trial(trial: Trial) -> Row[Any]:
+def run_trial(trial: Trial) -> StudyRow[Any]:
     """Make one run; a failure is a row too."""
-    kind, start = kind_of(trial.task), perf_counter()
+    kind, start = study_kind_of_task(trial.task), perf_counter()
     try:
         outcome = kind.run(trial.settings)
     except TjscanError as error:
@@ -77,30 +80,32 @@ def run_trial(trial: Trial) -> Row[Any]:
     except Exception as error:
         # A fault of the program: it costs this row and no other, which holds its name.
         outcome = kind.outcome(False, type(error).__name__, f"unexpected: {error}")
-    return Row.of(trial, outcome, perf_counter() - start)
+    return StudyRow.from_trial(trial, outcome, perf_counter() - start)
 
 
-def write_tables(directory: Path, rows: Sequence[Row[Any]], trials: Sequence[Trial]) -> None:
+def write_study_results(
+    directory: Path, rows: Sequence[StudyRow[Any]], trials: Sequence[Trial]
+) -> None:
     """Write tables, pictures and report of the rows there are, all or none.
 
     Parameters
     ----------
     directory : Path
         The study's.
-    rows : sequence of Row
+    rows : sequence of StudyRow
         One at least.
     trials : sequence of Trial
         All that were planned.
     """
-    kind = kind_of(trials[0].task)
+    kind = study_kind_of_task(trials[0].task)
     with atomic_directory(directory) as draft:
-        write_csv(draft / CSV, rows)
-        write_parquet(draft / PARQUET, rows)
-        write_report(draft, kind, rows, planned=len(trials))
+        write_study_csv(draft / CSV, rows)
+        write_study_parquet(draft / PARQUET, rows)
+        write_study_report(draft, kind, rows, planned=len(trials))
 
 
-def _row(ended: Done[Trial, Row[Any]] | Lost[Trial]) -> Row[Any]:
-    if isinstance(ended, Lost):
-        outcome = kind_of(ended.task.task).outcome
-        return Row.of(ended.task, outcome(False, LOST_WORKER, ended.cause))
+def _row(ended: FinishedTask[Trial, StudyRow[Any]] | LostTask[Trial]) -> StudyRow[Any]:
+    if isinstance(ended, LostTask):
+        outcome = study_kind_of_task(ended.task.task).outcome
+        return StudyRow.from_trial(ended.task, outcome(False, LOST_WORKER, ended.cause))
     return ended.result

@@ -13,7 +13,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 from tjscan.core.errors import ClusterFault, ConfigurationError
 from tjscan.core.version import VERSION
-from tjscan.study.row import Row
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial
 
 T = TypeVar("T")
@@ -30,7 +30,7 @@ NEEDED: Final = ("distributed", "pyarrow")
 
 
 @dataclass(frozen=True, slots=True)
-class Done(Generic[T, R]):
+class FinishedTask(Generic[T, R]):
     """A task and what its work gave."""
 
     task: T
@@ -38,7 +38,7 @@ class Done(Generic[T, R]):
 
 
 @dataclass(frozen=True, slots=True)
-class Lost(Generic[T]):
+class LostTask(Generic[T]):
     """A task whose process died under it whenever it was tried, and what is known."""
 
     task: T
@@ -49,8 +49,8 @@ class Scheduler(Protocol):
     """Runs the trials of a study somewhere, in any order."""
 
     def __call__(
-        self, work: Callable[[Trial], Row[Any]], trials: Sequence[Trial], /
-    ) -> Generator[Done[Trial, Row[Any]] | Lost[Trial]]:
+        self, work: Callable[[Trial], StudyRow[Any]], trials: Sequence[Trial], /
+    ) -> Generator[FinishedTask[Trial, StudyRow[Any]] | LostTask[Trial]]:
         """Give every trial back once it has ended.
 
         Parameters
@@ -83,7 +83,7 @@ class DaskScheduler:
 
     def __call__(
         self, work: Callable[[T], R], tasks: Sequence[T]
-    ) -> Generator[Done[T, R] | Lost[T]]:
+    ) -> Generator[FinishedTask[T, R] | LostTask[T]]:
         """Run `work` on every task; for the parameters see `Scheduler`.
 
         Raises
@@ -93,7 +93,7 @@ class DaskScheduler:
         ClusterFault
             If no worker joins, one has another tjscan, or the scheduler is gone before the end.
         """
-        check_installed()
+        check_study_packages()
         if not tasks:
             return
         workers = min(self.workers, len(tasks))
@@ -101,7 +101,7 @@ class DaskScheduler:
             yield from _run(client, work, tasks)
 
 
-def check_installed() -> None:
+def check_study_packages() -> None:
     """Check that all is installed that a study needs.
 
     Raises
@@ -119,7 +119,7 @@ def check_installed() -> None:
 
 def _run(
     client: Any, work: Callable[[T], R], tasks: Sequence[T]
-) -> Generator[Done[T, R] | Lost[T]]:
+) -> Generator[FinishedTask[T, R] | LostTask[T]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
     from distributed import KilledWorker, as_completed
 
@@ -138,11 +138,11 @@ def _run(
         if fault is None and future.status != "finished":
             raise _gone()
         if isinstance(fault, KilledWorker):
-            over: Done[T, R] | Lost[T] = Lost(task, "every worker that ran it died")
+            over: FinishedTask[T, R] | LostTask[T] = LostTask(task, "every worker that ran it died")
         elif fault is not None:
             raise ClusterFault(f"a worker failed: {fault!r}")
         else:
-            over = Done(task, future.result())
+            over = FinishedTask(task, future.result())
         future.release()
         hand_out()
         yield over

@@ -10,8 +10,8 @@ from typing import Any, Final, Protocol
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import atomic_directory, check_size
-from tjscan.study.kind import kind_of
-from tjscan.study.row import Row
+from tjscan.study.kind import study_kind_of_task
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial
 
 PLAN: Final = "plan.jsonl"
@@ -21,7 +21,7 @@ MOST_BYTES: Final = 2_000_000_000
 """A larger file is no part of a study."""
 
 
-def make_study(directory: Path, trials: Sequence[Trial]) -> None:
+def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
     """Make a study's directory, with every resolved trial in it.
 
     Parameters
@@ -49,7 +49,7 @@ def make_study(directory: Path, trials: Sequence[Trial]) -> None:
         (draft / PLAN).write_text(text, encoding="utf-8")
 
 
-def read_plan(directory: Path) -> tuple[Trial, ...]:
+def read_trials(directory: Path) -> tuple[Trial, ...]:
     """The trials of a study's directory.
 
     Raises
@@ -67,7 +67,7 @@ def read_plan(directory: Path) -> tuple[Trial, ...]:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
 
 
-def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, Row[Any]]:
+def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[Any]]:
     """Rows on disk that belong to one of the trials, by key; a line that was cut off is none.
 
     Parameters
@@ -85,7 +85,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, Row[Any]]:
         If it can't be read.
     """
     file, keys = directory / ROWS, {trial.key for trial in trials}
-    rows: dict[str, Row[Any]] = {}
+    rows: dict[str, StudyRow[Any]] = {}
     if not trials or not file.exists():
         return rows
     try:
@@ -93,10 +93,10 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, Row[Any]]:
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
-    outcome = kind_of(trials[0].task).outcome
+    outcome = study_kind_of_task(trials[0].task).outcome
     for line in lines:
         try:
-            row: Row[Any] = Row.from_json(line, outcome)
+            row: StudyRow[Any] = StudyRow.from_json(line, outcome)
         except (ValueError, RecursionError):
             continue
         if row.key in keys:
@@ -104,16 +104,16 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, Row[Any]]:
     return rows
 
 
-class Sink(Protocol):
+class RowSink(Protocol):
     """Takes rows."""
 
-    def __call__(self, row: Row[Any]) -> None:
+    def __call__(self, row: StudyRow[Any]) -> None:
         """Keep a row."""
         ...
 
 
 @contextmanager
-def keeping(directory: Path) -> Iterator[Sink]:
+def open_row_writer(directory: Path) -> Iterator[RowSink]:
     """Give what puts a row on disk before it returns.
 
     Raises
@@ -126,7 +126,7 @@ def keeping(directory: Path) -> Iterator[Sink]:
             if file.tell():
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
-            def keep(row: Row[Any]) -> None:
+            def keep(row: StudyRow[Any]) -> None:
                 file.write(row.to_json().encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.study.row import Row
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
 CSV: Final = "study.csv"
@@ -18,12 +18,12 @@ WALL: Final = "wall_s"
 Cell = Value | None
 
 
-def columns(rows: Sequence[Row[Any]]) -> dict[str, list[Cell]]:
+def table_columns(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Cell]]:
     """The table by columns: row, what was varied, what came out, and the wall clock at last.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of StudyRow
         One at least, all of one kind.
     """
     inputs = dict.fromkeys(key for row in rows for key in row.inputs)
@@ -34,37 +34,37 @@ def columns(rows: Sequence[Row[Any]]) -> dict[str, list[Cell]]:
     return table | {WALL: [round(row.wall_s, 3) for row in rows]}
 
 
-def write_csv(file: Path, rows: Sequence[Row[Any]]) -> None:
+def write_study_csv(file: Path, rows: Sequence[StudyRow[Any]]) -> None:
     """Write the table as CSV; numbers to the last digit, what is not known as nothing.
 
     Parameters
     ----------
     file : Path
         Where to.
-    rows : sequence of Row
-        As `columns` takes them.
+    rows : sequence of StudyRow
+        As `table_columns` takes them.
     """
-    table = columns(rows)
+    table = table_columns(rows)
     with file.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(table)
         writer.writerows(zip(*table.values(), strict=True))
 
 
-def write_parquet(file: Path, rows: Sequence[Row[Any]]) -> None:
+def write_study_parquet(file: Path, rows: Sequence[StudyRow[Any]]) -> None:
     """Write the table as Parquet; a column whose values are of several types becomes text.
 
     Parameters
     ----------
     file : Path
         Where to.
-    rows : sequence of Row
-        As `columns` takes them.
+    rows : sequence of StudyRow
+        As `table_columns` takes them.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    pq.write_table(pa.table({n: _one_type(v) for n, v in columns(rows).items()}), file)
+    pq.write_table(pa.table({n: _one_type(v) for n, v in table_columns(rows).items()}), file)
 
 
 def _one_type(values: list[Cell]) -> list[Cell]:

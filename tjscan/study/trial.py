@@ -39,12 +39,12 @@ class Trial:
     @cached_property
     def key(self) -> str:
         """Distinguishes this run from every other: a hash of all that decides its result."""
-        text = canonical([VERSION, dict(self.inputs), self.task, self.settings])
+        text = canonical_json([VERSION, dict(self.inputs), self.task, self.settings])
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def to_json(self) -> str:
         """One line."""
-        return canonical(
+        return canonical_json(
             {
                 "index": self.index,
                 "inputs": dict(self.inputs),
@@ -63,9 +63,9 @@ class Trial:
             If the line is no trial.
         """
         data = json.loads(line)
-        return cls(data["index"], data["inputs"], data["task"], canonical(data["settings"]))
+        return cls(data["index"], data["inputs"], data["task"], canonical_json(data["settings"]))
 
 
-def canonical(data: Any) -> str:
+def canonical_json(data: Any) -> str:
     """JSON that is the same for the same data."""
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -2,10 +2,10 @@
 
 from matplotlib.colors import to_rgba
 
-from tjscan.runs.scan_study.figures import COLOURS, OTHER, draw_effort
+from tjscan.runs.scan_study.figures import COLOURS, OTHER, draw_travel_and_rotation
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.runs.scan_study.paper import CASE, STEP
-from tjscan.study.row import Row
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
 
@@ -25,10 +25,10 @@ def test_a_prediction_keeps_its_colour_and_what_is_not_complete_is_marked() -> N
         "another": complete,
     }
     shown = [
-        Row("", index, {CASE: case, STEP: 20.0}, outcome)
+        StudyRow("", index, {CASE: case, STEP: 20.0}, outcome)
         for index, (case, outcome) in enumerate(outcomes.items())
     ]
-    axes = draw_effort(shown).axes[0]
+    axes = draw_travel_and_rotation(shown).axes[0]
     assert {bar.get_facecolor() for bar in axes.patches} >= {to_rgba(COLOURS[3]), to_rgba(OTHER)}
     crosses = [line for line in axes.lines if line.get_marker() == "x"]
     assert [line.get_color() for line in crosses] == [COLOURS["smooth"]]

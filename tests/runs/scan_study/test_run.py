@@ -9,28 +9,28 @@ from studies import expand_in, settings_of
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan as record_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.run import run_scan
-from tjscan.runs.scan_study.settings import ScanSettings
+from tjscan.runs.scan_study.run import run_study_scan
+from tjscan.runs.scan_study.settings import StudyScanSettings
 
 
 @pytest.fixture(scope="module")
-def settings(tmp_path_factory: pytest.TempPathFactory) -> ScanSettings:
+def settings(tmp_path_factory: pytest.TempPathFactory) -> StudyScanSettings:
     expand = expand_in(tmp_path_factory.mktemp("study"))
     (trial,) = expand(fixed={"scan.sections": 4, "scan.prediction_case": 1})
     return settings_of(trial)
 
 
 @pytest.fixture(scope="module")
-def outcome(settings: ScanSettings) -> ScanOutcome:
-    return run_scan(settings)
+def outcome(settings: StudyScanSettings) -> ScanOutcome:
+    return run_study_scan(settings)
 
 
-def test_settings_come_back_from_their_text(settings: ScanSettings) -> None:
-    assert ScanSettings.from_json(settings.to_json()) == settings
+def test_settings_come_back_from_their_text(settings: StudyScanSettings) -> None:
+    assert StudyScanSettings.from_json(settings.to_json()) == settings
 
 
 def test_a_study_keeps_what_a_recorded_scan_would_say(
-    settings: ScanSettings, outcome: ScanOutcome, tmp_path: Path
+    settings: StudyScanSettings, outcome: ScanOutcome, tmp_path: Path
 ) -> None:
     summary = record_scan(RunContext(settings.job, PAPER), tmp_path / "run")
     assert summary.step_mm.mean == outcome.step_mean_mm

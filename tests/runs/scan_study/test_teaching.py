@@ -7,7 +7,7 @@ import pytest
 from studies import ANY_JOINT, Expand, expand_in, settings_of
 
 from tjscan.core.frames import rotation_angle
-from tjscan.runs.scan_study.teaching import further, ideal_view
+from tjscan.runs.scan_study.teaching import azimuth_further_along, ideal_sensor_pose
 
 
 @pytest.fixture
@@ -35,15 +35,21 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
     assert job.joint is not None
     assert job.calibration.T_f_s is not None
     T_j_b = np.linalg.inv(job.joint.T_w_j)
-    azimuths = (np.radians(40.0), further(joint, np.radians(40.0), plan.step, plan.direction))
+    azimuths = (
+        np.radians(40.0),
+        azimuth_further_along(joint, np.radians(40.0), plan.step, plan.direction),
+    )
     for T_b_f, azimuth in zip((first, second), azimuths, strict=True):
-        T_j_s, ideal = T_j_b @ T_b_f @ job.calibration.T_f_s, ideal_view(joint, azimuth, plan)
+        T_j_s, ideal = (
+            T_j_b @ T_b_f @ job.calibration.T_f_s,
+            ideal_sensor_pose(joint, azimuth, plan),
+        )
         T_s_t = plan.target(0.0)  # any frame in the groove: its origin is what the operator sees
         off = (T_j_s @ T_s_t)[:3, 3] - (ideal @ T_s_t)[:3, 3]
         # Uniform on each of three axes: the corner of the cube is the furthest.
         assert np.linalg.norm(off) < np.sqrt(3) * 3e-3
         assert rotation_angle(T_j_s, ideal) < np.radians(np.sqrt(3) * 5.0)
-    assert abs(further(joint, azimuths[1], 0.0, plan.direction) - azimuths[1]) < 1e-9
+    assert abs(azimuth_further_along(joint, azimuths[1], 0.0, plan.direction) - azimuths[1]) < 1e-9
 
 
 def test_other_joints_are_taught_with_other_errors(expand: Expand) -> None:

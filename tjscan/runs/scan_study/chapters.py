@@ -9,17 +9,22 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from tjscan.result.picture import write_picture
-from tjscan.runs.scan_study.figures import Chart, draw_effort, draw_paths, draw_steps
+from tjscan.result.picture import write_png
+from tjscan.runs.scan_study.figures import (
+    PredictionBarChart,
+    draw_flange_paths,
+    draw_step_lengths,
+    draw_travel_and_rotation,
+)
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.runs.scan_study.paper import (
     LARGEST_STEP_ERROR_PERCENT,
     ROTATION_DEG,
     TRAVEL_MM,
-    Bar,
+    PaperBar,
 )
-from tjscan.study.groups import Group
-from tjscan.study.row import Row
+from tjscan.study.groups import RowGroup
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
 MEASURES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = {
@@ -36,14 +41,14 @@ MEASURES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = 
 }
 
 
-def beside_the_paper(folder: Path, rows: Sequence[Row[ScanOutcome]]) -> Iterator[str]:
+def write_paper_comparison(folder: Path, rows: Sequence[StudyRow[ScanOutcome]]) -> Iterator[str]:
     """Write pictures, and give the report's lines, of the paper's programme.
 
     Parameters
     ----------
     folder : Path
         Where the pictures go.
-    rows : sequence of Row
+    rows : sequence of StudyRow
         All with a prediction and a step length, one complete at least.
 
     Raises
@@ -51,25 +56,25 @@ def beside_the_paper(folder: Path, rows: Sequence[Row[ScanOutcome]]) -> Iterator
     RecordingError
         If a picture can't be written.
     """
-    chart = Chart(rows)
+    chart = PredictionBarChart(rows)
     yield "Means over the complete scans of each prediction at each step length:"
     yield ""
     for name, (value, form) in MEASURES.items():
         yield from _table(chart, name, value, form)
     yield from _compared(chart)
-    pictures: dict[str, Callable[[Sequence[Row[ScanOutcome]]], Figure]] = {
-        "steps": draw_steps,
-        "effort": draw_effort,
-        "paths": draw_paths,
+    pictures: dict[str, Callable[[Sequence[StudyRow[ScanOutcome]]], Figure]] = {
+        "steps": draw_step_lengths,
+        "effort": draw_travel_and_rotation,
+        "paths": draw_flange_paths,
     }
     for name, draw in pictures.items():
-        write_picture(folder / f"{name}.png", draw(rows))
+        write_png(folder / f"{name}.png", draw(rows))
         yield f"![{name}]({name}.png)"
         yield ""
 
 
 def _table(
-    chart: Chart, name: str, value: Callable[[ScanOutcome], float | None], form: str
+    chart: PredictionBarChart, name: str, value: Callable[[ScanOutcome], float | None], form: str
 ) -> Iterator[str]:
     yield f"| {name} | {' | '.join(f'{step:g} mm' for step in chart.steps)} |"
     yield f"| --- |{' ---: |' * len(chart.steps)}"
@@ -80,7 +85,7 @@ def _table(
 
 
 def _cell(
-    members: Group[ScanOutcome] | None, value: Callable[[ScanOutcome], float | None], form: str
+    members: RowGroup[ScanOutcome] | None, value: Callable[[ScanOutcome], float | None], form: str
 ) -> str:
     if members is None:
         return ""
@@ -89,7 +94,7 @@ def _cell(
     return ("–" if isnan(mean) else f"{mean:{form}}") + missing
 
 
-def _compared(chart: Chart) -> Iterator[str]:
+def _compared(chart: PredictionBarChart) -> Iterator[str]:
     yield "| beside the paper | paper | here |"
     yield "| --- | ---: | ---: |"
     for case, largest in LARGEST_STEP_ERROR_PERCENT.items():
@@ -108,7 +113,7 @@ def _compared(chart: Chart) -> Iterator[str]:
 
 
 def _papers_bars() -> Iterator[
-    tuple[tuple[Bar, ...], str, str, Callable[[ScanOutcome], float | None]]
+    tuple[tuple[PaperBar, ...], str, str, Callable[[ScanOutcome], float | None]]
 ]:
     yield TRAVEL_MM, "flange travel", "mm", lambda m: m.travel_mm
     yield ROTATION_DEG, "flange rotation", "°", lambda m: m.rotation_deg

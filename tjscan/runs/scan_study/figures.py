@@ -17,10 +17,10 @@ from tjscan.runs.scan_study.paper import (
     ROTATION_DEG,
     STEP,
     TRAVEL_MM,
-    Bar,
+    PaperBar,
 )
-from tjscan.study.groups import Group, group
-from tjscan.study.row import Row
+from tjscan.study.groups import RowGroup, group_rows
+from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
 COLOURS: Final[dict[Value | None, str]] = {
@@ -42,21 +42,21 @@ WIDTH: Final = 0.8
 """Of all bars at one step together."""
 
 
-class Chart:
+class PredictionBarChart:
     """Bars of every prediction beside each other, at every step length.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of StudyRow
         Those to show, of every prediction at every step length.
     """
 
-    def __init__(self, rows: Sequence[Row[ScanOutcome]]) -> None:
-        self.groups = group(rows, CASE, STEP)
+    def __init__(self, rows: Sequence[StudyRow[ScanOutcome]]) -> None:
+        self.groups = group_rows(rows, CASE, STEP)
         self.cases = list(dict.fromkeys(case for case, _ in self.groups))
         self.steps = sorted({float(step) for _, step in self.groups if step is not None})
 
-    def at(self, case: Value | None, step_mm: float) -> Group[ScanOutcome] | None:
+    def at(self, case: Value | None, step_mm: float) -> RowGroup[ScanOutcome] | None:
         """The rows of one bar.
 
         Parameters
@@ -139,14 +139,14 @@ class Chart:
             more = (*more, Line2D([], [], label="no complete scan", **style))
         axes.legend(handles=[*known, *more], fontsize="small")
 
-    def papers(self, axes: Any, bars: Sequence[Bar]) -> None:
+    def papers(self, axes: Any, bars: Sequence[PaperBar]) -> None:
         """Mark the bars that the paper gives a number for.
 
         Parameters
         ----------
         axes
             Where.
-        bars : sequence of Bar
+        bars : sequence of PaperBar
             Of the paper.
         """
         shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
@@ -155,9 +155,9 @@ class Chart:
             axes.plot(x, bar.value, "D", color="#d62728", markersize=5, zorder=3)
 
 
-def draw_steps(rows: Sequence[Row[ScanOutcome]]) -> Figure:
+def draw_step_lengths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     """Mean step with its standard deviation, and its error (the paper's Fig. 13 and 14)."""
-    chart, figure = Chart(rows), _figure(12, 4.5)
+    chart, figure = PredictionBarChart(rows), _figure(12, 4.5)
     length, error = figure.subplots(1, 2)
     chart.bars(length, lambda m: m.step_mean_mm, spread=lambda m: m.step_std_mm)
     length.set_ylabel("mean step / mm (line: standard deviation)")
@@ -176,11 +176,11 @@ def draw_steps(rows: Sequence[Row[ScanOutcome]]) -> Figure:
     return figure
 
 
-def draw_effort(rows: Sequence[Row[ScanOutcome]]) -> Figure:
+def draw_travel_and_rotation(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     """Travel and rotation of the flange, prediction light and correction dark (Fig. 15, 16)."""
     from matplotlib.lines import Line2D
 
-    chart, figure = Chart(rows), _figure(12, 4.5)
+    chart, figure = PredictionBarChart(rows), _figure(12, 4.5)
     travel, rotation = figure.subplots(1, 2)
     chart.bars(travel, lambda m: m.travel_mm, below=lambda m: m.travel_prediction_mm)
     chart.papers(travel, TRAVEL_MM)
@@ -193,9 +193,9 @@ def draw_effort(rows: Sequence[Row[ScanOutcome]]) -> Figure:
     return figure
 
 
-def draw_paths(rows: Sequence[Row[ScanOutcome]]) -> Figure:
+def draw_flange_paths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     """The flange's paths in cylinder coordinates of frame j (Fig. 12), the first of each case."""
-    chart, figure = Chart(rows), _figure(12, 4.5)
+    chart, figure = PredictionBarChart(rows), _figure(12, 4.5)
     step = min(chart.steps, key=lambda s: abs(s - PATH_STEP_MM))
     distance, height = figure.subplots(1, 2)
     for case in chart.cases:

@@ -12,18 +12,18 @@ from tjscan.core.devices import Kind
 from tjscan.core.errors import ConfigurationError, nearest
 from tjscan.core.frames import Array
 from tjscan.core.units import pose_to_rows
-from tjscan.job import JobFile, JointTable, read_job
-from tjscan.job.cell import mount_of
+from tjscan.job import JointSettings, ScanJob, read_scan_job
+from tjscan.job.cell import sensor_mount_of_job
 from tjscan.joint.file import JointFile
-from tjscan.runs.scan_study.chapters import beside_the_paper
+from tjscan.runs.scan_study.chapters import write_paper_comparison
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.runs.scan_study.paper import CASE, STEP
-from tjscan.runs.scan_study.rules import RuleTable, ruled_joint
-from tjscan.runs.scan_study.run import run_scan
-from tjscan.runs.scan_study.settings import ScanSettings
-from tjscan.runs.scan_study.start import taught_start
-from tjscan.study.kind import Measure, Resolved, StudyKind
-from tjscan.study.row import Row
+from tjscan.runs.scan_study.rules import DerivedKeySettings, joint_from_rules
+from tjscan.runs.scan_study.run import run_study_scan
+from tjscan.runs.scan_study.settings import StudyScanSettings
+from tjscan.runs.scan_study.start import teach_start_poses
+from tjscan.study.kind import ReportedQuantity, ResolvedRun, StudyKind
+from tjscan.study.row import StudyRow
 
 JOINT: Final = "joint."
 RULE: Final = "rule."
@@ -35,18 +35,18 @@ class ScanStudy(StudyKind[ScanOutcome]):
     """Studies of scans.
 
     Keys are those of the job file, those of the joint's file below ``joint.``
-    (``joint.brace.wall_mm``), and those of `RuleTable` below ``rule.``.
+    (``joint.brace.wall_mm``), and those of `DerivedKeySettings` below ``rule.``.
     """
 
     outcome = ScanOutcome
     seed = "simulation.seed"
     measures = (
-        Measure("profiles per section", lambda m: m.scans_per_section, ".2f"),
-        Measure("mean step error / %", lambda m: m.step_error_percent, "+.2f"),
-        Measure("mean corner error / mm", lambda m: m.corner_mean_mm, ".3f"),
+        ReportedQuantity("profiles per section", lambda m: m.scans_per_section, ".2f"),
+        ReportedQuantity("mean step error / %", lambda m: m.step_error_percent, "+.2f"),
+        ReportedQuantity("mean corner error / mm", lambda m: m.corner_mean_mm, ".3f"),
     )
 
-    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> Resolved:
+    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
         """Resolve and check one scan; see `StudyKind.resolve`."""
         job_keys, joint_keys, rules = _sorted_out(keys)
         job = _job(job_file, job_keys)
@@ -54,32 +54,32 @@ class ScanStudy(StudyKind[ScanOutcome]):
             raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
         if job.station:
             raise ConfigurationError("a study's jobs scan from one place", key="station")
-        T_f_s = mount_of(job, job_file).T_f_s
+        T_f_s = sensor_mount_of_job(job, job_file).T_f_s
         joint = _joint(job_file.parent / job.joint.file, joint_keys, rules)
         changed, followed = _followed(job, joint, rules, T_f_s)
         if job.calibration.file is not None:
             changed["calibration"] = {"T_f_s_mm": pose_to_rows(T_f_s)}
         data = written(job) | changed
-        return Resolved(ScanSettings(validate(JobFile, data), joint).to_json(), followed)
+        return ResolvedRun(StudyScanSettings(validate(ScanJob, data), joint).to_json(), followed)
 
     def run(self, settings: str) -> ScanOutcome:
         """Make one scan; see `StudyKind.run`."""
-        return run_scan(ScanSettings.from_json(settings))
+        return run_study_scan(StudyScanSettings.from_json(settings))
 
-    def chapters(self, folder: Path, rows: Sequence[Row[ScanOutcome]]) -> Iterator[str]:
+    def chapters(self, folder: Path, rows: Sequence[StudyRow[ScanOutcome]]) -> Iterator[str]:
         """The paper's programme beside the paper; see `StudyKind.chapters`."""
         as_paper = all(CASE in row.inputs and STEP in row.inputs for row in rows)
         if as_paper and any(row.outcome.complete for row in rows):
-            yield from beside_the_paper(folder, rows)
+            yield from write_paper_comparison(folder, rows)
 
 
 SCAN_STUDY: Final = ScanStudy()
 
 
-def _job(file: Path, keys: dict[str, Any]) -> JobFile:
+def _job(file: Path, keys: dict[str, Any]) -> ScanJob:
     """A job with the study's keys; what is wrong with one of these is the study's to mend."""
     try:
-        return read_job(file, keys)
+        return read_scan_job(file, keys)
     except ConfigurationError as error:
         blamed = error.key or ""
         if any(key == blamed or key.startswith(f"{blamed}.") for key in keys):
@@ -87,7 +87,9 @@ def _job(file: Path, keys: dict[str, Any]) -> JobFile:
         raise
 
 
-def _sorted_out(keys: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], RuleTable]:
+def _sorted_out(
+    keys: Mapping[str, Any],
+) -> tuple[dict[str, Any], dict[str, Any], DerivedKeySettings]:
     """The keys of the job, those of the joint's file, and the rules."""
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
@@ -96,18 +98,18 @@ def _sorted_out(keys: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
             rule[key.removeprefix(RULE)] = value
         elif key.startswith(JOINT) and inner and table in JOINT_TABLES:
             joint[key.removeprefix(JOINT)] = value
-        elif key.startswith(JOINT) and table not in JointTable.file_fields():
-            known = (*JOINT_TABLES, *JointTable.file_fields())
+        elif key.startswith(JOINT) and table not in JointSettings.file_fields():
+            known = (*JOINT_TABLES, *JointSettings.file_fields())
             raise ConfigurationError(
                 f"unknown key; did you mean: {JOINT}{nearest(table, known)}?", key=key
             )
         else:
             job[key] = value
     with _below(RULE):
-        return job, joint, validate(RuleTable, rule)
+        return job, joint, validate(DerivedKeySettings, rule)
 
 
-def _joint(file: Path, keys: Mapping[str, Any], rules: RuleTable) -> JointFile:
+def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> JointFile:
     if not file.is_file():
         raise ConfigurationError(f"there is no such file: {file}", key="joint.file")
     data = read_toml(file)
@@ -115,13 +117,13 @@ def _joint(file: Path, keys: Mapping[str, Any], rules: RuleTable) -> JointFile:
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
     with _below(JOINT):
-        joint = ruled_joint(validate(JointFile, data), rules)
+        joint = joint_from_rules(validate(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
 
 
 def _followed(
-    job: JobFile, joint: JointFile, rules: RuleTable, T_f_s: Array
+    job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What rules make of a job: whole tables that they change, and cells that show it."""
     tables: dict[str, Any] = {"scan": written(job.scan)}
@@ -132,8 +134,8 @@ def _followed(
         step = round(rules.step_to_brace * joint.brace.outer_diameter_mm, 1)
         tables["scan"]["step_mm"] = cells[STEP] = step
     if rules.start_azimuth_deg is not None:
-        started = validate(JobFile, written(job) | tables)
-        azimuth, changed = taught_start(started, joint, rules, T_f_s)
+        started = validate(ScanJob, written(job) | tables)
+        azimuth, changed = teach_start_poses(started, joint, rules, T_f_s)
         tables["scan"] |= changed.pop("scan")
         tables |= changed
         cells[START] = azimuth

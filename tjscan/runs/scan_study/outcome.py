@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tjscan.study.row import HIDDEN, Outcome
+from tjscan.study.row import HIDDEN, RunOutcome
 
 
 @dataclass(frozen=True, slots=True)
-class ScanOutcome(Outcome):
+class ScanOutcome(RunOutcome):
     """What came out of one scan. Lengths in millimetres, angles in degrees; None where unknown.
 
     Travel, rotation and time run from the second taught pose on.
@@ -16,7 +16,7 @@ class ScanOutcome(Outcome):
     Parameters
     ----------
     complete, reason, detail
-        As in `Outcome`.
+        As in `RunOutcome`.
     sections, scans : int
         Finished sections and profiles taken, the two taught ones included.
     scans_per_section : float

@@ -13,7 +13,7 @@ LARGEST_STEP_ERROR_PERCENT: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class PaperBar:
     """One bar of the paper's Fig. 15 or 16 that the text gives a number for.
 
     Parameters
@@ -31,8 +31,18 @@ class Bar:
     value: float
 
 
-TRAVEL_MM: Final = (Bar(3, 10, 1945), Bar(4, 10, 3344), Bar(2, 100, 1718), Bar(3, 100, 1619))
+TRAVEL_MM: Final = (
+    PaperBar(3, 10, 1945),
+    PaperBar(4, 10, 3344),
+    PaperBar(2, 100, 1718),
+    PaperBar(3, 100, 1619),
+)
 """Travel of the end effector (Fig. 15)."""
 
-ROTATION_DEG: Final = (Bar(3, 10, 182), Bar(4, 10, 402), Bar(1, 100, 133), Bar(2, 100, 195))
+ROTATION_DEG: Final = (
+    PaperBar(3, 10, 182),
+    PaperBar(4, 10, 402),
+    PaperBar(1, 100, 133),
+    PaperBar(2, 100, 195),
+)
 """Rotation of the end effector (Fig. 16)."""

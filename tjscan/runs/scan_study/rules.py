@@ -15,7 +15,7 @@ from tjscan.joint.file import JointFile
 from tjscan.joint.geometry import in_j
 
 
-class RuleTable(FileModel):
+class DerivedKeySettings(FileModel):
     """Keys of a study that set others.
 
     Parameters
@@ -57,14 +57,14 @@ LONGEST_MM = 20_000.0
 """What a joint's file allows; a stand-in while the length needed is not known yet."""
 
 
-def ruled_joint(joint: JointFile, rules: RuleTable) -> JointFile:
+def joint_from_rules(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
     """A joint with all that rules say of it.
 
     Parameters
     ----------
     joint : JointFile
         As its file has it, millimetres and degrees.
-    rules : RuleTable
+    rules : DerivedKeySettings
         What to change.
 
     Raises

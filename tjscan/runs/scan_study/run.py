@@ -11,16 +11,16 @@ from tjscan.comparison.distance import corner_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, rotation_angle, transform
 from tjscan.core.units import rows_to_pose
-from tjscan.job.cell import open_cell
+from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
-from tjscan.result.frame import ResultFrame
-from tjscan.result.summary import Summary
-from tjscan.runs.results import summarise
-from tjscan.runs.scan import scan_in
+from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.summary import ScanSummary
+from tjscan.runs.results import summarise_scan
+from tjscan.runs.scan import scan_in_cell
 from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.settings import ScanSettings
-from tjscan.scanning.journal import Journals
+from tjscan.runs.scan_study.settings import StudyScanSettings
+from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import Substep
@@ -29,7 +29,7 @@ EDGES_KEPT = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""
 
 
-def run_scan(settings: ScanSettings) -> ScanOutcome:
+def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
     """Make one scan.
 
     Raises
@@ -40,16 +40,16 @@ def run_scan(settings: ScanSettings) -> ScanOutcome:
     job, joint = settings.job, settings.joint.definition("joint")
     if job.joint is None or job.calibration.T_f_s_mm is None:
         raise ConfigurationError("a scan of a study holds its joint and its calibration")
-    cell = open_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
-    result = scan_in(cell, job, Journals())
-    return _outcome(result, job.scan, ResultFrame(job.joint.T_w_j), joint)
+    cell = make_scan_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
+    result = scan_in_cell(cell, job, CombinedJournal())
+    return _outcome(result, job.scan, JointOrBaseFrame(job.joint.T_w_j), joint)
 
 
 def _outcome(
-    result: ScanResult, plan: ScanPlan, frame: ResultFrame, joint: JointDefinition
+    result: ScanResult, plan: ScanPlan, frame: JointOrBaseFrame, joint: JointDefinition
 ) -> ScanOutcome:
     corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
-    summary = summarise(result, plan, frame, corner_errors(corners, _edges(joint)))
+    summary = summarise_scan(result, plan, frame, corner_errors(corners, _edges(joint)))
     step, error = summary.step_mm, summary.corner_error_mm
     predicted, corrected = (
         _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)
@@ -80,7 +80,7 @@ def _outcome(
     )
 
 
-def _per_section(summary: Summary) -> float | None:
+def _per_section(summary: ScanSummary) -> float | None:
     own = summary.sections - 2
     return (summary.scans - 2) / own if own > 0 else None
 
@@ -92,7 +92,7 @@ def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
     return 1e3 * travel, float(np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops)))
 
 
-def _path(result: ScanResult, frame: ResultFrame) -> tuple[tuple[float, float, float], ...]:
+def _path(result: ScanResult, frame: JointOrBaseFrame) -> tuple[tuple[float, float, float], ...]:
     """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
     flange = transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))

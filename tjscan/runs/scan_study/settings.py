@@ -7,29 +7,29 @@ from dataclasses import dataclass
 from typing import Self
 
 from tjscan.core.config import validate, written
-from tjscan.job import JobFile
+from tjscan.job import ScanJob
 from tjscan.joint.file import JointFile
-from tjscan.study.trial import canonical
+from tjscan.study.trial import canonical_json
 
 
 @dataclass(frozen=True, slots=True)
-class ScanSettings:
+class StudyScanSettings:
     """The settings of one scan.
 
     Parameters
     ----------
-    job : JobFile
+    job : ScanJob
         The resolved job.
     joint : JointFile
         Its joint.
     """
 
-    job: JobFile
+    job: ScanJob
     joint: JointFile
 
     def to_json(self) -> str:
         """Canonical JSON."""
-        return canonical(
+        return canonical_json(
             {
                 "job": written(self.job),
                 "joint": self.joint.model_dump(mode="json"),
@@ -40,4 +40,4 @@ class ScanSettings:
     def from_json(cls, text: str) -> Self:
         """What `to_json` wrote."""
         data = json.loads(text)
-        return cls(validate(JobFile, data["job"]), validate(JointFile, data["joint"]))
+        return cls(validate(ScanJob, data["job"]), validate(JointFile, data["joint"]))

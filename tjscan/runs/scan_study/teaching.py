@@ -15,7 +15,7 @@ from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import in_j, tangential
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.target import Direction
+from tjscan.scanning.target import ScanDirection
 
 STREAM: Final = 11
 """Keeps these random numbers apart from those of arm and laser."""
@@ -46,7 +46,7 @@ class TeachingError:
         return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
 
 
-def random_of(seed: int, joint: str) -> np.random.Generator:
+def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
     """Random numbers of teaching: others for every joint, the same each time.
 
     Parameters
@@ -60,7 +60,7 @@ def random_of(seed: int, joint: str) -> np.random.Generator:
     return np.random.default_rng([seed, STREAM, int.from_bytes(digest[:8])])
 
 
-def ideal_view(
+def ideal_sensor_pose(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, error: Array | None = None
 ) -> Array:
     """Where the sensor would best stand before the groove at an azimuth.
@@ -85,7 +85,7 @@ def ideal_view(
     tangent = joint.leg.tangent(phi, joint.brace_radius)[0]
     sections = bevel_sections(joint, phi)
     origin = joint.leg.point(phi, joint.brace_radius)[0]
-    x = tangent if plan.direction is Direction.COUNTERCLOCKWISE else -tangent
+    x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
     y = unit(np.array([0.0, 0.0, 1.0]) - x[2] * x)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
     T_s_t = plan.target(_work_angle(joint, sections.bevel[0], azimuth, tangent))
@@ -105,7 +105,9 @@ def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: A
     return float(0.5 * (gamma_1 - gamma_2))
 
 
-def further(joint: JointDefinition, azimuth: float, distance: float, direction: Direction) -> float:
+def azimuth_further_along(
+    joint: JointDefinition, azimuth: float, distance: float, direction: ScanDirection
+) -> float:
     """Azimuth that lies a distance along the groove from another one.
 
     Parameters
@@ -116,16 +118,16 @@ def further(joint: JointDefinition, azimuth: float, distance: float, direction: 
         Radians, within a turn.
     distance : float
         Metres along the outer edge, not negative.
-    direction : Direction
+    direction : ScanDirection
         Which way round.
     """
     speed = np.linalg.norm(joint.leg.velocity(AZIMUTHS, joint.brace_radius), axis=1)
     length = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(AZIMUTHS))))
-    signed = distance if direction is Direction.COUNTERCLOCKWISE else -distance
+    signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
     return float(np.interp(np.interp(azimuth, AZIMUTHS, length) + signed, length, AZIMUTHS))
 
 
-def taught_views(
+def taught_sensor_poses(
     joint: JointDefinition,
     azimuth: float,
     plan: ScanPlan,
@@ -152,14 +154,14 @@ def taught_views(
     first, second : ndarray, shape (4, 4)
         T_j_s, metres.
     """
-    second = further(joint, azimuth, plan.step, plan.direction)
+    second = azimuth_further_along(joint, azimuth, plan.step, plan.direction)
     first_view, second_view = (
-        ideal_view(joint, phi, plan, error.draw(rng)) for phi in (azimuth, second)
+        ideal_sensor_pose(joint, phi, plan, error.draw(rng)) for phi in (azimuth, second)
     )
     return first_view, second_view
 
 
-def arc(
+def scan_azimuths(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
 ) -> list[float]:
     """Azimuths at shares of the arc from the first section to the last one that a plan asks for.
@@ -177,10 +179,14 @@ def arc(
         Radians in frame j.
     """
     whole = ((plan.sections or 1) - 1) * plan.step
-    return [further(joint, azimuth, share * whole, plan.direction) for share in shares]
+    return [
+        azimuth_further_along(joint, azimuth, share * whole, plan.direction) for share in shares
+    ]
 
 
-def carried(joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array) -> Array:
+def joint_pose_for_carried_base(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array
+) -> Array:
     """Where the joint stands for a base that was carried to it.
 
     Parameters
@@ -195,11 +201,11 @@ def carried(joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: 
     ndarray, shape (4, 4)
         T_b_j: at home the arm looks at the middle of the arc.
     """
-    (middle,) = arc(joint, azimuth, plan, [0.5])
-    return T_b_s_home @ inverse(ideal_view(joint, middle, plan))
+    (middle,) = scan_azimuths(joint, azimuth, plan, [0.5])
+    return T_b_s_home @ inverse(ideal_sensor_pose(joint, middle, plan))
 
 
-def centred(
+def plan_with_centred_groove(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, window: tuple[float, float]
 ) -> ScanPlan:
     """The plan with the groove in the middle of what the laser sees.
@@ -218,7 +224,10 @@ def centred(
         about the middle of the window and of the line.
     """
     corners = np.concatenate(
-        [_corners_s(joint, phi, plan) for phi in arc(joint, azimuth, plan, np.linspace(0, 1, 9))]
+        [
+            _corners_s(joint, phi, plan)
+            for phi in scan_azimuths(joint, azimuth, plan, np.linspace(0, 1, 9))
+        ]
     )
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     return replace(
@@ -232,5 +241,5 @@ def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
     sections = bevel_sections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
-    T_s_j = inverse(ideal_view(joint, azimuth, plan))
+    T_s_j = inverse(ideal_sensor_pose(joint, azimuth, plan))
     return transform(T_s_j, in_j(azimuth, rz[:, 0], rz[:, 1]))

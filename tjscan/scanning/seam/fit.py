@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, cross, readonly, unit
 from tjscan.core.gp import Matern52
-from tjscan.scanning.seam.track import Track
+from tjscan.scanning.seam.track import RecentSections
 
 BRACE_RADIUS: Final = (0.2, 0.7)
 """Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""
@@ -65,7 +65,7 @@ _FREE: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walls:
+class LocalWalls:
     """Both tubes beside the last section, for one or many sets of parameters (...).
 
     A wall is told by its point next to p2 or p4, its normal, its axis and its curvature: this
@@ -110,7 +110,7 @@ class Walls:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seam:
+class FittedTubes:
     """What is believed of the tubes: most likely parameters, and how sure they are.
 
     Parameters
@@ -145,7 +145,7 @@ class Seam:
         for name in self.__slots__:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
-    def walls(self, thetas: Array | None = None) -> Walls:
+    def walls(self, thetas: Array | None = None) -> LocalWalls:
         """The walls for parameters of shape (..., 10), the most likely ones where left out."""
         return _walls(self.bases, self.theta if thetas is None else thetas)
 
@@ -161,7 +161,7 @@ class Seam:
         bent = cross(d_1, n_2) + cross(n_1, d_2)
         return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
 
-    def off_its_neighbours(self) -> tuple[Array, Array]:
+    def leave_one_out_residuals(self) -> tuple[Array, Array]:
         """How far each of `residuals` is from what the others make expected, shape (6, n).
 
         Also the standard deviations that this should have.
@@ -192,12 +192,12 @@ class Seam:
         )
 
 
-def fit_seam(track: Track) -> Seam:
+def fit_tubes_to_sections(track: RecentSections) -> FittedTubes:
     """Most likely tubes for two or more sections, by Levenberg–Marquardt from several starts.
 
     Parameters
     ----------
-    track : Track
+    track : RecentSections
         The sections.
 
     Notes
@@ -210,7 +210,7 @@ def fit_seam(track: Track) -> Seam:
     sigmas = track.sigmas
     seam = _fit(track, sigmas)
     for _ in range(REVISIONS):
-        off, expected = seam.off_its_neighbours()
+        off, expected = seam.leave_one_out_residuals()
         misread = np.abs(off) > MISREAD * expected
         if not misread.any():
             break
@@ -219,7 +219,7 @@ def fit_seam(track: Track) -> Seam:
     return seam
 
 
-def _fit(track: Track, sigmas: Array) -> Seam:
+def _fit(track: RecentSections, sigmas: Array) -> FittedTubes:
     bases = _bases(track)
     between = track.along[:, None] - track.along
     whiten = np.array(
@@ -244,12 +244,12 @@ def _fit(track: Track, sigmas: Array) -> Seam:
     around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
     lefts = _residuals(_walls(bases, around), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE, 0, -1)
-    return Seam(
+    return FittedTubes(
         bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
     )
 
 
-def _residuals(walls: Walls, track: Track) -> Array:
+def _residuals(walls: LocalWalls, track: RecentSections) -> Array:
     # Both of a wall's places at once; the tangents count at the first.
     n = len(track.along)
     distances, slopes = walls.outside(
@@ -267,7 +267,7 @@ def _starts() -> Array:
     return starts
 
 
-def _bases(track: Track) -> Array:
+def _bases(track: RecentSections) -> Array:
     chord = track.origins[-1] - track.origins[-2]
     down, out = track.tangents[:, -1]
     bases = np.empty((2, 4, 3))
@@ -278,7 +278,7 @@ def _bases(track: Track) -> Array:
     return bases
 
 
-def _walls(bases: Array, thetas: Array) -> Walls:
+def _walls(bases: Array, thetas: Array) -> LocalWalls:
     """Walls of parameters, shape (..., 10)."""
     t = thetas.reshape(*thetas.shape[:-1], 2, 5, 1) * _SCALE[:, None]
     foot, along, around, normal = (bases[:, i] for i in range(4))
@@ -287,10 +287,10 @@ def _walls(bases: Array, thetas: Array) -> Walls:
     c = np.cos(t[..., 3, :]) * around - np.sin(t[..., 3, :]) * along
     c = c - (c * n).sum(axis=-1, keepdims=True) * n
     c = c / np.sqrt((c * c).sum(axis=-1, keepdims=True))
-    return Walls(foot + t[..., 0, :] * n, n, c, np.exp(t[..., 4, 0]))
+    return LocalWalls(foot + t[..., 0, :] * n, n, c, np.exp(t[..., 4, 0]))
 
 
-def _prior(walls: Walls, thetas: Array) -> Array:
+def _prior(walls: LocalWalls, thetas: Array) -> Array:
     """What joints of tubes are like, as residuals, shape (..., 14)."""
     axes = cross(walls.across, walls.normals)
     radii = 1 / walls.curvatures

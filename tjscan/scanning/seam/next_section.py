@@ -11,9 +11,9 @@ import numpy as np
 from tjscan.core import lie
 from tjscan.core.frames import Array, cross, inverse, unit
 from tjscan.core.gp import Matern52, OrdinaryKriging
-from tjscan.scanning.correction import correct
-from tjscan.scanning.seam.fit import Seam, Walls
-from tjscan.scanning.seam.track import Track
+from tjscan.scanning.correction import correction_target_pose
+from tjscan.scanning.seam.fit import FittedTubes, LocalWalls
+from tjscan.scanning.seam.track import RecentSections
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
 """How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
@@ -24,7 +24,7 @@ _DIFFERENCE: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NextSection:
+class ExpectedSection:
     """What is expected of the next section.
 
     A section is given by its origin in b (metres) and the angles of wall and leg in the laser
@@ -34,14 +34,14 @@ class NextSection:
     ----------
     T_b_g : ndarray, shape (4, 4)
         Frame g of the last section.
-    seam : Seam
+    seam : FittedTubes
         The tubes.
     step : float
         Distance of the origins, d_st, metres.
     shape : ndarray, shape (3,)
         Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
     residuals : ndarray, shape (4,)
-        What the tubes leave, see `Seam.residuals_at`.
+        What the tubes leave, see `FittedTubes.residuals_at`.
     shape_sigmas, residual_sigmas : ndarray
         Standard deviations of both.
     residual_jacobian : ndarray, shape (4, 10)
@@ -49,7 +49,7 @@ class NextSection:
     """
 
     T_b_g: Array
-    seam: Seam
+    seam: FittedTubes
     step: float
     shape: Array
     shape_sigmas: Array
@@ -58,14 +58,16 @@ class NextSection:
     residual_jacobian: Array
 
     @classmethod
-    def of(cls, track: Track, seam: Seam, T_b_g: Array, step: float) -> NextSection:
+    def from_track(
+        cls, track: RecentSections, seam: FittedTubes, T_b_g: Array, step: float
+    ) -> ExpectedSection:
         """Expect the section a step beyond the last one of a track.
 
         Parameters
         ----------
-        track : Track
+        track : RecentSections
             The sections so far.
-        seam : Seam
+        seam : FittedTubes
             The tubes that fit them.
         T_b_g : ndarray, shape (4, 4)
             Frame g of the last section, metres.
@@ -83,12 +85,12 @@ class NextSection:
         left = (values[[0, 1, 4, 5]] for values in seam.residuals_at(step))
         return cls(T_b_g, seam, step, *shape.T, *left)
 
-    def guess(self, track: Track, R_b_s: Array) -> Array:
+    def guess(self, track: RecentSections, R_b_s: Array) -> Array:
         """A section straight on along the seam, shape (5,), to start from.
 
         Parameters
         ----------
-        track : Track
+        track : RecentSections
             The sections so far.
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
@@ -130,7 +132,7 @@ class NextSection:
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
         gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
-        return correct(self.T_b_g, T_b_g), 0.5 * self.shape[2] - gamma_2
+        return correction_target_pose(self.T_b_g, T_b_g), 0.5 * self.shape[2] - gamma_2
 
     def covariance(self, section: Array, R_b_s: Array) -> Array:
         """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7).
@@ -166,7 +168,7 @@ class NextSection:
         return np.asarray(total)
 
     def _misses(
-        self, walls: Walls, section: Array, R_b_s: Array, lengths: Array | None = None
+        self, walls: LocalWalls, section: Array, R_b_s: Array, lengths: Array | None = None
     ) -> Array:
         """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
         lengths = self.shape[:2] if lengths is None else lengths

@@ -30,7 +30,7 @@ LEAST_SIGMA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
     Parameters
@@ -70,7 +70,7 @@ class Track:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def track_of(sections: Sequence[ScannedSection]) -> Track:
+def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:
     """Arrays of the last `MOST_SECTIONS` of two or more sections."""
     last = sections[-MOST_SECTIONS:]
     grooves = [scan.groove for scan in last]
@@ -96,7 +96,7 @@ def track_of(sections: Sequence[ScannedSection]) -> Track:
     absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
     unseen = np.where(absent, along, 0.0)
     openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
-    return Track(
+    return RecentSections(
         along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
         origins=origins,
         points=np.moveaxis(corners_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
