@@ -11,9 +11,9 @@ from tjscan.calibration.hand_eye import HandEye, LineSample
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Plane, transform_plane
 from tjscan.calibration.window import Window
-from tjscan.core.frames import Array, inverse, pose
-from tjscan.core.lie import so3_exp
-from tjscan.laser.faults import speckle
+from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.core.pose_vector import rotation_from_vector
+from tjscan.laser.faults import correlated_noise
 from tjscan.laser.profile import Profile
 
 
@@ -46,11 +46,11 @@ class BoardSimulator:
         noise = self.noise
         if noise is not None:
             slip = pose(
-                so3_exp(noise.rotation * rng.standard_normal(3)),
+                rotation_from_vector(noise.rotation * rng.standard_normal(3)),
                 noise.position * rng.standard_normal(3),
             )
             T_b_f = pose(T_b_f[:3, :3] @ slip[:3, :3], T_b_f[:3, 3] + slip[:3, 3])
-        seen = transform_plane(inverse(T_b_f @ self.T_f_s), self.plane)
+        seen = transform_plane(inverse_pose(T_b_f @ self.T_f_s), self.plane)
         window = self.window
         edge = np.tan(window.half_angle)
         tangent = np.linspace(-edge, edge, window.columns)
@@ -61,7 +61,7 @@ class BoardSimulator:
         x = np.where(out, np.nan, depth * tangent)
         z = np.where(out, np.nan, z)
         if noise is not None:
-            z = z + speckle(rng, window.columns, noise.range, noise.correlation)
+            z = z + correlated_noise(rng, window.columns, noise.range, noise.correlation)
         return Profile(x, z)
 
     def touches(self, points_b: Array, rng: np.random.Generator) -> Array:

@@ -25,12 +25,12 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.recorded import read_points, read_poses
 from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose, read_entries
 from tjscan.cli.overrides import parse_overrides
-from tjscan.comparison.sidecar import ShapeOptions
-from tjscan.core.config import validate
+from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import DEFAULT
 from tjscan.job import read_calibration_job, read_scan_job
-from tjscan.joint.export import write_joint
+from tjscan.joint.export import build_and_write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.profile import Profile
@@ -209,7 +209,7 @@ def _studies(folder: Path) -> Iterator[Reader]:
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:
-    read = partial(read_shape, options=ShapeOptions("mm", "j"))
+    read = partial(read_shape, options=StatedUnitAndFrame("mm", "j"))
     box = trimesh.creation.box((10.0, 20.0, 30.0))
     cloud = trimesh.PointCloud(box.vertices)
     ascii_ply = box.export(file_type="ply", encoding="ascii")
@@ -223,7 +223,7 @@ def _shapes(folder: Path) -> Iterator[Reader]:
     csv = "x_mm,y_mm,z_mm\n" + text.replace(" ", ",")
     joint = read_joint(CAD / "tjoint-600x457.toml")
     built = folder / "built"
-    write_joint(joint, built)
+    build_and_write_joint(joint, built)
     edges = b"\n".join((built / "edges.csv").read_bytes().splitlines()[:1])
     rows = (built / "edges.csv").read_bytes().splitlines()[1:]
     edges += b"\n" + b"\n".join(rows[:: max(1, len(rows) // 60)])
@@ -267,6 +267,6 @@ def _calibration(folder: Path) -> bytes:
         "residuals": [],
     }
     file = folder / "calibration.toml"
-    provenance = Provenance.now("calibrate.toml", "f")
-    write_calibration(file, validate(CalibrationFile, data), provenance)
+    provenance = Provenance.written_now("calibrate.toml", "f")
+    write_calibration(file, validate_table(CalibrationFile, data), provenance)
     return file.read_bytes()

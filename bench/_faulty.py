@@ -10,9 +10,9 @@ import numpy as np
 from _corpus import EXAMPLES
 from _sensors import Fault, FaultyLaser, frozen, missing
 
-from tjscan.comparison.distance import corner_errors
+from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import TjscanError
-from tjscan.core.frames import transform
+from tjscan.core.frames import transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
@@ -96,7 +96,7 @@ def faulty_scan(seed: int) -> FaultyScan:
     if job.joint is None or joint is None:
         raise SystemExit(f"{JOB} names no joint to compare with")
     T = JointOrBaseFrame(job.joint.T_w_j).T_r_b
-    points = np.array([transform(T, section.points_b) for section in result.sections])
-    worst = 1e3 * float(corner_errors(points, feature_edges(joint)).max())
+    points = np.array([transform_points(T, section.points_b) for section in result.sections])
+    worst = 1e3 * float(corner_to_edge_distances(points, feature_edges(joint)).max())
     done = plan_is_fulfilled(result.stop, job.scan)
     return FaultyScan(kind, done, True, worst, result.detail)

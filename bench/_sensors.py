@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import LaserFault
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
@@ -18,7 +18,7 @@ Fault = Callable[[Profile, Profile], Profile]
 """Makes of a profile, and of the one given before, what the failing laser gives; or raises."""
 
 
-class FaultyLaser(Device):
+class FaultyLaser(DeviceBase):
     """A laser whose captures of some numbers go through a fault.
 
     Parameters

@@ -8,13 +8,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, inverse, pose, rot_x, rot_y, rot_z, transform, unit
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    rot_x,
+    rot_y,
+    rot_z,
+    transform_points,
+    unit_vector,
+)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
-from tjscan.joint.mesh import build_mesh
-from tjscan.laser.faults import Streams, disturb
+from tjscan.joint.mesh import build_joint_mesh
+from tjscan.laser.faults import FaultRandomStreams, apply_faults
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RayHits, Surface, fan, raycast
+from tjscan.laser.optics import LaserRayHits, RaycastSurface, laser_ray_directions, trace_laser_rays
 from tjscan.laser.profile import Profile
 
 STANDOFF: Final = 0.240
@@ -28,13 +37,15 @@ class Stage:
 
     definition: JointDefinition
     edges: FeatureEdges
-    surface: Surface
+    surface: RaycastSurface
 
     @classmethod
     def of(cls, definition: JointDefinition) -> Stage:
         """Build a joint's solid and edges."""
-        mesh = build_mesh(definition)
-        return cls(definition, feature_edges(definition), Surface(mesh.vertices, mesh.triangles))
+        mesh = build_joint_mesh(definition)
+        return cls(
+            definition, feature_edges(definition), RaycastSurface(mesh.vertices, mesh.triangles)
+        )
 
 
 @dataclass(frozen=True)
@@ -83,46 +94,46 @@ def view(stage: Stage, phi: float, *, pull: float, turn: Array, shift: Array) ->
     up = np.array([0.0, 0.0, 1.0])
     radial = np.array([np.cos(phi), np.sin(phi), 0.0])
     out = radial + up * stage.definition.leg.slope(phi, np.hypot(*p4[:2]))
-    middle = unit(unit(p2 - p3) + unit(out))
+    middle = unit_vector(unit_vector(p2 - p3) + unit_vector(out))
     z = -middle
-    y = unit(np.cross(z, up))
+    y = unit_vector(np.cross(z, up))
     R = np.column_stack((np.cross(y, z), y, z)) @ rot_x(pull)
     R = R @ rot_x(turn[0]) @ rot_y(turn[1]) @ rot_z(turn[2])
     target = 0.5 * (p2 + p4)
     T_j_s = pose(R, target - R @ (shift + np.array([0, 0, STANDOFF])))
-    T_s_j = inverse(T_j_s)
+    T_s_j = inverse_pose(T_j_s)
     near = (np.arange(-150, 151) + i) % len(edges.phi)
     corners_j = [_cut(T_s_j, e.points_j[near]) for e in (edges.p2, edges.p3, edges.p4)]
-    corners_s = transform(T_s_j, np.array(corners_j))
+    corners_s = transform_points(T_s_j, np.array(corners_j))
     y_j = R[:, 1]
-    wall_j = _tangent(unit(corners_j[0] * [1, 1, 0]), y_j, -up)
+    wall_j = _tangent(unit_vector(corners_j[0] * [1, 1, 0]), y_j, -up)
     leg_j = _tangent(stage.definition.leg.normal(corners_j[2]), y_j, radial)
     return View(T_j_s, corners_s[:, [0, 2]], (wall_j @ R)[[0, 2]], (leg_j @ R)[[0, 2]])
 
 
 def _cut(T_s_j: Array, points_j: Array) -> Array:
     """Where a polyline passes through the laser plane, in frame j."""
-    y = transform(T_s_j, points_j)[:, 1]
+    y = transform_points(T_s_j, points_j)[:, 1]
     through = np.flatnonzero(np.diff(np.sign(y)) != 0)
     k = through[np.argmin(np.abs(through - len(y) // 2))]
     return np.asarray(points_j[k] + y[k] / (y[k] - y[k + 1]) * (points_j[k + 1] - points_j[k]))
 
 
 def _tangent(normal: Array, y_j: Array, towards: Array) -> Array:
-    t = unit(np.cross(normal, y_j))
+    t = unit_vector(np.cross(normal, y_j))
     return t if t @ towards > 0 else -t
 
 
-def hits_of(stage: Stage, v: View, model: LaserModel) -> RayHits:
-    return raycast(stage.surface, v.T_j_s, model, fan(model))
+def hits_of(stage: Stage, v: View, model: LaserModel) -> LaserRayHits:
+    return trace_laser_rays(stage.surface, v.T_j_s, model, laser_ray_directions(model))
 
 
-def profile_of(hits: RayHits, model: LaserModel, seed: int) -> Profile:
-    points = disturb(hits, model, Streams.spawn(np.random.default_rng(seed)))
+def profile_of(hits: LaserRayHits, model: LaserModel, seed: int) -> Profile:
+    points = apply_faults(hits, model, FaultRandomStreams.spawn(np.random.default_rng(seed)))
     return Profile(points.x_s, points.z_s, points.intensity)
 
 
-def sides_of(hits: RayHits, v: View, model: LaserModel) -> NDArray[np.intp]:
+def sides_of(hits: LaserRayHits, v: View, model: LaserModel) -> NDArray[np.intp]:
     """Side that each column sees: 0 wall, 1 bevel, 2 root, 3 leg; -1 nothing."""
     z = model.emitter_z + hits.distance * hits.directions_s[:, 2]
     tangent = -hits.directions_s[:, 0] / hits.directions_s[:, 2]
@@ -132,7 +143,7 @@ def sides_of(hits: RayHits, v: View, model: LaserModel) -> NDArray[np.intp]:
     return np.where(hits.seen & np.isfinite(z), side, -1)
 
 
-def bound(hits: RayHits, v: View, model: LaserModel) -> Array:
+def bound(hits: LaserRayHits, v: View, model: LaserModel) -> Array:
     """Cramér–Rao bound of each corner's error: root of the covariance's trace, shape (3,).
 
     Points are known to belong to their true sides; each side is a line or, where it truly
@@ -150,7 +161,7 @@ def bound(hits: RayHits, v: View, model: LaserModel) -> Array:
             )
         )
         corner = v.corners[min(k, 2)]
-        t = unit(x[-1] - x[0])
+        t = unit_vector(x[-1] - x[0])
         n = np.array([-t[1], t[0]])
         s = (x - corner) @ t
         line = np.polynomial.Polynomial.fit(s, (x - corner) @ n, 1)

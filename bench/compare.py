@@ -18,10 +18,10 @@ import numpy as np
 import trimesh
 from _table import Row, main
 
-from tjscan.comparison.surface import SurfaceDistance
+from tjscan.comparison.surface import MeshDistance
 from tjscan.core.frames import Array
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
+from tjscan.joint.mesh import build_joint_mesh
 
 CAD: Final = Path(__file__).parent.parent / "cad" / "tjoint-600x457.toml"
 POINTS, TRIANGLES = 1_000_000, 100_000
@@ -35,7 +35,7 @@ CHECKED: Final = 200
 
 def stage() -> tuple[trimesh.Trimesh, Array]:
     """The example's joint in `TRIANGLES` triangles, and points about it, in mm."""
-    built = build_mesh(read_joint(CAD))
+    built = build_joint_mesh(read_joint(CAD))
     solid = manifold3d.Manifold(
         manifold3d.Mesh64(np.array(built.vertices), built.triangles.astype(np.uint64))
     )
@@ -98,7 +98,7 @@ def measure() -> list[Row]:
     seconds, distances = math.inf, np.empty(0)
     for _ in range(REPEATS):
         start = time.perf_counter()
-        surface = SurfaceDistance(vertices, faces)
+        surface = MeshDistance(vertices, faces)
         built = time.perf_counter()
         distances = 1e3 * surface.signed(1e-3 * points)
         # Ours with the search tree of the mesh, theirs without loading: not to our favour.

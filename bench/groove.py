@@ -26,7 +26,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile, read_joint
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RayHits
+from tjscan.laser.optics import LaserRayHits
 from tjscan.laser.profile import Profile
 
 CAD: Final = Path(__file__).parent.parent / "cad"
@@ -66,7 +66,7 @@ def joints() -> list[JointDefinition]:
 
 def views(
     stages: list[Stage], count: int, model: LaserModel, seed: int, slop: float = 1.0
-) -> Iterator[tuple[View, RayHits]]:
+) -> Iterator[tuple[View, LaserRayHits]]:
     """Poses all round all joints."""
     rng = np.random.default_rng(seed)
     for k in range(count):

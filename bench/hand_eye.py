@@ -31,7 +31,7 @@ from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, from_rounded, inverse, pose
+from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
@@ -49,7 +49,7 @@ HALF_BOARD: Final = (0.15, 0.15)
 """Half the sides of the touched pattern, 3 x 3 points, in metres."""
 DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data" / "openlmd-lines"
 
-T_F_S: Final = from_rounded(  # the paper's eq. (26), in metres
+T_F_S: Final = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
     [
         [0.9999, -0.0129, -0.0002, -0.000749],
         [0.0129, 0.9999, 0.0082, -0.114845],
@@ -278,7 +278,7 @@ def moved(T_b_s: Array, by_b: Array, turn_s: tuple[float, float, float] | Array)
     """Flange pose after a shift in b and a turn of the sensor about the line it sees."""
     depth = np.array((0, 0, 0.24))
     pivot = pose(None, depth) @ pose(Rotation.from_rotvec(turn_s).as_matrix()) @ pose(None, -depth)
-    return np.asarray(pose(None, by_b) @ T_b_s @ pivot @ inverse(T_F_S))
+    return np.asarray(pose(None, by_b) @ T_b_s @ pivot @ inverse_pose(T_F_S))
 
 
 def recorded() -> list[Row]:

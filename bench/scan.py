@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 from _table import Row, main
 
-from tjscan.comparison.distance import corner_errors
-from tjscan.core.frames import transform
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.core.frames import transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import JointOrBaseFrame
@@ -55,8 +55,8 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Sc
     result = scan_in_cell(cell, job, CombinedJournal())
     seconds = perf_counter() - start
     frame = JointOrBaseFrame(job.joint.T_w_j)
-    corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
-    errors = corner_errors(corners, feature_edges(joint))
+    corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
+    errors = corner_to_edge_distances(corners, feature_edges(joint))
     return summarise_scan(result, job.scan, frame, errors), seconds
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
-from tjscan.comparison.distance import corner_errors
+from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import StitchingRefused
-from tjscan.core.frames import Array, inverse, pose, rotation_angle, unit
+from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between, unit_vector
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.context import RunContext, groove_reader
@@ -70,13 +70,14 @@ def scan(seed: int) -> Scanned:
         result = scan_in_cell(cell, job, CombinedJournal())
         true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
         away, turned = (
-            unit(rng.standard_normal(3)) * rng.uniform(0.5, 1) * size for size in NOMINAL_ERRORS
+            unit_vector(rng.standard_normal(3)) * rng.uniform(0.5, 1) * size
+            for size in NOMINAL_ERRORS
         )
         off = pose(Rotation.from_rotvec(turned).as_matrix() @ true[:3, :3], true[:3, 3] + away)
         stations.append(
             station_from_recording(name, off, result.sections, result.views, groove_reader(job))
         )
-        truth.append(inverse(job.joint.T_w_j) @ true)
+        truth.append(inverse_pose(job.joint.T_w_j) @ true)
     return Scanned(tuple(stations), tuple(truth))
 
 
@@ -88,16 +89,16 @@ def judge(stitched: StitchedGroove, scanned: Scanned) -> Errors:
     names = [station.name for station in scanned.stations]
     truth = [scanned.truth[names.index(one.station.name)] for one in stitched.stations]
     found = [one.T_j_b for one in stitched.stations]
-    turns = [max(map(rotation_angle, found, (turn @ T for T in truth))) for turn in _TURNS]
+    turns = [max(map(rotation_angle_between, found, (turn @ T for T in truth))) for turn in _TURNS]
     truth = [_TURNS[int(np.argmin(turns))] @ T for T in truth]
     pairs = list(zip(found, truth, strict=True))
     shape = stitched.shape.array[:2] - (joint.brace_radius, joint.leg_radius)
     corners = np.array([section.points for section in stitched.sections])
-    off = 1e3 * corner_errors(corners, feature_edges(joint))
+    off = 1e3 * corner_to_edge_distances(corners, feature_edges(joint))
     return Errors(
         place=max(1e3 * float(np.linalg.norm(_joint_off(f, t))) for f, t in pairs),
         base=max(1e3 * float(np.linalg.norm(f[:3, 3] - t[:3, 3])) for f, t in pairs),
-        turn=max(float(np.degrees(rotation_angle(f, t))) for f, t in pairs),
+        turn=max(float(np.degrees(rotation_angle_between(f, t))) for f, t in pairs),
         diameter=2e3 * float(np.abs(shape).max()),
         corners=(float(off.mean()), float(np.percentile(off, 95))),
         gap=1e3 * (np.inf if stitched.gap_after is None else stitched.gap_after),
@@ -110,7 +111,7 @@ _TURNS: Final = (np.eye(4), HALF_TURN)
 
 def _joint_off(found: Array, true: Array) -> Array:
     """How far the joint's origin lies from where it is, told in the base frame."""
-    return inverse(found)[:3, 3] - inverse(true)[:3, 3]
+    return inverse_pose(found)[:3, 3] - inverse_pose(true)[:3, 3]
 
 
 def not_refused(scanned: Scanned) -> int:

@@ -15,13 +15,13 @@ import numpy as np
 from _table import Row, main
 
 from tjscan.core.errors import (
+    ArmConnectionLost,
     ArmFault,
-    ArmLinkLost,
+    ArmNotInRemoteMode,
     ArmNotPowered,
-    ArmNotRemote,
-    ArmSilent,
+    ArmNotResponding,
     EmergencyStop,
-    PoseMissed,
+    PoseNotReached,
     ProgramStopped,
     ProtectiveStop,
     TargetRefused,
@@ -53,12 +53,12 @@ ENDS_IN: Final[dict[Fault, type[ArmFault]]] = {
     Fault.PROTECTIVE_STOP: ProtectiveStop,
     Fault.EMERGENCY_STOP: EmergencyStop,
     Fault.POWER_OFF: ArmNotPowered,
-    Fault.LOCAL_MODE: ArmNotRemote,
-    Fault.DROP_LINK: ArmLinkLost,
-    Fault.FREEZE: ArmSilent,
+    Fault.LOCAL_MODE: ArmNotInRemoteMode,
+    Fault.DROP_LINK: ArmConnectionLost,
+    Fault.FREEZE: ArmNotResponding,
     Fault.REFUSE_TARGETS: TargetRefused,
     Fault.STOP_PROGRAM: ProgramStopped,
-    Fault.MISS_TARGET: PoseMissed,
+    Fault.MISS_TARGET: PoseNotReached,
 }
 FAULTLESS: Final[dict[str, Any]] = {
     **{

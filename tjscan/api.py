@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 if TYPE_CHECKING:
     from tjscan.calibration.hand_eye import HandEye
@@ -86,11 +86,11 @@ class Scan:
         return cls(
             folder,
             summary.frame,
-            readonly([section.points for section in sections]),
-            readonly([section.T_r_g for section in sections]),
-            readonly([section.measures for section in sections]),
-            readonly([section.sigmas for section in sections]),
-            readonly(np.empty((0, 3)) if shape.points is None else shape.points),
+            readonly_copy([section.points for section in sections]),
+            readonly_copy([section.T_r_g for section in sections]),
+            readonly_copy([section.measures for section in sections]),
+            readonly_copy([section.sigmas for section in sections]),
+            readonly_copy(np.empty((0, 3)) if shape.points is None else shape.points),
             sections,
             summary,
         )
@@ -122,14 +122,14 @@ def scan(
         If the job is wrong or a device fails; the recording in the run directory holds what was
         measured until then.
     """
-    from tjscan.core.config import naming
+    from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
     from tjscan.runs.context import RunContext
     from tjscan.runs.directory import default_run_directory
     from tjscan.runs.scan import run_scan
 
     file = Path(job)
-    with naming(file):
+    with add_file_to_errors(file):
         parsed = read_scan_job(file, dict(keys or {})).at(station)
     folder = default_run_directory(file, station) if directory is None else Path(directory)
     run_scan(RunContext(parsed, file), folder)
@@ -282,14 +282,14 @@ def compare(
     ComparisonRefused
         If the points do not determine an alignment.
     """
-    from tjscan.comparison.compare import compare as compare_shapes
-    from tjscan.comparison.sidecar import ShapeOptions
+    from tjscan.comparison.compare import compare_shapes as compare_shapes
+    from tjscan.comparison.sidecar import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
     return compare_shapes(
-        read_shape(first, ShapeOptions(units, frame)),
-        read_shape(second, ShapeOptions(reference_units or units, frame)),
+        read_shape(first, StatedUnitAndFrame(units, frame)),
+        read_shape(second, StatedUnitAndFrame(reference_units or units, frame)),
         align,
         tolerance,
     )
@@ -327,27 +327,27 @@ class Recording:
     @property
     def section_numbers(self) -> Array:
         """Number of the section that each profile was taken for, shape (n,)."""
-        return readonly([view.index for view in self._views])
+        return readonly_copy([view.index for view in self._views])
 
     @property
     def q(self) -> Array:
         """Joint angles of the arm at each profile, shape (n, 6), radians."""
-        return readonly([view.q for view in self._views])
+        return readonly_copy([view.q for view in self._views])
 
     @property
     def T_b_f(self) -> Array:
         """Pose of the flange in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly([view.T_b_f for view in self._views])
+        return readonly_copy([view.T_b_f for view in self._views])
 
     @property
     def T_b_s(self) -> Array:
         """Pose of the sensor in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly([view.T_b_s for view in self._views])
+        return readonly_copy([view.T_b_s for view in self._views])
 
     @property
     def times(self) -> Array:
         """Time of each profile on the clock of the arm, shape (n,), seconds."""
-        return readonly([view.time for view in self._views])
+        return readonly_copy([view.time for view in self._views])
 
 
 def _profile(points: ArrayLike) -> Profile:

@@ -29,7 +29,7 @@ from tjscan.calibration.plucker import transform_plane
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import see_plane
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse, transform
+from tjscan.core.frames import Array, inverse_pose, transform_points
 
 TARGET = target()
 BOARD = Board.touched(PLACES, TARGET)
@@ -58,7 +58,7 @@ def test_the_foreseen_line_is_the_line_that_is_seen(
 ) -> None:
     T_b_f = looking(*tilts, depth=depth)
     profile = EXACT_HAND.profile(T_b_f, np.random.default_rng(0))
-    plane_s = transform_plane(inverse(T_b_f @ T_F_S), PLANE)
+    plane_s = transform_plane(inverse_pose(T_b_f @ T_F_S), PLANE)
     seen = see_plane(WINDOW, plane_s.u[None], np.array((plane_s.u0,)))
     count = int(profile.valid.sum())
     assert seen.columns[0] == pytest.approx(count, abs=2)
@@ -73,7 +73,7 @@ def test_the_foreseen_line_is_the_line_that_is_seen(
 def test_suggested_poses_keep_the_whole_line_on_the_board_and_in_range() -> None:
     for T_b_f in planned():
         profile = EXACT_HAND.profile(T_b_f, np.random.default_rng(0))
-        points = transform(T_b_f @ T_F_S, profile.points_s)
+        points = transform_points(T_b_f @ T_F_S, profile.points_s)
         assert BOARD.holds(points).all()
         assert np.ptp(profile.points_s[:, 0]) > 0.03
 

@@ -14,7 +14,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 
 WHEN = datetime(2026, 3, 4, 10, 30, tzinfo=UTC)
-PROVENANCE = Provenance.now("calibrate.toml, SHA-256 0123456789abcdef", "f")
+PROVENANCE = Provenance.written_now("calibrate.toml, SHA-256 0123456789abcdef", "f")
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
-from tjscan.laser.faults import speckle
+from tjscan.laser.faults import correlated_noise
 from tjscan.laser.profile import Profile
 
 COLUMNS = 640
@@ -26,7 +26,7 @@ def board(angle: float, z: float = 0.24, half: float = 0.045) -> tuple[Array, Ar
 
 def noisy(x: Array, z: Array, seed: int = 0, noise: NoiseModel = NOISE) -> Profile:
     rng = np.random.default_rng(seed)
-    return Profile(x, z + speckle(rng, len(x), noise.range, noise.correlation))
+    return Profile(x, z + correlated_noise(rng, len(x), noise.range, noise.correlation))
 
 
 @given(angle=st.floats(-1.2, 1.2), z=st.floats(0.1, 0.4))

@@ -36,7 +36,7 @@ from tjscan.calibration.refine import deletions, refine
 from tjscan.calibration.verify import verify
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
-from tjscan.core.lie import boxplus
+from tjscan.core.pose_vector import boxplus
 
 RECOVERED = 1e-9
 """Metres and radians: rounding alone."""

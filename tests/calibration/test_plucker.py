@@ -16,8 +16,8 @@ from tjscan.calibration.plucker import (
     transform_line,
     transform_plane,
 )
-from tjscan.core.frames import Array, inverse, pose, transform
-from tjscan.core.lie import adjoint, exp
+from tjscan.core.frames import Array, inverse_pose, pose, transform_points
+from tjscan.core.pose_vector import adjoint, pose_from_vector
 
 EXACT = 1e-12
 
@@ -45,7 +45,7 @@ def test_the_screw_matrix_moves_lines_as_poses_move_points(
     T: Array, point: Array, a: Array
 ) -> None:
     moved = transform_line(T, line_through(point, a))
-    by_points = line_through(transform(T, point), T[:3, :3] @ a)
+    by_points = line_through(transform_points(T, point), T[:3, :3] @ a)
     np.testing.assert_allclose(moved.screw, by_points.screw, atol=1e-11)
 
 
@@ -56,7 +56,7 @@ def test_screw_matrices_compose_and_invert_like_poses(T_1: Array, T_2: Array) ->
         screw_matrix(T_1) @ screw_matrix(T_2), screw_matrix(T_1 @ T_2), atol=1e-11
     )
     np.testing.assert_allclose(
-        screw_matrix(inverse(T_1)) @ screw_matrix(T_1), np.eye(6), atol=1e-11
+        screw_matrix(inverse_pose(T_1)) @ screw_matrix(T_1), np.eye(6), atol=1e-11
     )
 
 
@@ -91,7 +91,7 @@ def test_the_screw_matrix_is_the_adjoint_with_rotations_first(T: Array) -> None:
 
 def test_many_lines_at_once_are_those_one_by_one() -> None:
     rng = np.random.default_rng(2)
-    T = np.stack([exp(v) for v in rng.uniform(-1, 1, (4, 6))])
+    T = np.stack([pose_from_vector(v) for v in rng.uniform(-1, 1, (4, 6))])
     points, directions = rng.uniform(-1, 1, (2, 4, 3))
     plane = Plane(np.array((0.1, -0.4, 0.9)), 0.3)
     many = incidence(transform_line(T, line_through(points, directions)), plane)

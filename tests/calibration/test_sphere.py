@@ -10,9 +10,9 @@ from tjscan.calibration.hand_eye import ArcSample, calibrate_on_sphere
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse, pose, transform
-from tjscan.core.lie import boxplus
-from tjscan.laser.faults import speckle
+from tjscan.core.frames import Array, inverse_pose, pose, transform_points
+from tjscan.core.pose_vector import boxplus
+from tjscan.laser.faults import correlated_noise
 from tjscan.laser.profile import Profile
 
 BALL_B = np.array((0.8, 0.1, 0.3))
@@ -24,7 +24,7 @@ def see_ball(T_b_f: Array, rng: np.random.Generator) -> Profile:
     slip = pose(Rotation.from_rotvec(NOISE.rotation * rng.standard_normal(3)).as_matrix())
     T_b_f = T_b_f @ slip
     T_b_f[:3, 3] += NOISE.position * rng.standard_normal(3)
-    centre = transform(inverse(T_b_f @ T_F_S), BALL_B)
+    centre = transform_points(inverse_pose(T_b_f @ T_F_S), BALL_B)
     edge = np.tan(WINDOW.half_angle)
     tangent = np.linspace(-edge, edge, WINDOW.columns)
     ray = np.column_stack((tangent, np.zeros_like(tangent), np.ones_like(tangent)))
@@ -34,7 +34,9 @@ def see_ball(T_b_f: Array, rng: np.random.Generator) -> Profile:
     depth = nearest**2 - away @ away + RADIUS**2
     along = nearest - np.sqrt(np.where(depth > 0, depth, np.nan))
     z = WINDOW.apex_z + along * ray[:, 2]
-    return Profile(along * ray[:, 0], z + speckle(rng, len(z), NOISE.range, NOISE.correlation))
+    return Profile(
+        along * ray[:, 0], z + correlated_noise(rng, len(z), NOISE.range, NOISE.correlation)
+    )
 
 
 def arcs(rng: np.random.Generator, count: int = 15, tilt: float = 35.0) -> list[ArcSample]:
@@ -43,7 +45,7 @@ def arcs(rng: np.random.Generator, count: int = 15, tilt: float = 35.0) -> list[
         turn = rng.uniform(-1, 1, 3) * (tilt, tilt, 1.7 * tilt)
         R = Rotation.from_euler("xyz", np.add(turn, (180, 0, 0)), degrees=True).as_matrix()
         seen_at = rng.uniform((-0.01, -0.018, 0.22), (0.01, 0.018, 0.27))
-        T_b_f = pose(R, BALL_B - R @ seen_at) @ inverse(T_F_S)
+        T_b_f = pose(R, BALL_B - R @ seen_at) @ inverse_pose(T_F_S)
         found.append(ArcSample(f"arc {i + 1}", T_b_f, fit_circle(see_ball(T_b_f, rng), NOISE)))
     return found
 

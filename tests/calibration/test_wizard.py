@@ -45,8 +45,8 @@ from tjscan.calibration.topics import (
 from tjscan.calibration.wizard import MAX_SKIPPED_IN_A_ROW, MOST_RETOUCHES, Outcome, Wizard
 from tjscan.cli.operators import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
-from tjscan.core.frames import Array, inverse, pose
-from tjscan.core.units import pose_to_rows, rows_to_pose
+from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.job import read_calibration_job
 from tjscan.job.cell import Cell, sensor_mount_of_job
 from tjscan.laser.profile import Profile
@@ -63,7 +63,7 @@ from tjscan.runs.calibrate import (
 JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}
 """As few touches and lines as give a calibration that can be checked."""
-TRUTH = rows_to_pose(read_calibration_job(JOB).simulation.T_f_s_mm)  # type: ignore[union-attr, arg-type]
+TRUTH = pose_from_rows_mm(read_calibration_job(JOB).simulation.T_f_s_mm)  # type: ignore[union-attr, arg-type]
 
 
 class Watcher:
@@ -282,7 +282,7 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
 def test_a_guess_that_is_far_off_leads_to_the_same_place(tmp_path: Path) -> None:
     turn = Rotation.from_rotvec(np.radians(10) * np.array((0.6, 0.8, 0.0))).as_matrix()
     guess = pose(turn @ TRUTH[:3, :3], TRUTH[:3, 3] + 20 * MM * np.array((0.0, 0.6, -0.8)))
-    rows = [list(row) for row in pose_to_rows(guess)]
+    rows = [list(row) for row in pose_to_rows_mm(guess)]
     outcome = Stage(tmp_path, calibration__T_f_s_mm=rows, board__lines=8).run(Watcher())
     assert off(outcome.result.T_f_s)[0] < 3 * outcome.result.uncertainty.position < 0.5 * MM
 
@@ -509,8 +509,8 @@ def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
 def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
     job = read_calibration_job(JOB, {"board.touches": count})
     task = calibration_task(job, TRUTH)
-    places = touch_places(task) @ inverse(task.T_b_board)[:3, :3].T
-    places += inverse(task.T_b_board)[:3, 3]
+    places = touch_places(task) @ inverse_pose(task.T_b_board)[:3, :3].T
+    places += inverse_pose(task.T_b_board)[:3, 3]
     assert places.shape == (count, 3)
     assert (np.abs(places[:, :2]) < task.half_sizes).all()
     singular = np.linalg.svd(places - places.mean(axis=0))[1]

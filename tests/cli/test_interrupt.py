@@ -15,7 +15,7 @@ import pytest
 from cells import FAULTLESS, PAPER, Notes, scan_example
 from command import tjscan
 
-from tjscan.core.errors import Interrupted
+from tjscan.core.errors import ScanInterrupted
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import View
@@ -150,7 +150,7 @@ def test_the_section_under_way_is_finished_and_no_other_is_begun(
 @pytest.mark.parametrize("profiles", [1, 2, 3, 4])
 def test_nothing_moves_after_an_end_at_once(profiles: int) -> None:
     notes = StopsAfter(profiles, at_once=True)
-    with pytest.raises(Interrupted):
+    with pytest.raises(ScanInterrupted):
         scan_example({}, notes=notes, stop=notes.stop)
     assert len(notes.views) == profiles
 

@@ -12,7 +12,7 @@ import trimesh
 from cells import FAULTLESS, PAPER
 from command import tjscan
 
-from tjscan.comparison.sidecar import ShapeOptions
+from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.result.shapes import read_shape
@@ -179,10 +179,10 @@ def test_clouds_come_back_as_they_were_written(kind: str, tmp_path: Path) -> Non
     file = tmp_path / f"cloud.{kind}"
     CLOUDS[kind](file, points)
     with pytest.raises(ConfigurationError, match="--units"):
-        read_shape(file, ShapeOptions(frame="j"))
+        read_shape(file, StatedUnitAndFrame(frame="j"))
     with pytest.raises(ConfigurationError, match="--frame"):
-        read_shape(file, ShapeOptions(units="mm"))
-    found = read_shape(file, ShapeOptions("mm", "j"))
+        read_shape(file, StatedUnitAndFrame(units="mm"))
+    found = read_shape(file, StatedUnitAndFrame("mm", "j"))
     assert found.points is not None
     np.testing.assert_allclose(found.points, 1e-3 * points, atol=1e-3 * ROUNDED)
 
@@ -191,7 +191,7 @@ def test_clouds_come_back_as_they_were_written(kind: str, tmp_path: Path) -> Non
 def test_meshes_come_back_as_they_were_written(kind: str, tmp_path: Path) -> None:
     file = tmp_path / f"box.{kind}"
     trimesh.creation.box((100, 200, 300)).export(file)
-    told = ShapeOptions(None if kind == "3mf" else "mm", "j")  # 3MF states its unit
+    told = StatedUnitAndFrame(None if kind == "3mf" else "mm", "j")  # 3MF states its unit
     mesh = read_shape(file, told).mesh
     assert mesh is not None
     assert len(mesh.triangles) == 12
@@ -272,7 +272,7 @@ def test_a_3mf_in_inches_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<model unit="inch" xml:lang="en-US"></model>')
     with pytest.raises(ConfigurationError, match="inch"):
-        read_shape(file, ShapeOptions("mm", "j"))
+        read_shape(file, StatedUnitAndFrame("mm", "j"))
 
 
 def test_e57_is_in_metres_by_its_standard(tmp_path: Path) -> None:
@@ -281,6 +281,6 @@ def test_e57_is_in_metres_by_its_standard(tmp_path: Path) -> None:
     file = pye57.E57(str(tmp_path / "scan.e57"), mode="w")
     file.write_scan_raw({f"cartesian{axis}": points[:, i] for i, axis in enumerate("XYZ")})
     file.close()
-    found = read_shape(tmp_path / "scan.e57", ShapeOptions(frame="j"))
+    found = read_shape(tmp_path / "scan.e57", StatedUnitAndFrame(frame="j"))
     assert found.points is not None
     np.testing.assert_allclose(found.points, points, atol=1e-7)  # single precision

@@ -6,13 +6,20 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.comparison.alignment import align_icp, on_cloud, on_surface
-from tjscan.comparison.compare import compare
+from tjscan.comparison.alignment import align_icp, nearest_in_cloud, nearest_on_mesh
+from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.comparison.shapes import Mesh, Shape, Stated
-from tjscan.comparison.surface import SurfaceDistance
+from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
+from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
-from tjscan.core.frames import Array, inverse, pose, readonly, rotation_angle, transform
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    readonly_copy,
+    rotation_angle_between,
+    transform_points,
+)
 
 EXACT = 1e-9
 """A nanometre: double precision on shapes of a metre, with room to spare."""
@@ -23,9 +30,9 @@ PROMISED = 1e-6
 SIDE = 0.4
 
 
-def box() -> SurfaceDistance:
+def box() -> MeshDistance:
     mesh = trimesh.creation.box((SIDE, SIDE, SIDE))
-    return SurfaceDistance(mesh.vertices, mesh.faces)
+    return MeshDistance(mesh.vertices, mesh.faces)
 
 
 def box_distance(points: Array) -> Array:
@@ -41,14 +48,14 @@ def strips(sides: int, radius: float = 0.3, length: float = 1.4) -> trimesh.Trim
 
 
 def shape(name: str, frame: str = "j", **parts: object) -> Shape:
-    return Shape(name, Stated("mm", "the test", frame), **parts)  # type: ignore[arg-type]
+    return Shape(name, UnitAndFrame("mm", "the test", frame), **parts)  # type: ignore[arg-type]
 
 
 @given(st.floats(-0.05, 0.05), st.integers(0, 99))
 @settings(max_examples=20)
 def test_a_cloud_shifted_from_a_plane_has_the_shift_as_its_distance(d: float, seed: int) -> None:
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
-    plane = SurfaceDistance(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    plane = MeshDistance(corners, np.array([[0, 1, 2], [0, 2, 3]]))
     xy = np.random.default_rng(seed).uniform(-0.9, 0.9, (200, 2))
     points = np.column_stack((xy, np.full(200, d)))
     np.testing.assert_allclose(plane.signed(points), d, atol=EXACT)
@@ -73,7 +80,7 @@ def test_long_thin_triangles_keep_distances_right() -> None:
     d = rng.normal(0, 2e-3, 20_000)
     points = np.column_stack(((0.3 + d) * np.cos(angle), (0.3 + d) * np.sin(angle), z))
     sagitta = 0.3 * (1 - np.cos(np.pi / 3000))
-    found = SurfaceDistance(mesh.vertices, mesh.faces).signed(points)
+    found = MeshDistance(mesh.vertices, mesh.faces).signed(points)
     np.testing.assert_allclose(found, d, atol=sagitta + EXACT)
 
 
@@ -84,8 +91,10 @@ def test_a_rigid_motion_of_both_leaves_distances() -> None:
     T = pose(
         trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3], (3.0, -2.0, 1.0)
     )
-    before = SurfaceDistance(mesh.vertices, mesh.faces).signed(points)
-    after = SurfaceDistance(transform(T, mesh.vertices), mesh.faces).signed(transform(T, points))
+    before = MeshDistance(mesh.vertices, mesh.faces).signed(points)
+    after = MeshDistance(transform_points(T, mesh.vertices), mesh.faces).signed(
+        transform_points(T, points)
+    )
     np.testing.assert_allclose(after, before, atol=PROMISED)
 
 
@@ -105,7 +114,7 @@ def test_no_points_have_no_distances() -> None:
 def test_a_mesh_without_an_area_is_refused(triangles: list[list[int]]) -> None:
     line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], dtype=float)
     with pytest.raises(ConfigurationError, match="no triangle with an area"):
-        SurfaceDistance(line, np.array(triangles))
+        MeshDistance(line, np.array(triangles))
 
 
 def test_points_that_are_no_points_are_refused() -> None:
@@ -114,7 +123,7 @@ def test_points_that_are_no_points_are_refused() -> None:
 
 
 def test_statistics_keep_the_sign_where_it_means_something() -> None:
-    s = DistanceStatistics.of(np.array((-3e-3, 1e-3, 1e-3, 1e-3)))
+    s = DistanceStatistics.from_distances(np.array((-3e-3, 1e-3, 1e-3, 1e-3)))
     assert s.mean == pytest.approx(0.0)
     assert s.median == pytest.approx(1.0)
     assert s.rms == pytest.approx(np.sqrt(3))
@@ -139,43 +148,47 @@ def test_icp_finds_a_known_small_pose_on_a_mesh(flyers: float) -> None:
     points = surface_cloud(noise)
     wild = np.random.default_rng(6).random(len(points)) < flyers
     points[wild] += 8e-3
-    found = align_icp(transform(inverse(SMALL), points), on_surface(box()))
+    found = align_icp(transform_points(inverse_pose(SMALL), points), nearest_on_mesh(box()))
     # Standard deviation noise / sqrt(n) of a position, times ten.
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 10 * noise / np.sqrt(3000)
-    assert rotation_angle(found.T, SMALL) < 10 * noise / np.sqrt(3000) / (SIDE / 4)
+    assert rotation_angle_between(found.T, SMALL) < 10 * noise / np.sqrt(3000) / (SIDE / 4)
     assert found.residual < 1.2 * noise
     assert found.fitness > 0.95 - flyers
 
 
 def test_icp_finds_a_known_small_pose_on_a_cloud() -> None:
     reference = surface_cloud(0.0, seed=7)
-    found = align_icp(transform(inverse(SMALL), surface_cloud(20e-6)), on_cloud(reference))
+    found = align_icp(
+        transform_points(inverse_pose(SMALL), surface_cloud(20e-6)), nearest_in_cloud(reference)
+    )
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 0.1e-3
-    assert rotation_angle(found.T, SMALL) < 1e-3
+    assert rotation_angle_between(found.T, SMALL) < 1e-3
 
 
 def test_icp_refuses_a_reference_of_separate_lines() -> None:
     x, z = np.meshgrid(np.arange(-0.2, 0.2, 0.04), np.arange(-0.2, 0.2, 0.0005))
     lines = np.column_stack((x.T.ravel(), np.zeros(x.size), z.T.ravel()))
     with pytest.raises(ComparisonRefused, match="lines"):
-        on_cloud(lines)
+        nearest_in_cloud(lines)
 
 
 def test_icp_takes_clouds_that_are_read_only() -> None:
-    measured = shape("a", points=readonly(transform(inverse(SMALL), surface_cloud(0.0))))
-    reference = shape("b", points=readonly(surface_cloud(0.0, seed=7)))
-    assert compare(measured, reference, "icp").alignment.fitness > 0.9
+    measured = shape(
+        "a", points=readonly_copy(transform_points(inverse_pose(SMALL), surface_cloud(0.0)))
+    )
+    reference = shape("b", points=readonly_copy(surface_cloud(0.0, seed=7)))
+    assert compare_shapes(measured, reference, "icp").alignment.fitness > 0.9
 
 
 def test_icp_refuses_too_small_an_overlap() -> None:
     with pytest.raises(ComparisonRefused, match="overlap"):
-        align_icp(surface_cloud(0.0) + 0.2, on_surface(box()))
+        align_icp(surface_cloud(0.0) + 0.2, nearest_on_mesh(box()))
 
 
 def test_icp_refuses_points_that_can_slide() -> None:
     top = surface_cloud(0.0)[2::3]
     with pytest.raises(ComparisonRefused, match="slide"):
-        align_icp(top, on_surface(box()))
+        align_icp(top, nearest_on_mesh(box()))
 
 
 @pytest.mark.parametrize("factor", [1000.0, 1e-3])
@@ -183,29 +196,29 @@ def test_mistaken_units_are_caught(factor: float) -> None:
     mesh = trimesh.creation.box((SIDE, SIDE, SIDE))
     reference = shape("cad", mesh=Mesh(mesh.vertices, mesh.faces))
     points = surface_cloud(0.0)
-    compare(shape("cloud", points=points), reference)
+    compare_shapes(shape("cloud", points=points), reference)
     with pytest.raises(ConfigurationError, match="wrong unit"):
-        compare(shape("cloud", points=factor * points), reference)
+        compare_shapes(shape("cloud", points=factor * points), reference)
     both = shape("cad", mesh=Mesh(factor * mesh.vertices, mesh.faces))
     with pytest.raises(ConfigurationError, match="no joint"):
-        compare(shape("cloud", points=factor * points), both)
+        compare_shapes(shape("cloud", points=factor * points), both)
 
 
 def test_other_frames_are_not_compared_without_alignment() -> None:
     points = surface_cloud(0.0)
     measured, reference = shape("a", "b", points=points), shape("b", "j", points=points)
     with pytest.raises(ConfigurationError, match="frame"):
-        compare(measured, reference)
-    assert compare(measured, reference, "icp").measured.stated.frame == "j"
+        compare_shapes(measured, reference)
+    assert compare_shapes(measured, reference, "icp").measured.stated.frame == "j"
 
 
 def test_clouds_are_labelled_unsigned_and_the_tolerance_decides() -> None:
     points = surface_cloud(0.0)
     near, reference = shape("a", points=points + np.array((0, 0, 1e-4))), shape("b", points=points)
-    told = compare(near, reference, tolerance=2e-4)
+    told = compare_shapes(near, reference, tolerance=2e-4)
     (deviation,) = told.deviations
     assert deviation.kind == "cloud to cloud"
     assert not deviation.signed
     assert deviation.within == 1.0
     assert told.passed
-    assert not compare(near, reference, tolerance=5e-5).passed
+    assert not compare_shapes(near, reference, tolerance=5e-5).passed

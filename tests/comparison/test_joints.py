@@ -10,13 +10,20 @@ from command import tjscan
 from scipy.spatial.transform import Rotation
 
 from tjscan.comparison.clouds import read_shape
-from tjscan.comparison.compare import compare
-from tjscan.comparison.shapes import Mesh, Shape, Stated
+from tjscan.comparison.compare import compare_shapes
+from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
 from tjscan.core.errors import ComparisonRefused
-from tjscan.core.frames import Array, inverse, pose, rot_z, rotation_angle, transform
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    rot_z,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
+from tjscan.joint.mesh import build_joint_mesh
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.results import all_profile_points
 
@@ -40,7 +47,7 @@ def moves(seed: int) -> Array:
 
 @cache
 def solid_of(joint: JointDefinition) -> Mesh:
-    built = build_mesh(joint)
+    built = build_joint_mesh(joint)
     return Mesh(built.vertices, built.triangles.astype(np.intp))
 
 
@@ -56,23 +63,23 @@ def cloud_of(joint: JointDefinition, T: Array) -> Array:
     outside = (from_leg > joint.leg_radius - 1e-4) & (rho > joint.brace_radius - 1e-4)
     outside &= (rho < joint.brace_radius + 0.1) & (points[:, 2] > 0)
     noise = np.random.default_rng(0).normal(0, SPREAD, points.shape)
-    return transform(T, (points + noise)[outside])
+    return transform_points(T, (points + noise)[outside])
 
 
 def measured(points: Array) -> Shape:
-    return Shape("measured", Stated("m", "the test", "w"), points)
+    return Shape("measured", UnitAndFrame("m", "the test", "w"), points)
 
 
 def off(T: Array) -> tuple[float, float]:
-    return float(np.linalg.norm(T[:3, 3])), rotation_angle(np.eye(4), T)
+    return float(np.linalg.norm(T[:3, 3])), rotation_angle_between(np.eye(4), T)
 
 
 @pytest.mark.parametrize("file", [PAPER, LEANING], ids=lambda file: file.stem)
 def test_a_cloud_finds_its_joint_wherever_it_stands(file: Path) -> None:
     T = moves(1)
-    found = compare(measured(cloud_of(read_joint(file), T)), read_shape(file), "joint")
+    found = compare_shapes(measured(cloud_of(read_joint(file), T)), read_shape(file), "joint")
     left = found.alignment.T @ T
-    if file is PAPER and abs(rotation_angle(np.eye(4), left)) > 1:
+    if file is PAPER and abs(rotation_angle_between(np.eye(4), left)) > 1:
         left = pose(rot_z(np.pi)) @ left  # an upright joint is the same from behind
     distance, angle = off(left)
     assert distance < NEAR[0]
@@ -87,10 +94,10 @@ def test_tubes_are_found_in_a_foreign_mesh_too() -> None:
     joint = read_joint(LEANING)
     T, S = moves(3), moves(4)
     solid = solid_of(joint)
-    mesh = Mesh(transform(S, solid.vertices), solid.triangles)
-    reference = Shape("cad", Stated("m", "the test", "cad"), mesh=mesh)
-    found = compare(measured(cloud_of(joint, T)), reference, "joint")
-    distance, angle = off(inverse(S) @ found.alignment.T @ T)
+    mesh = Mesh(transform_points(S, solid.vertices), solid.triangles)
+    reference = Shape("cad", UnitAndFrame("m", "the test", "cad"), mesh=mesh)
+    found = compare_shapes(measured(cloud_of(joint, T)), reference, "joint")
+    distance, angle = off(inverse_pose(S) @ found.alignment.T @ T)
     assert distance < 2 * NEAR[0]
     assert angle < 2 * NEAR[1]
     assert found.measured.stated.frame == "cad"
@@ -99,21 +106,21 @@ def test_tubes_are_found_in_a_foreign_mesh_too() -> None:
 def test_tubes_are_found_in_a_foreign_cloud_too() -> None:
     joint = read_joint(LEANING)
     T, S = moves(5), moves(6)
-    reference = Shape("camera", Stated("m", "the test", "camera"), cloud_of(joint, S))
-    found = compare(measured(cloud_of(joint, T)[::2]), reference, "joint")
-    distance, angle = off(inverse(S) @ found.alignment.T @ T)
+    reference = Shape("camera", UnitAndFrame("m", "the test", "camera"), cloud_of(joint, S))
+    found = compare_shapes(measured(cloud_of(joint, T)[::2]), reference, "joint")
+    distance, angle = off(inverse_pose(S) @ found.alignment.T @ T)
     assert distance < 2 * NEAR[0]
     assert angle < 2 * NEAR[1]
 
 
 def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
     points_b = all_profile_points(scan_example({}).sections, JointOrBaseFrame())
-    found = compare(
-        Shape("run", Stated("mm", "the run", "b"), points_b), read_shape(PAPER), "joint"
+    found = compare_shapes(
+        Shape("run", UnitAndFrame("mm", "the run", "b"), points_b), read_shape(PAPER), "joint"
     )
     T_b_j = pose(rot_z(np.pi), (0.522, 0.903, -0.128))
     left = found.alignment.T @ T_b_j
-    if rotation_angle(np.eye(4), left) > 1:
+    if rotation_angle_between(np.eye(4), left) > 1:
         left = pose(rot_z(np.pi)) @ left
     distance, angle = off(left)
     assert distance < SCANNED[0]
@@ -122,8 +129,8 @@ def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
 
 def test_a_shape_in_its_own_joints_frame_stays_there() -> None:
     cloud = cloud_of(read_joint(LEANING), np.eye(4))
-    own = Shape("stitched", Stated("mm", "the run", "j"), cloud, in_own_joint=True)
-    alignment = compare(own, read_shape(LEANING), "joint").alignment
+    own = Shape("stitched", UnitAndFrame("mm", "the run", "j"), cloud, is_in_joint_frame=True)
+    alignment = compare_shapes(own, read_shape(LEANING), "joint").alignment
     np.testing.assert_array_equal(alignment.T, np.eye(4))
     assert alignment.moved == 0
 
@@ -132,11 +139,11 @@ def test_other_joints_and_no_joints_are_refused() -> None:
     rng = np.random.default_rng(0)
     heap = measured(rng.uniform(-0.3, 0.3, (3000, 3)))
     with pytest.raises(ComparisonRefused, match="leg and brace can't be found"):
-        compare(heap, read_shape(PAPER), "joint")
+        compare_shapes(heap, read_shape(PAPER), "joint")
     small, large = (read_joint(CAD / f"tjoint-{name}.toml") for name in ("406x324", "600x457"))
-    reference = Shape("camera", Stated("m", "the test", "c"), cloud_of(large, moves(7)))
+    reference = Shape("camera", UnitAndFrame("m", "the test", "c"), cloud_of(large, moves(7)))
     with pytest.raises(ComparisonRefused, match="two different joints"):
-        compare(measured(cloud_of(small, moves(8))), reference, "joint")
+        compare_shapes(measured(cloud_of(small, moves(8))), reference, "joint")
 
 
 def test_the_command_aligns_a_cloud_in_a_frame_of_its_own(

@@ -9,18 +9,18 @@ from hypothesis.extra.numpy import arrays
 from tjscan.core.frames import (
     Array,
     cross,
-    from_euler_zyx,
-    from_rounded,
-    inverse,
+    inverse_pose,
     pose,
-    readonly,
+    pose_from_euler_zyx,
+    pose_from_rounded_matrix,
+    pose_to_euler_zyx,
+    readonly_copy,
     rot_x,
     rot_y,
     rot_z,
-    rotation_angle,
-    skew,
-    to_euler_zyx,
-    transform,
+    rotation_angle_between,
+    skew_matrix,
+    transform_points,
 )
 
 EXACT = 1e-12
@@ -31,10 +31,10 @@ vectors = arrays(np.float64, 3, elements=st.floats(-3, 3))
 
 @given(vectors, vectors, vectors)
 def test_inner_letters_cancel(p: Array, angles: Array, point: Array) -> None:
-    T_b_s = from_euler_zyx(p, angles)
-    np.testing.assert_allclose(inverse(T_b_s) @ T_b_s, np.eye(4), atol=EXACT)
+    T_b_s = pose_from_euler_zyx(p, angles)
+    np.testing.assert_allclose(inverse_pose(T_b_s) @ T_b_s, np.eye(4), atol=EXACT)
     np.testing.assert_allclose(
-        transform(inverse(T_b_s), transform(T_b_s, point)), point, atol=EXACT
+        transform_points(inverse_pose(T_b_s), transform_points(T_b_s, point)), point, atol=EXACT
     )
 
 
@@ -42,29 +42,31 @@ def test_inner_letters_cancel(p: Array, angles: Array, point: Array) -> None:
 def test_composition_maps_points_one_after_the_other(
     p_1: Array, angles_1: Array, p_2: Array, angles_2: Array
 ) -> None:
-    T_b_f, T_f_s = from_euler_zyx(p_1, angles_1), from_euler_zyx(p_2, angles_2)
+    T_b_f, T_f_s = pose_from_euler_zyx(p_1, angles_1), pose_from_euler_zyx(p_2, angles_2)
     p_s = np.array([0.1, -0.2, 0.3])
     np.testing.assert_allclose(
-        transform(T_b_f @ T_f_s, p_s), transform(T_b_f, transform(T_f_s, p_s)), atol=EXACT
+        transform_points(T_b_f @ T_f_s, p_s),
+        transform_points(T_b_f, transform_points(T_f_s, p_s)),
+        atol=EXACT,
     )
 
 
 def test_euler_angles_turn_about_z_then_y_then_x() -> None:
     a, b, c = 0.3, -0.5, 1.1
-    T = from_euler_zyx((1, 2, 3), (a, b, c))
+    T = pose_from_euler_zyx((1, 2, 3), (a, b, c))
     np.testing.assert_allclose(T[:3, :3], rot_z(a) @ rot_y(b) @ rot_x(c), atol=EXACT)
-    position, angles = to_euler_zyx(T)
+    position, angles = pose_to_euler_zyx(T)
     np.testing.assert_allclose(position, (1, 2, 3))
     np.testing.assert_allclose(angles, (a, b, c), atol=EXACT)
 
 
 def test_rotation_angle_is_the_angle_between_orientations() -> None:
-    assert rotation_angle(rot_x(0.2), rot_x(0.9)) == pytest.approx(0.7)
+    assert rotation_angle_between(rot_x(0.2), rot_x(0.9)) == pytest.approx(0.7)
 
 
 def test_a_pose_printed_with_four_decimals_becomes_a_rotation() -> None:
-    T = from_euler_zyx((0.1, 0.2, 0.3), (0.01, 0.02, -0.03))
-    near = from_rounded(np.round(T, 4))
+    T = pose_from_euler_zyx((0.1, 0.2, 0.3), (0.01, 0.02, -0.03))
+    near = pose_from_rounded_matrix(np.round(T, 4))
     np.testing.assert_allclose(near[:3, :3] @ near[:3, :3].T, np.eye(3), atol=EXACT)
     np.testing.assert_allclose(near, T, atol=1e-4)
 
@@ -80,7 +82,7 @@ def test_a_pose_printed_with_four_decimals_becomes_a_rotation() -> None:
 )
 def test_what_is_no_pose_is_refused(matrix: Array, complaint: str) -> None:
     with pytest.raises(ValueError, match=r"pose|rotation") as caught:
-        from_rounded(
+        pose_from_rounded_matrix(
             matrix if complaint != "not orthonormal" else 1.01 * matrix + np.diag((0, 0, 0, -0.01))
         )
     assert complaint in str(caught.value)
@@ -88,7 +90,7 @@ def test_what_is_no_pose_is_refused(matrix: Array, complaint: str) -> None:
 
 def test_readonly_arrays_refuse_writing_and_leave_the_original_alone() -> None:
     original = np.zeros(3)
-    copy = readonly(original)
+    copy = readonly_copy(original)
     with pytest.raises(ValueError, match="read-only"):
         copy[0] = 1
     original[0] = 1
@@ -103,5 +105,5 @@ def test_cross_products_are_those_of_numpy() -> None:
 
 @given(vectors, vectors)
 def test_the_skew_matrix_is_the_cross_product(v: Array, w: Array) -> None:
-    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=EXACT)
-    np.testing.assert_array_equal(skew(np.stack((v, w)))[1], skew(w))
+    np.testing.assert_allclose(skew_matrix(v) @ w, np.cross(v, w), atol=EXACT)
+    np.testing.assert_array_equal(skew_matrix(np.stack((v, w)))[1], skew_matrix(w))

@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tjscan.comparison.clouds import read_shape
-from tjscan.core.config import LONGEST_LINE, MAXIMUM_BYTES, read_toml
+from tjscan.core.config import LONGEST_LINE, MOST_CONFIGURATION_BYTES, read_toml
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
-from tjscan.core.files import atomic_directory, check_inside, check_size
+from tjscan.core.files import atomic_directory, check_file_size, refuse_links_outside
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.scanning.reader import read_views
@@ -96,7 +96,7 @@ def test_a_file_of_great_size_is_refused_before_it_is_read(tmp_path: Path) -> No
     with pytest.raises(ConfigurationError, match="far too large"):
         list(read_views(file))
     with pytest.raises(ConfigurationError, match="far too large"):
-        check_size(file, MAXIMUM_BYTES, "anything")
+        check_file_size(file, MOST_CONFIGURATION_BYTES, "anything")
     with pytest.raises(ConfigurationError, match="far too large"):
         read_profiles(file, ProfileFormat("mm", 1.0))
 
@@ -125,9 +125,9 @@ def test_a_link_out_of_a_directory_is_refused_and_one_inside_is_not(tmp_path: Pa
     (run / "own").write_text("x", encoding="utf-8")
     (run / "inner").symlink_to(run / "own")
     (run / "outer").symlink_to(outside)
-    check_inside(run, "own", "inner", "none")
+    refuse_links_outside(run, "own", "inner", "none")
     with pytest.raises(ConfigurationError, match="leads out of"):
-        check_inside(run, "outer")
+        refuse_links_outside(run, "outer")
 
 
 def test_a_draft_that_fails_leaves_what_was_there(tmp_path: Path) -> None:

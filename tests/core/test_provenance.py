@@ -4,16 +4,16 @@ from datetime import UTC, datetime
 
 import pytest
 
-from tjscan.core.provenance import Length, Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.core.version import VERSION
 
 
 @pytest.mark.parametrize("frame", ["j", "b", "w", "x"])
 @pytest.mark.parametrize("length", ["mm", "m"])
 @pytest.mark.parametrize("mark", ["#", "comment"])
-def test_lines_come_back(mark: str, length: Length, frame: str) -> None:
+def test_lines_come_back(mark: str, length: LengthUnit, frame: str) -> None:
     before = datetime.now(UTC).replace(microsecond=0)
-    stated = Provenance.now("yard 3, leg: A.toml, SHA-256 0123456789abcdef", frame, length)
+    stated = Provenance.written_now("yard 3, leg: A.toml, SHA-256 0123456789abcdef", frame, length)
     lines = stated.lines(mark)
     assert all(line.startswith(f"{mark} ") for line in lines.splitlines())
     assert Provenance.read(f"{lines}the rest: of the file", mark) == stated
@@ -22,7 +22,7 @@ def test_lines_come_back(mark: str, length: Length, frame: str) -> None:
 
 
 def test_a_name_of_many_lines_stays_in_one() -> None:
-    stated = Provenance.now("a\n# frame: b\nend_header", "j")
+    stated = Provenance.written_now("a\n# frame: b\nend_header", "j")
     assert len(stated.lines("#").splitlines()) == len(stated.entries)
     found = Provenance.read(stated.lines("#"), "#")
     assert found is not None

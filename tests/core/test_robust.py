@@ -8,7 +8,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import norm
 
 from tjscan.core.frames import Array
-from tjscan.core.robust import MAD_TO_SIGMA, TUKEY, mad_sigma, tukey_root_weights, tukey_weights
+from tjscan.core.robust import (
+    MAD_TO_SIGMA,
+    TUKEY_CUTOFF,
+    mad_sigma,
+    tukey_root_weights,
+    tukey_weights,
+)
 
 residuals = arrays(np.float64, st.integers(1, 40), elements=st.floats(-1e3, 1e3))
 
@@ -41,14 +47,14 @@ def test_weights_lie_between_none_and_one_and_fall_with_the_residual(r: Array) -
 
 
 def test_known_weights() -> None:
-    at = np.array([0.0, TUKEY / 2, TUKEY, 2 * TUKEY])
+    at = np.array([0.0, TUKEY_CUTOFF / 2, TUKEY_CUTOFF, 2 * TUKEY_CUTOFF])
     np.testing.assert_allclose(tukey_weights(at), (1.0, 0.5625, 0.0, 0.0), atol=1e-15)
     assert tukey_weights(at, 1e-6)[3] == 1e-6
 
 
 def test_weighted_least_squares_stay_95_percent_efficient_on_gaussian_noise() -> None:
     # Variance of an M-estimate over that of the mean: E[psi²] / E[psi']², psi = r w(r).
-    r = np.linspace(-TUKEY, TUKEY, 200_001)
+    r = np.linspace(-TUKEY_CUTOFF, TUKEY_CUTOFF, 200_001)
     density = norm.pdf(r)
     psi = r * tukey_weights(r)
     square = np.trapezoid(psi**2 * density, r)

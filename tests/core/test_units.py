@@ -12,19 +12,19 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.config import FileModel, validate, written
+from tjscan.core.config import FileModel, table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import (
     DEG,
-    INTERNAL,
     MM,
     MM2,
-    PoseTable,
+    NOT_IN_FILE,
+    FileUnit,
+    PoseSettings,
+    Position,
     Settings,
-    Unit,
-    Vector,
-    pose_to_rows,
-    rows_to_pose,
+    pose_from_rows_mm,
+    pose_to_rows_mm,
 )
 
 
@@ -33,9 +33,9 @@ class Plan(Settings):
     step: Annotated[float, Ge(5), Le(300), MM] = 0.04
     angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
     length: Annotated[float | None, Gt(0), MM] = None
-    centre: Vector = (0.0, 0.0, 0.0)
+    centre: Position = (0.0, 0.0, 0.0)
     count: int = 3
-    secret: Annotated[float, INTERNAL] = 1.5
+    secret: Annotated[float, NOT_IN_FILE] = 1.5
 
     def __post_init__(self) -> None:
         if self.length is not None and self.length < self.step:
@@ -52,29 +52,29 @@ DECIMALS = st.decimals(
 ).map(float)
 
 
-@pytest.mark.parametrize("unit", [MM, MM2, DEG, Unit("s")])
+@pytest.mark.parametrize("unit", [MM, MM2, DEG, FileUnit("s")])
 @given(value=DECIMALS)
-def test_what_a_file_holds_is_written_again_to_the_last_digit(unit: Unit, value: float) -> None:
+def test_what_a_file_holds_is_written_again_to_the_last_digit(unit: FileUnit, value: float) -> None:
     assert unit.to_file(unit.to_si(value)) == value
     assert unit.to_file(unit.to_si((value, value))) == (value, value)
 
 
 @pytest.mark.parametrize("unit", [MM, MM2, DEG])
 @given(value=st.floats(min_value=-1e5, max_value=1e5))
-def test_what_is_written_is_read_as_the_same(unit: Unit, value: float) -> None:
+def test_what_is_written_is_read_as_the_same(unit: FileUnit, value: float) -> None:
     inside = unit.to_si(value)
     assert unit.to_si(unit.to_file(inside)) == pytest.approx(inside, rel=3e-16)
 
 
 def test_a_key_ends_in_its_unit_and_is_converted_once() -> None:
     table = {"step_mm": 20, "angle_deg": 30.0, "length_mm": 560, "centre_mm": [1.0, 2, 3.5]}
-    plan = validate(Plan, table)
+    plan = validate_table(Plan, table)
     assert plan.step == 0.02
     assert plan.angle == radians(30)
     assert plan.length == 0.56
     assert plan.centre == pytest.approx((0.001, 0.002, 0.0035))
-    assert written(plan) == {**table, "count": 3}
-    assert written(Plan()) == {
+    assert table_to_dict(plan) == {**table, "count": 3}
+    assert table_to_dict(Plan()) == {
         "step_mm": 40.0,
         "angle_deg": 10.0,
         "centre_mm": [0.0, 0.0, 0.0],
@@ -100,19 +100,19 @@ def test_a_wrong_value_is_named_by_its_key_in_the_unit_of_the_file(
     table: Any, key: str, words: str, name: str
 ) -> None:
     with pytest.raises(ConfigurationError, match=words) as caught:
-        validate(Job, {name: table})
+        validate_table(Job, {name: table})
     assert caught.value.key == key.replace("plan", name, 1)
 
 
 def test_poses_are_read_and_written_as_controllers_show_them() -> None:
     table = {"position_mm": [800.0, 0.1, 300.0], "euler_zyx_deg": [0.3, 90.0, -180.0]}
-    pose = validate(PoseTable, table)
+    pose = validate_table(PoseSettings, table)
     assert pose.T[:3, 3] == pytest.approx((0.8, 0.0001, 0.3))
-    assert written(pose) == table
+    assert table_to_dict(pose) == table
 
 
 def test_rows_of_a_pose_are_kept_to_the_last_digit() -> None:
     rows = ((1.0, 0.0, 0.0, -0.749), (0.0, 1.0, 0.0, -114.845), (0.0, 0.0, 1.0, 167.616))
-    T = rows_to_pose((*rows, (0.0, 0.0, 0.0, 1.0)))
+    T = pose_from_rows_mm((*rows, (0.0, 0.0, 0.0, 1.0)))
     assert T[:3, 3] == pytest.approx(np.array((-0.749, -114.845, 167.616)) * 1e-3)
-    assert pose_to_rows(T) == (*rows, (0.0, 0.0, 0.0, 1.0))
+    assert pose_to_rows_mm(T) == (*rows, (0.0, 0.0, 0.0, 1.0))

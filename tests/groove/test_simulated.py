@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tjscan.core.frames import Array, inverse, pose, rot_x, transform, unit
+from tjscan.core.frames import Array, inverse_pose, pose, rot_x, transform_points, unit_vector
 from tjscan.groove.find import find_groove
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
-from tjscan.laser.faults import Streams, disturb
+from tjscan.joint.mesh import build_joint_mesh
+from tjscan.laser.faults import FaultRandomStreams, apply_faults
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface, fan, raycast
+from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays
 from tjscan.laser.profile import Profile
 
 STANDOFF = 0.24
@@ -37,9 +37,9 @@ def edges(joint: JointDefinition) -> FeatureEdges:
 
 
 @pytest.fixture(scope="module")
-def surface(joint: JointDefinition) -> Surface:
-    mesh = build_mesh(joint)
-    return Surface(mesh.vertices, mesh.triangles)
+def surface(joint: JointDefinition) -> RaycastSurface:
+    mesh = build_joint_mesh(joint)
+    return RaycastSurface(mesh.vertices, mesh.triangles)
 
 
 def before(joint: JointDefinition, edges: FeatureEdges, phi: float) -> Array:
@@ -49,8 +49,8 @@ def before(joint: JointDefinition, edges: FeatureEdges, phi: float) -> Array:
     up = np.array([0.0, 0.0, 1.0])
     radial = np.array([np.cos(phi), np.sin(phi), 0.0])
     leg = radial + up * joint.leg.slope(phi, float(np.hypot(*p4[:2])))
-    z = -unit(unit(p2 - p3) + unit(leg))
-    y = unit(np.cross(z, up))
+    z = -unit_vector(unit_vector(p2 - p3) + unit_vector(leg))
+    y = unit_vector(np.cross(z, up))
     R = np.column_stack((np.cross(y, z), y, z)) @ rot_x(np.radians(10))
     return pose(R, 0.5 * (p2 + p4) - STANDOFF * R[:, 2])
 
@@ -61,22 +61,22 @@ def corners(edges: FeatureEdges, T_j_s: Array, phi: float) -> Array:
     near = (np.arange(-100, 101) + i) % len(edges.phi)
     found = []
     for edge in (edges.p2, edges.p3, edges.p4):
-        p = transform(inverse(T_j_s), edge.points_j[near])
+        p = transform_points(inverse_pose(T_j_s), edge.points_j[near])
         k = int(np.flatnonzero(np.diff(np.sign(p[:, 1])))[0])
         share = p[k, 1] / (p[k, 1] - p[k + 1, 1])
         found.append((p[k] + share * (p[k + 1] - p[k]))[[0, 2]])
     return np.array(found)
 
 
-def profile(surface: Surface, T_j_s: Array, model: LaserModel, seed: int) -> Profile:
-    hits = raycast(surface, T_j_s, model, fan(model))
-    points = disturb(hits, model, Streams.spawn(np.random.default_rng(seed)))
+def profile(surface: RaycastSurface, T_j_s: Array, model: LaserModel, seed: int) -> Profile:
+    hits = trace_laser_rays(surface, T_j_s, model, laser_ray_directions(model))
+    points = apply_faults(hits, model, FaultRandomStreams.spawn(np.random.default_rng(seed)))
     return Profile(points.x_s, points.z_s)
 
 
 @pytest.mark.parametrize("phi", AZIMUTHS)
 def test_without_faults_the_edges_are_found(
-    joint: JointDefinition, edges: FeatureEdges, surface: Surface, phi: float
+    joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
     section = find_groove(profile(surface, T_j_s, LaserModel.ideal(), 0))
@@ -85,7 +85,7 @@ def test_without_faults_the_edges_are_found(
 
 
 def test_with_default_faults_they_are_found_nearly(
-    joint: JointDefinition, edges: FeatureEdges, surface: Surface
+    joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface
 ) -> None:
     model, off = LaserModel(), []
     for k, phi in enumerate(AZIMUTHS):
@@ -100,7 +100,7 @@ def test_with_default_faults_they_are_found_nearly(
 
 @pytest.mark.parametrize("phi", AZIMUTHS[::4])
 def test_x_of_g_runs_counterclockwise_round_the_brace(
-    joint: JointDefinition, edges: FeatureEdges, surface: Surface, phi: float
+    joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
     section = find_groove(profile(surface, T_j_s, LaserModel.ideal(), 0))

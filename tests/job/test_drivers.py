@@ -14,10 +14,10 @@ from cells import PAPER
 from command import tjscan
 from ur_cell import address
 
-from tjscan.core.config import written
+from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import read_scan_job
-from tjscan.laser.drivers import LASERS
+from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.runs.context import RunContext
@@ -54,14 +54,16 @@ REPLAY: dict[str, Any] = {"laser.driver": "replay", "laser.recording": "run"}
 def acme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (tmp_path / "acme_laser.py").write_text(ACME)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(vars(LASERS), "_places", {**LASERS._places, "acme": "acme_laser:DRIVER"})
+    monkeypatch.setitem(
+        vars(LASER_DRIVERS), "_places", {**LASER_DRIVERS._places, "acme": "acme_laser:DRIVER"}
+    )
     yield
     sys.modules.pop("acme_laser", None)
 
 
 def bare(folder: Path, overrides: dict[str, Any]) -> Path:
     """The example without a simulated world and without a joint."""
-    data = written(read_scan_job(PAPER, overrides))
+    data = table_to_dict(read_scan_job(PAPER, overrides))
     del data["simulation"], data["joint"]
     file = folder / "bare.toml"
     file.write_text(tomli_w.dumps(data), encoding="utf-8")
@@ -142,7 +144,7 @@ class TestDriverOfAnotherPackage:
         table = {"host": "10.0.0.2", "exposure_us": 80.0}
         job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
         assert job.laser.settings.exposure == pytest.approx(80e-6)
-        assert written(job)["laser"]["acme"] == table
+        assert table_to_dict(job)["laser"]["acme"] == table
 
     @pytest.mark.parametrize(
         ("table", "key", "words"),
@@ -178,6 +180,6 @@ def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.Mo
 
 
 def test_every_registered_driver_loads() -> None:
-    for registry in (ARMS, LASERS):
+    for registry in (ARMS, LASER_DRIVERS):
         for name in registry.names:
             assert registry.load(name).kind

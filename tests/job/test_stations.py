@@ -12,11 +12,17 @@ from command import tjscan
 from station_jobs import WHOLE, data_of, moved, paper_at_a_station, pose_of, written
 
 from tjscan.cli.overrides import parse_overrides
-from tjscan.comparison.distance import corner_errors
+from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core import config
 from tjscan.core.config import read_toml
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, from_euler_zyx, inverse, rotation_angle, transform
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose_from_euler_zyx,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
 from tjscan.job.cell import clearance_of_job
 from tjscan.joint.edges import feature_edges
@@ -31,7 +37,7 @@ SAME = 1e-12
 ROUNDED = 2e-6
 """Metres: rays are cast in single precision, so a base told otherwise moves them that much."""
 
-ELSEWHERE = from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
+ELSEWHERE = pose_from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
@@ -63,7 +69,7 @@ def test_solids_about_the_workpiece_stand_where_the_base_is_believed_to_be(
 ) -> None:
     job = read_scan_job(WHOLE).at("left")
     data = data_of(WHOLE)
-    T_b_w = inverse(pose_of(data["station"][0]))
+    T_b_w = inverse_pose(pose_of(data["station"][0]))
     for solid in data["clearance"]["solid"]:
         if solid.pop("frame", "b") == "w":
             solid |= {**solid, **_table(T_b_w @ pose_of(solid))}
@@ -89,9 +95,9 @@ def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     assert job.joint is not None
     assert joint is not None
     edges = feature_edges(joint)
-    T_j_w = inverse(job.joint.T_w_j)
+    T_j_w = inverse_pose(job.joint.T_w_j)
     truly, believed = (
-        corner_errors(transform(T_j_w @ T_w_b, corners(result)), edges).mean()
+        corner_to_edge_distances(transform_points(T_j_w @ T_w_b, corners(result)), edges).mean()
         for T_w_b in (job.T_w_b_true, job.T_w_b)
     )
     assert truly < 0.1e-3
@@ -108,9 +114,9 @@ class TestWholeJoint:
 
     def test_its_bases_are_wrong_by_millimetres_and_a_degree_or_two(self) -> None:
         for job in read_scan_job(WHOLE).places:
-            off = inverse(job.T_w_b) @ job.T_w_b_true
+            off = inverse_pose(job.T_w_b) @ job.T_w_b_true
             assert 5e-3 < np.linalg.norm(off[:3, 3]) < 10e-3
-            assert np.radians(1) < rotation_angle(np.eye(4), off) < np.radians(2)
+            assert np.radians(1) < rotation_angle_between(np.eye(4), off) < np.radians(2)
 
     def test_it_goes_all_round_and_overlaps_at_both_crowns(self) -> None:
         seen = []
@@ -118,8 +124,8 @@ class TestWholeJoint:
             assert job.joint is not None
             result = scan(WHOLE, {}, job.station[0].name)
             assert plan_is_fulfilled(result.stop, job.scan), result.detail
-            T_j_b = inverse(job.joint.T_w_j) @ job.T_w_b_true
-            origins = transform(T_j_b, [section.T_b_g[:3, 3] for section in result.sections])
+            T_j_b = inverse_pose(job.joint.T_w_j) @ job.T_w_b_true
+            origins = transform_points(T_j_b, [section.T_b_g[:3, 3] for section in result.sections])
             azimuth = np.degrees(np.unwrap(np.arctan2(origins[:, 1], origins[:, 0])))
             seen.append((azimuth[0] % 360, azimuth[-1] - azimuth[0]))
         (first, long), (second, longer) = sorted(seen, key=lambda arc: arc[0], reverse=True)
@@ -244,7 +250,7 @@ def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -
 
     for job in read_scan_job(file).places:
         copy = tmp_path / "copy.toml"
-        text = tomli_w.dumps(config.written(job))
+        text = tomli_w.dumps(config.table_to_dict(job))
         copy.write_text(text, encoding="utf-8")
         again = read_scan_job(copy)
         assert isinstance(again, ScanJob)

@@ -10,7 +10,7 @@ from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 
 CAD = Path(__file__).parents[2] / "cad"
 JOINTS = sorted(CAD.glob("?joint-*.toml"))
@@ -29,7 +29,7 @@ def bevel_point(joint: JointDefinition, phi: float, share: float) -> Array:
     """A point of the bevel in frame j, from the land's edge (0) to the outer wall (1)."""
     s = bevel_sections(joint, [phi])
     rho, z = (s.land + share * (s.p2 - s.land))[0]
-    return in_j(phi, rho, z)
+    return cylindrical_to_j(phi, rho, z)
 
 
 def measured_groove_angle(joint: JointDefinition, phi: float) -> float:
@@ -57,7 +57,7 @@ def test_corners_lie_where_they_belong(joint: JointDefinition) -> None:
     s = bevel_sections(joint, PHI)
 
     def off_leg(rz: Array) -> Array:
-        return joint.leg.distance(in_j(PHI, rz[:, 0], rz[:, 1]))
+        return joint.leg.distance(cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]))
 
     np.testing.assert_allclose(s.p2[:, 0], joint.brace_radius, atol=EXACT)
     np.testing.assert_allclose(off_leg(s.p4), 0, atol=EXACT)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import refine_robust
+from tjscan.joint.tubes.cylinder_fit import refine_cylinder
 
 TUBE = Cylinder(np.array((0.1, -0.2, 0.3)), np.array((0.3, 0.2, 0.9)), 0.3)
 NOISE = 30e-6
@@ -38,20 +38,20 @@ def test_every_rough_start_ends_at_the_same_cylinder(start: list[float]) -> None
     rng = np.random.default_rng(1)
     ghosts = wall(rng, 300, 1e-3)
     points = np.concatenate((wall(rng, 3000, NOISE), ghosts))
-    best = refine_robust(TUBE, points)
+    best = refine_cylinder(TUBE, points)
     step = np.array(start) * (1e-3, 1e-3, 3e-3, 3e-3, 1e-3)
-    assert apart(refine_robust(TUBE.boxplus(step), points), best) < SAME
+    assert apart(refine_cylinder(TUBE.boxplus(step), points), best) < SAME
     # 150° hold the axis some ten times less well than the points' mean, and there are 3000.
     assert apart(best, TUBE) < 2 * NOISE
 
 
 def test_exact_points_give_the_exact_cylinder() -> None:
     points = wall(np.random.default_rng(2), 200, 0.0)
-    found = refine_robust(TUBE.boxplus(np.full(5, 1e-3)), points)
+    found = refine_cylinder(TUBE.boxplus(np.full(5, 1e-3)), points)
     assert apart(found, TUBE) < SAME
     assert found.radius == pytest.approx(TUBE.radius, abs=SAME)
 
 
 def test_where_nothing_lies_near_nothing_changes() -> None:
     points = wall(np.random.default_rng(3), 200, 0.0) + 10.0
-    assert refine_robust(TUBE, points) is TUBE
+    assert refine_cylinder(TUBE, points) is TUBE

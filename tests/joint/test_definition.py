@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tjscan.core.config import read_toml, validate
+from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.file import JointFile, read_joint
 
@@ -40,7 +40,7 @@ def test_groove_angle_is_linear_between_pairs_and_flat_beyond() -> None:
 
 @pytest.mark.parametrize("file", JOINTS, ids=lambda file: file.stem)
 def test_a_file_survives_the_way_in_and_out(file: Path) -> None:
-    assert JointFile.of(read_joint(file)) == validate(JointFile, read_toml(file))
+    assert JointFile.from_definition(read_joint(file)) == validate_table(JointFile, read_toml(file))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 
 PAPER = Path(__file__).parents[2] / "cad" / "tjoint-600x457.toml"
 EXACT = 1e-12
@@ -55,7 +55,7 @@ def test_true_points_of_an_edge_lie_on_it() -> None:
     phi = np.random.default_rng(3).uniform(0, 2 * np.pi, 500)
     s = bevel_sections(joint, phi)
     for rz, line in ((s.p2, edges.p2), (s.p3, edges.p3), (s.p4, edges.p4)):
-        assert line.distance(in_j(phi, rz[:, 0], rz[:, 1])).max() < 1e-6
+        assert line.distance(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])).max() < 1e-6
 
 
 def test_distances_tell_the_edges_apart() -> None:

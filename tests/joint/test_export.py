@@ -11,9 +11,9 @@ import trimesh
 from tjscan.cli.joint import joint as joint_command
 from tjscan.core.errors import RecordingError
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.export import JointSidecar, write_joint
+from tjscan.joint.export import JointSidecar, build_and_write_joint
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
+from tjscan.joint.mesh import build_joint_mesh
 
 CAD = Path(__file__).parents[2] / "cad"
 PAPER = CAD / "tjoint-600x457.toml"
@@ -24,7 +24,7 @@ PRINTED = 1e-4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("joint") / "made" / "here"
-    write_joint(read_joint(PAPER), folder)
+    build_and_write_joint(read_joint(PAPER), folder)
     return folder
 
 
@@ -40,7 +40,7 @@ def test_the_sidecar_says_what_was_built(folder: Path) -> None:
     sidecar = JointSidecar.model_validate_json(text)
     assert (sidecar.units, sidecar.frame) == ("mm", "j")
     assert sidecar.joint.definition(sidecar.name) == joint
-    assert sidecar.triangles == len(build_mesh(joint).triangles)
+    assert sidecar.triangles == len(build_joint_mesh(joint).triangles)
     assert sidecar.chord_error_mm < 0.005
     assert sidecar.dihedral_deg == pytest.approx((90, 139.6), abs=0.05)
     assert sidecar.intersection_length_mm == pytest.approx(2 * 755, abs=1)
@@ -50,9 +50,9 @@ def test_the_sidecar_says_what_was_built(folder: Path) -> None:
 @pytest.mark.parametrize("file", sorted(CAD.glob("*.toml")), ids=lambda file: file.stem)
 def test_mesh_files_hold_the_solid_in_millimetres(tmp_path: Path, file: Path, kind: str) -> None:
     joint = read_joint(file)
-    write_joint(joint, tmp_path)
+    build_and_write_joint(joint, tmp_path)
     solid = trimesh.load_mesh(tmp_path / f"{file.stem}.{kind}")
-    mesh = build_mesh(joint)
+    mesh = build_joint_mesh(joint)
     assert solid.is_watertight
     np.testing.assert_allclose(
         solid.bounds, 1e3 * np.array((mesh.vertices.min(0), mesh.vertices.max(0))), atol=PRINTED
@@ -74,14 +74,14 @@ def test_edges_are_written_in_millimetres(folder: Path) -> None:
 def test_a_second_build_replaces_the_first(tmp_path: Path) -> None:
     stale = tmp_path / f"{PAPER.stem}.json"
     stale.write_text("stale")
-    write_joint(read_joint(PAPER), tmp_path)
+    build_and_write_joint(read_joint(PAPER), tmp_path)
     assert json.loads(stale.read_text())["name"] == PAPER.stem
 
 
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RecordingError, match="can't be written"):
-        write_joint(read_joint(PAPER), tmp_path / "file")
+        build_and_write_joint(read_joint(PAPER), tmp_path / "file")
 
 
 def test_the_command_prints_its_result_as_json(

@@ -5,7 +5,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tjscan.joint.geometry import LegSurface, in_j, radial, tangential
+from tjscan.joint.geometry import (
+    LegSurface,
+    cylindrical_to_j,
+    radial_direction,
+    tangential_direction,
+)
 
 EXACT = 1e-12
 """Rounding of float64 in metres and radians."""
@@ -39,7 +44,9 @@ def test_dihedral_angle_is_that_of_the_tangent_planes(
 ) -> None:
     leg = LegSurface(R, theta)
     normal = leg.normal(leg.point(phi, k * R))
-    assert leg.dihedral(phi, k * R) == pytest.approx(np.pi - np.arccos(normal @ radial(phi)))
+    assert leg.dihedral(phi, k * R) == pytest.approx(
+        np.pi - np.arccos(normal @ radial_direction(phi))
+    )
 
 
 @settings(max_examples=50, deadline=None)
@@ -51,7 +58,7 @@ def test_derivatives_are_those_of_the_surface(k: float, theta: float, phi: float
     np.testing.assert_allclose(leg.velocity(phi, rho), around, atol=DIFFERENCE)
     np.testing.assert_allclose(leg.slope(phi, rho), outward, atol=1e-7)
     np.testing.assert_allclose(np.linalg.norm(leg.tangent(phi, rho)), 1)
-    assert leg.tangent(phi, rho) @ tangential(phi) > 0
+    assert leg.tangent(phi, rho) @ tangential_direction(phi) > 0
 
 
 @settings(max_examples=50, deadline=None)
@@ -64,7 +71,9 @@ def test_a_ray_ends_on_the_surface_and_on_itself(
     ray = np.array([[np.sin(lean), -np.cos(lean)]])
     end = leg.meet(np.array([phi]), start, ray)
     assume(np.isfinite(end).all())  # a ray that leans outward may pass by
-    assert leg.distance(in_j(phi, end[:, 0], end[:, 1]))[0] == pytest.approx(0, abs=EXACT)
+    assert leg.distance(cylindrical_to_j(phi, end[:, 0], end[:, 1]))[0] == pytest.approx(
+        0, abs=EXACT
+    )
     travel = end - start
     assert travel[0] @ ray[0] > 0
     assert travel[0, 0] * ray[0, 1] == pytest.approx(travel[0, 1] * ray[0, 0], abs=EXACT)

@@ -14,32 +14,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from tjscan.comparison.distance import DistanceStatistics, corner_errors
-from tjscan.core.config import validate, written
+from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
+from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.checks import check
+from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile, read_joint
-from tjscan.joint.geometry import LegSurface, in_j
+from tjscan.joint.geometry import LegSurface, cylindrical_to_j
 from tjscan.joint.imperfections import (
-    IDEAL,
-    Bevel,
+    NO_IMPERFECTIONS,
+    BevelAsCut,
+    BraceMisfit,
     Imperfections,
-    Misfit,
     Ovality,
-    Root,
-    Seam,
+    RootAsFitted,
+    SeamWeldCap,
     Spatter,
-    Tack,
-    round_joint,
+    TackWeld,
+    interpolate_round_joint,
 )
-from tjscan.joint.mesh import TriangleMesh, build_mesh
-from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes
+from tjscan.joint.mesh import TriangleMesh, build_joint_mesh
+from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
 from tjscan.joint.tacks import tack_spans, within_spans
-from tjscan.laser.optics import Surface
+from tjscan.laser.optics import RaycastSurface
 
 CAD = Path(__file__).parents[2] / "cad"
 EXACT = 1e-12
@@ -54,17 +54,17 @@ PHI = np.linspace(0, 2 * np.pi, 97, endpoint=False)
 BENT = Imperfections(
     leg_ovality=Ovality(ovality=0.01, widest=0.5),
     brace_ovality=Ovality(ovality=0.008, widest=1.0),
-    misfit=Misfit(offset=2e-3, offset_towards=1.0, tilt=radians(0.3), tilt_towards=2.0),
-    root=Root(opening=(0.0, 1e-3, -1e-3, 0.5e-3), bead_height=(0.5e-3, 1e-3, -0.8e-3)),
-    bevel=Bevel(facet_angle=radians(6), facet_at=0.4),
+    misfit=BraceMisfit(offset=2e-3, offset_towards=1.0, tilt=radians(0.3), tilt_towards=2.0),
+    root=RootAsFitted(opening=(0.0, 1e-3, -1e-3, 0.5e-3), bead_height=(0.5e-3, 1e-3, -0.8e-3)),
+    bevel=BevelAsCut(facet_angle=radians(6), facet_at=0.4),
 )
 DEPOSITED = replace(
     BENT,
-    tacks=(Tack(at=0.3), Tack(at=2.5, length=0.05, height=0.004)),
-    seams=(Seam(at=radians(70)),),
+    tacks=(TackWeld(at=0.3), TackWeld(at=2.5, length=0.05, height=0.004)),
+    seams=(SeamWeldCap(at=radians(70)),),
     spatter=Spatter(density=60),
 )
-OPEN = replace(DEPOSITED, root=Root(is_open=True, opening=(0.0, 1e-3)))
+OPEN = replace(DEPOSITED, root=RootAsFitted(is_open=True, opening=(0.0, 1e-3)))
 
 
 @cache
@@ -74,13 +74,13 @@ def joint(name: str = "tjoint-600x457") -> JointDefinition:
 
 def built(imperfections: Imperfections, name: str = "tjoint-600x457") -> JointDefinition:
     found = replace(joint(name), imperfections=imperfections)
-    check(found)
+    check_buildable(found)
     return found
 
 
 @cache
 def mesh_of(imperfections: Imperfections, name: str = "tjoint-600x457") -> TriangleMesh:
-    return build_mesh(built(imperfections, name))
+    return build_joint_mesh(built(imperfections, name))
 
 
 # --- ideal
@@ -89,13 +89,13 @@ def mesh_of(imperfections: Imperfections, name: str = "tjoint-600x457") -> Trian
 NOTHING = Imperfections(
     leg_ovality=Ovality(widest=1.0),
     brace_ovality=Ovality(widest=2.0),
-    misfit=Misfit(offset_towards=1.0, tilt_towards=2.0),
-    bevel=Bevel(facet_at=0.3),
+    misfit=BraceMisfit(offset_towards=1.0, tilt_towards=2.0),
+    bevel=BevelAsCut(facet_at=0.3),
 )
 
 
 def test_imperfections_of_no_size_leave_a_joint_as_drawn() -> None:
-    ideal, other = build_mesh(joint()), mesh_of(NOTHING)
+    ideal, other = build_joint_mesh(joint()), mesh_of(NOTHING)
     np.testing.assert_array_equal(other.vertices, ideal.vertices)
     np.testing.assert_array_equal(other.triangles, ideal.triangles)
     ours, theirs = feature_edges(joint()), feature_edges(built(NOTHING))
@@ -104,14 +104,14 @@ def test_imperfections_of_no_size_leave_a_joint_as_drawn() -> None:
 
 
 def test_a_file_without_the_table_is_ideal() -> None:
-    assert joint().imperfections == IDEAL
-    assert "imperfections" not in written(JointFile.of(joint()))
+    assert joint().imperfections == NO_IMPERFECTIONS
+    assert "imperfections" not in table_to_dict(JointFile.from_definition(joint()))
 
 
 @pytest.mark.parametrize("imperfections", [NOTHING, BENT, DEPOSITED, OPEN])
 def test_a_joint_is_written_and_read_again_the_same(imperfections: Imperfections) -> None:
-    file = JointFile.of(built(imperfections))
-    again = validate(JointFile, written(file))
+    file = JointFile.from_definition(built(imperfections))
+    again = validate_table(JointFile, table_to_dict(file))
     assert again.definition("x").imperfections == imperfections
 
 
@@ -121,7 +121,7 @@ def test_a_joint_is_written_and_read_again_the_same(imperfections: Imperfections
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.02, 1.0), st.floats(0, 0.05))
 def test_an_oval_tube_keeps_its_circumference(radius: float, ovality: float) -> None:
-    long, short = semi_axes(radius, ovality)
+    long, short = semi_axes_same_circumference(radius, ovality)
     assert long - short == pytest.approx(ovality * radius, abs=EXACT)
     around, _ = quad(lambda t: np.hypot(long * np.sin(t), short * np.cos(t)), 0, np.pi / 2)
     assert 4 * around == pytest.approx(2 * np.pi * radius, rel=1e-9)
@@ -144,7 +144,7 @@ def test_an_ellipse_is_met_where_its_equation_holds(
 
 @pytest.mark.parametrize("angle", [90.0, 60.0])
 def test_a_leg_hardly_oval_is_the_round_one(angle: float) -> None:
-    flat = OvalLegSurface.of(0.3, radians(angle), 1e-10, 0.7)
+    flat = OvalLegSurface.from_ovality(0.3, radians(angle), 1e-10, 0.7)
     round_ = LegSurface(0.3, radians(angle))
     rho = np.linspace(0.1, 0.28, len(PHI))
     points = round_.point(PHI, rho)
@@ -166,7 +166,7 @@ def test_a_leg_hardly_oval_is_the_round_one(angle: float) -> None:
 
 @pytest.mark.parametrize("angle", [90.0, 60.0])
 def test_an_oval_legs_derivatives_and_normals_are_those_of_its_points(angle: float) -> None:
-    leg = OvalLegSurface.of(0.3, radians(angle), 0.03, 0.7)
+    leg = OvalLegSurface.from_ovality(0.3, radians(angle), 0.03, 0.7)
     rho, h = np.full_like(PHI, 0.22), 1e-6
     around = (leg.point(PHI + h, rho) - leg.point(PHI - h, rho)) / (2 * h)
     rise = (leg.height(PHI, rho + h) - leg.height(PHI, rho - h)) / (2 * h)
@@ -185,14 +185,14 @@ def test_an_oval_legs_derivatives_and_normals_are_those_of_its_points(angle: flo
 
 
 def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
-    off = Misfit(offset=3e-3, offset_towards=0.4, tilt=radians(0.5), tilt_towards=2.0)
+    off = BraceMisfit(offset=3e-3, offset_towards=0.4, tilt=radians(0.5), tilt_towards=2.0)
     d = built(Imperfections(misfit=off, brace_ovality=Ovality(ovality=0.01, widest=0.9)))
     s = bevel_sections(d, PHI)
-    x, y, z = in_j(PHI, s.p2[:, 0], s.p2[:, 1]).T
+    x, y, z = cylindrical_to_j(PHI, s.p2[:, 0], s.p2[:, 1]).T
     cx = 3e-3 * np.cos(0.4) + z * np.tan(radians(0.5)) * np.cos(2.0)
     cy = 3e-3 * np.sin(0.4) + z * np.tan(radians(0.5)) * np.sin(2.0)
     direction = np.arctan2(y - cy, x - cx) - 0.9
-    long, short = semi_axes(d.brace_radius, 0.01)
+    long, short = semi_axes_same_circumference(d.brace_radius, 0.01)
     radius = 1 / np.hypot(np.cos(direction) / long, np.sin(direction) / short)
     np.testing.assert_allclose(np.hypot(x - cx, y - cy), radius, atol=1e-8)
     # And it still is the prepared bevel: it starts on the land.
@@ -203,20 +203,24 @@ def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
 
 
 def test_the_root_opens_as_stated() -> None:
-    d = built(Imperfections(root=Root(opening=(0.0, 1e-3, -1e-3, 0.5e-3))))
+    d = built(Imperfections(root=RootAsFitted(opening=(0.0, 1e-3, -1e-3, 0.5e-3))))
     s = bevel_sections(d, PHI)
-    gap = LegSurface(d.leg_radius, d.angle).distance(in_j(PHI, s.land[:, 0], s.land[:, 1]))
-    np.testing.assert_allclose(gap, d.root_gap + round_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI))
+    gap = LegSurface(d.leg_radius, d.angle).distance(
+        cylindrical_to_j(PHI, s.land[:, 0], s.land[:, 1])
+    )
+    np.testing.assert_allclose(
+        gap, d.root_gap + interpolate_round_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI)
+    )
     quarters = np.linspace(0, 1.5 * np.pi, 4)
-    found = round_joint((0.0, 1e-3, -1e-3, 0.5e-3), quarters)
+    found = interpolate_round_joint((0.0, 1e-3, -1e-3, 0.5e-3), quarters)
     np.testing.assert_allclose(found, np.array((0, 1e-3, -1e-3, 0.5e-3)), atol=EXACT)
 
 
 def test_an_open_root_shows_the_land_and_its_foot_on_the_leg() -> None:
-    d = built(Imperfections(root=Root(is_open=True)))
+    d = built(Imperfections(root=RootAsFitted(is_open=True)))
     s = bevel_sections(d, PHI)
     np.testing.assert_array_equal(s.p3, s.land)
-    foot = in_j(PHI, s.p4[:, 0], s.p4[:, 1])
+    foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
     np.testing.assert_allclose(d.leg.distance(foot), 0, atol=EXACT)
     # Square to the leg in the half-plane, so no nearer than the opening itself.
     assert s.root_width.min() >= d.root_gap - EXACT
@@ -240,7 +244,7 @@ def test_corners_lie_on_the_solid(name: str) -> None:
     """Rays from over the corner, along the bisector of the faces that meet there."""
     d, mesh = built(BENT, name), mesh_of(BENT, name)
     s = bevel_sections(d, PHI)
-    surface = Surface(mesh.vertices, mesh.triangles)
+    surface = RaycastSurface(mesh.vertices, mesh.triangles)
     out = s.p4 + 1e-3 * np.column_stack((np.ones_like(PHI), d.leg.slope(PHI, s.p4[:, 0])))
     up = s.p2 + np.array((0.0, 1e-3))
     for corner, one, other in ((s.p2, up, s.p3), (s.p3, s.p2, s.p4), (s.p4, s.p3, out)):
@@ -251,7 +255,7 @@ def test_corners_lie_on_the_solid(name: str) -> None:
         outward = np.where(corner is s.p2, -1, 1) * np.asarray(outward)
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         start = corner + 1e-4 * outward
-        origin, goal = (in_j(PHI, rz[:, 0], rz[:, 1]) for rz in (start, corner))
+        origin, goal = (cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]) for rz in (start, corner))
         way = (goal - origin) / np.linalg.norm(goal - origin, axis=1, keepdims=True)
         hits = surface.cast(origin, way)
         np.testing.assert_allclose(hits.distance, 1e-4, atol=2 * ON_MESH)
@@ -262,16 +266,18 @@ def heights_over(d: JointDefinition, mesh: TriangleMesh, start: Array, end: Arra
     middle, along = (start + end) / 2, end - start
     normal = along[:, ::-1] * (1, -1) / np.linalg.norm(along, axis=1, keepdims=True)
     above = middle + ABOVE * normal
-    origin, goal = (in_j(PHI, rz[:, 0], rz[:, 1]) for rz in (above, middle))
+    origin, goal = (cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]) for rz in (above, middle))
     way = (goal - origin) / ABOVE
-    return ABOVE - Surface(mesh.vertices, mesh.triangles).cast(origin, way).distance
+    return ABOVE - RaycastSurface(mesh.vertices, mesh.triangles).cast(origin, way).distance
 
 
 def test_bead_and_bevel_rise_as_stated() -> None:
     d, mesh = built(BENT), mesh_of(BENT)
     s = bevel_sections(d, PHI)
     bead = heights_over(d, mesh, s.p4, s.p3)
-    np.testing.assert_allclose(bead, round_joint(BENT.root.bead_height, PHI), atol=0.05e-3)
+    np.testing.assert_allclose(
+        bead, interpolate_round_joint(BENT.root.bead_height, PHI), atol=0.05e-3
+    )
     # Over the middle of a bevel whose facets meet at 0.4 of it.
     length = np.linalg.norm(s.p2 - s.p3, axis=1)
     knee = np.tan(radians(6)) * 0.4 * 0.6 * length
@@ -280,14 +286,14 @@ def test_bead_and_bevel_rise_as_stated() -> None:
 
 
 def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
-    d = built(replace(IDEAL, tacks=DEPOSITED.tacks))
+    d = built(replace(NO_IMPERFECTIONS, tacks=DEPOSITED.tacks))
     spans = tack_spans(d)
     middle = spans.mean(axis=1)
     np.testing.assert_allclose(middle, (0.3, 2.5))
     for tack, span in zip(d.imperfections.tacks, spans, strict=True):
         phi = np.linspace(span[0], span[1], 200)
         land = bevel_sections(d, phi).land
-        line = in_j(phi, land[:, 0], land[:, 1])
+        line = cylindrical_to_j(phi, land[:, 0], land[:, 1])
         length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert length == pytest.approx(tack.length, rel=0.01)
     assert within_spans(spans, middle).all()
@@ -296,7 +302,7 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
     assert not within_spans(spans, spans - inward).any()
     assert within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
 
-    tacked, bare = build_mesh(d), build_mesh(joint())
+    tacked, bare = build_joint_mesh(d), build_joint_mesh(joint())
     s = bevel_sections(d, PHI)
     more = heights_over(d, tacked, s.p4, s.p3) - heights_over(d, bare, s.p4, s.p3)
     on = within_spans(spans, PHI)
@@ -305,32 +311,32 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
 
 
 def test_corners_under_a_tack_have_no_error() -> None:
-    d = built(replace(IDEAL, tacks=DEPOSITED.tacks))
+    d = built(replace(NO_IMPERFECTIONS, tacks=DEPOSITED.tacks))
     edges = feature_edges(d)
     phi = np.array((0.3, 1.0, 2.5))
     s = bevel_sections(d, phi)
-    ends = [in_j(phi, rz[:, 0], rz[:, 1]) for rz in (s.p2, s.p2, s.p3, s.p4, s.p4)]
-    errors = corner_errors(np.stack(ends, axis=1), edges)
+    ends = [cylindrical_to_j(phi, rz[:, 0], rz[:, 1]) for rz in (s.p2, s.p2, s.p3, s.p4, s.p4)]
+    errors = corner_to_edge_distances(np.stack(ends, axis=1), edges)
     np.testing.assert_array_equal(
         np.isnan(errors), [[False, True, True], [False] * 3, [False, True, True]]
     )
     np.testing.assert_allclose(errors[~np.isnan(errors)], 0, atol=1e-6)
-    assert DistanceStatistics.of(errors).max < 1e-3
+    assert DistanceStatistics.from_distances(errors).max < 1e-3
 
 
 def test_a_seams_cap_stands_on_the_leg() -> None:
-    d = built(replace(IDEAL, seams=(Seam(at=radians(70), height=2e-3),)))
-    mesh = build_mesh(d)
+    d = built(replace(NO_IMPERFECTIONS, seams=(SeamWeldCap(at=radians(70), height=2e-3),)))
+    mesh = build_joint_mesh(d)
     outward = np.array((0.0, np.sin(radians(70)), np.cos(radians(70))))
     origin = (d.leg_radius + 0.05) * outward + (0.3, 0, 0)
-    hits = Surface(mesh.vertices, mesh.triangles).cast(origin[None], -outward[None])
+    hits = RaycastSurface(mesh.vertices, mesh.triangles).cast(origin[None], -outward[None])
     assert hits.distance[0] == pytest.approx(0.05 - 2e-3, abs=1e-5)
 
 
 def test_the_same_seed_spatters_alike() -> None:
-    table = replace(IDEAL, spatter=Spatter(density=40, seed=3))
-    np.testing.assert_array_equal(mesh_of(table).vertices, build_mesh(built(table)).vertices)
-    other = build_mesh(built(replace(IDEAL, spatter=Spatter(density=40, seed=4))))
+    table = replace(NO_IMPERFECTIONS, spatter=Spatter(density=40, seed=3))
+    np.testing.assert_array_equal(mesh_of(table).vertices, build_joint_mesh(built(table)).vertices)
+    other = build_joint_mesh(built(replace(NO_IMPERFECTIONS, spatter=Spatter(density=40, seed=4))))
     assert len(other.vertices) != len(mesh_of(table).vertices)
 
 
@@ -340,8 +346,8 @@ def test_the_same_seed_spatters_alike() -> None:
 @pytest.mark.parametrize(
     ("imperfections", "key"),
     [
-        (Imperfections(seams=(Seam(at=radians(20)),)), "imperfections.seams.0.at_deg"),
-        (Imperfections(root=Root(is_open=True, opening=(-3.5e-3,))), "groove.root_gap_mm"),
+        (Imperfections(seams=(SeamWeldCap(at=radians(20)),)), "imperfections.seams.0.at_deg"),
+        (Imperfections(root=RootAsFitted(is_open=True, opening=(-3.5e-3,))), "groove.root_gap_mm"),
     ],
 )
 def test_what_cannot_be_built_is_refused(imperfections: Imperfections, key: str) -> None:
@@ -360,7 +366,7 @@ def test_what_cannot_be_built_is_refused(imperfections: Imperfections, key: str)
     ],
 )
 def test_wrong_keys_are_named(table: dict[str, object], key: str) -> None:
-    data = written(JointFile.of(joint())) | {"imperfections": table}
+    data = table_to_dict(JointFile.from_definition(joint())) | {"imperfections": table}
     with pytest.raises(ConfigurationError) as refusal:
-        validate(JointFile, data)
+        validate_table(JointFile, data)
     assert refusal.value.key == key

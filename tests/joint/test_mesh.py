@@ -14,12 +14,18 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.checks import check
+from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile, read_joint
-from tjscan.joint.geometry import in_j
-from tjscan.joint.mesh import CHORD_ERROR, TriangleMesh, build_mesh, chord_error, mesh_azimuths
+from tjscan.joint.geometry import cylindrical_to_j
+from tjscan.joint.mesh import (
+    MOST_CHORD_ERROR,
+    TriangleMesh,
+    brace_vertex_azimuths,
+    build_joint_mesh,
+    largest_chord_error,
+)
 
 CAD = Path(__file__).parents[2] / "cad"
 JOINTS = sorted(CAD.glob("?joint-*.toml"))
@@ -41,7 +47,7 @@ MOST_TRIANGLES = 150_000
 @cache
 def built(file: Path) -> tuple[JointDefinition, TriangleMesh]:
     joint = read_joint(file)
-    return joint, build_mesh(joint)
+    return joint, build_joint_mesh(joint)
 
 
 def solid_of(mesh: TriangleMesh) -> trimesh.Trimesh:
@@ -85,8 +91,8 @@ def assert_true_to_the_closed_form(joint: JointDefinition, mesh: TriangleMesh, n
         ),
     }
     for name, (rz, normal_rz) in surfaces.items():
-        points = in_j(phi, rz[:, 0], rz[:, 1])
-        normals = in_j(phi, normal_rz[:, 0], normal_rz[:, 1])
+        points = cylindrical_to_j(phi, rz[:, 0], rz[:, 1])
+        normals = cylindrical_to_j(phi, normal_rz[:, 0], normal_rz[:, 1])
         assert np.abs(height_over_mesh(mesh, points, normals)).max() < ACCURACY, name
 
 
@@ -174,9 +180,9 @@ def test_a_kink_of_the_groove_table_is_followed() -> None:
     joint = read_joint(PAPER)
     table = tuple((np.deg2rad(psi), np.deg2rad(a)) for psi, a in ((90, 45), (115, 45), (120, 60)))
     kinked = replace(joint, groove_table=table)
-    assert chord_error(kinked) <= CHORD_ERROR
-    assert len(mesh_azimuths(kinked)) > len(mesh_azimuths(joint))
-    assert_true_to_the_closed_form(kinked, build_mesh(kinked), n=5_000)
+    assert largest_chord_error(kinked) <= MOST_CHORD_ERROR
+    assert len(brace_vertex_azimuths(kinked)) > len(brace_vertex_azimuths(joint))
+    assert_true_to_the_closed_form(kinked, build_joint_mesh(kinked), n=5_000)
 
 
 def test_arrays_are_read_only() -> None:
@@ -224,12 +230,12 @@ def test_any_size_is_built_soundly_or_refused_clearly(
             root_face=root[1],
             root_bead=root[2],
         )
-        check(joint)
+        check_buildable(joint)
     except ConfigurationError as refusal:
         key = refusal.key or ""
         event(f"refused for {key}")
         assert key.split(".")[0] in JointFile.model_fields
         return
-    mesh = build_mesh(joint)
+    mesh = build_joint_mesh(joint)
     assert_sound(mesh)
     assert_true_to_the_closed_form(joint, mesh, n=2_000)

@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.laser.faults import (
-    Kind,
-    SimulatedPoints,
-    Streams,
-    disturb,
-    scatter_runs,
-    speckle,
+    FaultRandomStreams,
+    PointOrigin,
+    SimulatedProfile,
+    apply_faults,
+    choose_column_runs,
+    correlated_noise,
 )
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RayHits, fan
+from tjscan.laser.optics import LaserRayHits, laser_ray_directions
 
 N = 640
 EXACT = 1e-12
-RAYS = fan(LaserModel.ideal())
+RAYS = laser_ray_directions(LaserModel.ideal())
 ALL_ON = LaserModel(ghosts=0.1, missing=0.05, flyers=0.8, strays=0.1)
 
 
 def hits(
     incidence: float = 0.0, z: Array | float = 0.24, ghost: NDArray[np.bool_] | None = None
-) -> RayHits:
+) -> LaserRayHits:
     """A face at depth z, under the same incidence in every column, square to no ray's side.
 
     Ghosts, where there are any, lie 20 mm behind it.
@@ -37,14 +37,14 @@ def hits(
     distance = (np.broadcast_to(z, N) - LaserModel().emitter_z) / RAYS[:, 2]
     toward = -RAYS * np.cos(incidence) + np.array([0, 1.0, 0]) * np.sin(incidence)
     images = np.where(np.zeros(N, bool) if ghost is None else ghost, distance + 0.02, np.nan)
-    return RayHits(RAYS, distance, toward, np.ones(N, bool), images)
+    return LaserRayHits(RAYS, distance, toward, np.ones(N, bool), images)
 
 
-def taken(view: RayHits, model: LaserModel, seed: int = 0) -> SimulatedPoints:
-    return disturb(view, model, Streams.spawn(np.random.default_rng(seed)))
+def taken(view: LaserRayHits, model: LaserModel, seed: int = 0) -> SimulatedProfile:
+    return apply_faults(view, model, FaultRandomStreams.spawn(np.random.default_rng(seed)))
 
 
-def along(points: SimulatedPoints) -> Array:
+def along(points: SimulatedProfile) -> Array:
     """Distance of each point from the emitter."""
     return np.hypot(points.x_s, points.z_s - LaserModel().emitter_z)
 
@@ -55,7 +55,7 @@ def runs_of(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.asarray(np.flatnonzero(steps == -1) - np.flatnonzero(steps == 1))
 
 
-def groove() -> RayHits:
+def groove() -> LaserRayHits:
     """A view with everything in it: a jump, a crease, mirrors, a grazing face."""
     z = np.where(np.arange(N) < 200, 0.23, 0.26)
     view = hits(0.5, z, ghost=(np.arange(N) > 250) & (np.arange(N) < 500))
@@ -70,13 +70,13 @@ def test_without_faults_the_points_are_what_is_seen() -> None:
     points = taken(view, LaserModel.ideal())
     np.testing.assert_allclose(along(points), view.distance, atol=EXACT)
     np.testing.assert_allclose(points.x_s, view.distance * RAYS[:, 0], atol=EXACT)
-    assert np.all(points.kind == Kind.TRUE)
+    assert np.all(points.kind == PointOrigin.TRUE)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 3.0, 4.0, 10.0])
 def test_noise_has_its_sigma_everywhere_and_its_correlation(correlation: float) -> None:
     rng = np.random.default_rng(3)
-    e = np.array([speckle(rng, N, 30e-6, correlation) for _ in range(1500)])
+    e = np.array([correlated_noise(rng, N, 30e-6, correlation) for _ in range(1500)])
     # 1500 profiles: each column's sigma is good to 1.8 %, five times that is never reached.
     np.testing.assert_allclose(e.std(axis=0), 30e-6, rtol=0.1)
     np.testing.assert_allclose(e.std(), 30e-6, rtol=0.01)
@@ -109,7 +109,9 @@ def test_points_drop_out_with_growing_incidence() -> None:
     model = LaserModel.ideal(dropout=1.0)
     # Every ray of `hits` lies in the x-z plane, so the incidence is the same in each column.
     left = [
-        np.mean([(taken(hits(np.radians(a)), model, s).kind == Kind.TRUE) for s in range(20)])
+        np.mean(
+            [(taken(hits(np.radians(a)), model, s).kind == PointOrigin.TRUE) for s in range(20)]
+        )
         for a in (0, 40, 59.9, 64, 68, 72, 76, 80.1, 89)
     ]
     assert np.all(np.diff(left) <= 0)
@@ -129,7 +131,7 @@ def test_runs_hold_the_count_and_keep_their_lengths(
     seed: int, eligible: int, count: int, run: tuple[int, int]
 ) -> None:
     columns = np.arange(eligible) + 7
-    chosen = scatter_runs(np.random.default_rng(seed), columns, count, run)
+    chosen = choose_column_runs(np.random.default_rng(seed), columns, count, run)
     assert len(chosen) == min(count, eligible)
     assert np.all(np.diff(chosen) > 0)
     assert np.isin(chosen, columns).all()
@@ -147,7 +149,7 @@ def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
     view = hits(ghost=np.arange(N) >= 300)
     model = LaserModel.ideal(ghosts=fraction)
     kinds = np.array([taken(view, model, seed).kind for seed in range(40)])
-    ghosts = kinds == Kind.GHOST
+    ghosts = kinds == PointOrigin.GHOST
     # One column more or less per profile is as near as a whole number comes.
     assert ghosts.mean() == pytest.approx(fraction, abs=0.5 / N)
     assert not ghosts[:, :300].any()
@@ -160,7 +162,7 @@ def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
 def test_ghosts_lie_at_their_image_and_are_dim() -> None:
     view = hits(ghost=np.ones(N, bool))
     points = taken(view, LaserModel.ideal(ghosts=0.15))
-    ghosts = points.kind == Kind.GHOST
+    ghosts = points.kind == PointOrigin.GHOST
     np.testing.assert_allclose(along(points)[ghosts], view.ghost[ghosts], atol=EXACT)
     np.testing.assert_allclose(along(points)[~ghosts], view.distance[~ghosts], atol=EXACT)
     assert points.intensity[ghosts].max() < points.intensity[~ghosts].min()
@@ -169,14 +171,14 @@ def test_ghosts_lie_at_their_image_and_are_dim() -> None:
 def test_no_face_turns_into_a_mirror_altogether() -> None:
     view = hits(ghost=np.arange(N) >= 600)
     model = LaserModel.ideal(ghosts=0.15)
-    assert np.sum(taken(view, model).kind == Kind.GHOST) == model.ghost_share * 40
-    assert not np.any(taken(hits(), model).kind == Kind.GHOST)
+    assert np.sum(taken(view, model).kind == PointOrigin.GHOST) == model.ghost_share * 40
+    assert not np.any(taken(hits(), model).kind == PointOrigin.GHOST)
 
 
 @pytest.mark.parametrize("fraction", [0.02, 0.1])
 def test_missing_points_are_the_asked_fraction_in_short_runs(fraction: float) -> None:
     model = LaserModel.ideal(missing=fraction)
-    missing = np.array([taken(hits(), model, s).kind == Kind.MISSING for s in range(60)])
+    missing = np.array([taken(hits(), model, s).kind == PointOrigin.MISSING for s in range(60)])
     assert missing.mean() == pytest.approx(fraction, abs=0.5 / N)
     assert max(runs_of(row).max() for row in missing) <= model.missing_run[1]
 
@@ -185,14 +187,14 @@ def test_flyers_fly_only_beside_edges_and_between_their_sides() -> None:
     view = groove()
     model = LaserModel.ideal(flyers=1.0, flyer_overshoot=0.0)
     points = taken(view, model)
-    flyers = np.flatnonzero(points.kind == Kind.FLYER)
+    flyers = np.flatnonzero(points.kind == PointOrigin.FLYER)
     np.testing.assert_array_equal(flyers, [199, 200, 399, 400, 559, 560])
     sides = np.sort(view.distance[[199, 200]])
     jumped = along(points)[[199, 200]]
     assert np.all((jumped >= sides[0] - EXACT) & (jumped <= sides[1] + EXACT))
     assert np.all(np.abs(jumped - view.distance[[199, 200]]) > 1e-4)
     smooth = taken(hits(0.5), replace(model, flyer_jump=5e-3))
-    assert not np.any(smooth.kind == Kind.FLYER)
+    assert not np.any(smooth.kind == PointOrigin.FLYER)
 
 
 def test_where_the_surface_ends_nothing_flies() -> None:
@@ -205,12 +207,14 @@ def test_where_the_surface_ends_nothing_flies() -> None:
         seen=~gone,
     )
     points = taken(view, LaserModel.ideal(flyers=1.0))
-    np.testing.assert_array_equal(points.kind, np.where(gone, Kind.MISSING, Kind.TRUE))
+    np.testing.assert_array_equal(
+        points.kind, np.where(gone, PointOrigin.MISSING, PointOrigin.TRUE)
+    )
 
 
 def test_flyers_come_as_often_as_asked() -> None:
     model = LaserModel.ideal(flyers=0.3)
-    flyers = [np.sum(taken(groove(), model, s).kind == Kind.FLYER) for s in range(500)]
+    flyers = [np.sum(taken(groove(), model, s).kind == PointOrigin.FLYER) for s in range(500)]
     assert np.mean(flyers) == pytest.approx(0.3 * 6, rel=0.1)
 
 
@@ -226,15 +230,15 @@ def test_no_fault_carries_a_point_outside_the_range() -> None:
     model = LaserModel.ideal(noise=1e-3)
     for edge in (model.near, model.far):
         points = taken(hits(z=edge), model)
-        there = points.kind != Kind.MISSING
+        there = points.kind != PointOrigin.MISSING
         assert 0 < there.sum() < N
         assert np.all((points.z_s[there] >= model.near) & (points.z_s[there] <= model.far))
 
 
 def test_a_missing_point_is_nan_and_dark_and_no_other_is() -> None:
     points = taken(groove(), ALL_ON)
-    missing = points.kind == Kind.MISSING
-    assert set(np.unique(points.kind)) == set(Kind)
+    missing = points.kind == PointOrigin.MISSING
+    assert set(np.unique(points.kind)) == set(PointOrigin)
     np.testing.assert_array_equal(np.isnan(points.x_s), missing)
     np.testing.assert_array_equal(np.isnan(points.z_s), missing)
     np.testing.assert_array_equal(points.intensity == 0, missing)
@@ -263,10 +267,10 @@ def test_switching_one_fault_off_leaves_the_others_alone(off: dict[str, Any]) ->
     with_it, without = taken(groove(), model, 5), taken(groove(), replace(model, **off), 5)
     same = with_it.kind == without.kind
     what = {
-        "dropout": (Kind.MISSING, Kind.TRUE),
-        "missing": (Kind.MISSING, Kind.TRUE),
-        "ghosts": (Kind.GHOST,),
-        "flyers": (Kind.FLYER,),
+        "dropout": (PointOrigin.MISSING, PointOrigin.TRUE),
+        "missing": (PointOrigin.MISSING, PointOrigin.TRUE),
+        "ghosts": (PointOrigin.GHOST,),
+        "flyers": (PointOrigin.FLYER,),
     }.get(next(iter(off)), ())
     assert np.isin(with_it.kind[~same], what).all()
     if "noise" not in off and "bias" not in off:
@@ -274,12 +278,12 @@ def test_switching_one_fault_off_leaves_the_others_alone(off: dict[str, Any]) ->
     else:
         assert same.all()
         limit = 6 * model.noise + model.bias_limit
-        there = with_it.kind != Kind.MISSING
+        there = with_it.kind != PointOrigin.MISSING
         assert np.abs(with_it.z_s - without.z_s)[there].max() < limit
 
 
 def test_every_fault_has_its_own_stream() -> None:
-    streams = Streams.spawn(np.random.default_rng(0))
+    streams = FaultRandomStreams.spawn(np.random.default_rng(0))
     first = {getattr(streams, f.name).random() for f in fields(streams)}
     assert len(first) == len(fields(streams))
 
@@ -290,7 +294,7 @@ def test_strays_lie_before_and_behind_the_surface_in_whole_runs() -> None:
     for seed in range(40):
         points = taken(hits(), model, seed)
         off = along(points) - hits().distance
-        strays = points.kind == Kind.STRAY
+        strays = points.kind == PointOrigin.STRAY
         assert np.count_nonzero(strays) == pytest.approx(0.2 * N, abs=1)
         np.testing.assert_allclose(off[~strays], 0, atol=EXACT)
         least, most = model.stray_offset
@@ -302,7 +306,7 @@ def test_strays_lie_before_and_behind_the_surface_in_whole_runs() -> None:
     assert np.mean(lengths) > model.stray_run[0]
 
 
-def valley(angle: float = np.radians(60)) -> RayHits:
+def valley(angle: float = np.radians(60)) -> LaserRayHits:
     """Two faces that meet in the middle at `angle`; turned inside out where it is above 180°."""
     x = np.linspace(-0.04, 0.04, N)
     rise = 1 / np.tan(angle / 2)
@@ -313,7 +317,7 @@ def valley(angle: float = np.radians(60)) -> RayHits:
     normals = np.column_stack((-np.sign(x) * rise, np.zeros(N), -np.ones(N)))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     seen = np.ones(N, bool)
-    return RayHits(rays / distance[:, None], distance, normals, seen, np.full(N, np.nan))
+    return LaserRayHits(rays / distance[:, None], distance, normals, seen, np.full(N, np.nan))
 
 
 def test_interreflection_pulls_a_notch_in_and_fades_out() -> None:

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tjscan.core.frames import Array, pose, rot_x, transform
+from tjscan.core.frames import Array, pose, rot_x, transform_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh, chord_error
-from tjscan.laser.faults import Kind
+from tjscan.joint.mesh import build_joint_mesh, largest_chord_error
+from tjscan.laser.faults import PointOrigin
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RayHits, Surface, fan, raycast
+from tjscan.laser.optics import LaserRayHits, RaycastSurface, laser_ray_directions, trace_laser_rays
 from tjscan.laser.simulated import SimulatedLaser
 
 STANDOFF = 0.24
@@ -32,9 +32,9 @@ def edges(joint: JointDefinition) -> FeatureEdges:
 
 
 @pytest.fixture(scope="module")
-def surface(joint: JointDefinition) -> Surface:
-    mesh = build_mesh(joint)
-    return Surface(mesh.vertices, mesh.triangles)
+def surface(joint: JointDefinition) -> RaycastSurface:
+    mesh = build_joint_mesh(joint)
+    return RaycastSurface(mesh.vertices, mesh.triangles)
 
 
 def before(edges: FeatureEdges, phi: float) -> Array:
@@ -50,7 +50,7 @@ def before(edges: FeatureEdges, phi: float) -> Array:
     return pose(R, 0.5 * (p2 + p4) - STANDOFF * R[:, 2])
 
 
-def points_of(hits: RayHits) -> Array:
+def points_of(hits: LaserRayHits) -> Array:
     """Points of all columns in frame s."""
     apex_s = np.array([0, 0, LaserModel().emitter_z])
     return np.asarray(apex_s + hits.distance[:, None] * hits.directions_s)
@@ -58,16 +58,16 @@ def points_of(hits: RayHits) -> Array:
 
 @pytest.mark.parametrize("phi", AZIMUTHS)
 def test_points_lie_on_the_true_surfaces(
-    joint: JointDefinition, edges: FeatureEdges, surface: Surface, phi: float
+    joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     model = LaserModel.ideal()
     T_j_s = before(edges, phi)
-    hits = raycast(surface, T_j_s, model, fan(model))
+    hits = trace_laser_rays(surface, T_j_s, model, laser_ray_directions(model))
     points_s = points_of(hits)[hits.seen]
-    x, y, z = transform(T_j_s, points_s).T
+    x, y, z = transform_points(T_j_s, points_s).T
     above_leg = np.hypot(y, z) - joint.leg_radius
     inside_brace = joint.brace_radius - np.hypot(x, y)
-    near = 1.01 * chord_error(joint)
+    near = 1.01 * largest_chord_error(joint)
     assert np.all(above_leg > -near)
     assert np.all((inside_brace > -near) | (np.abs(above_leg) < near))
     on_leg, on_brace = np.abs(above_leg) < near, np.abs(inside_brace) < near
@@ -78,7 +78,7 @@ def test_points_lie_on_the_true_surfaces(
 
 @pytest.mark.parametrize("phi", AZIMUTHS)
 def test_a_profile_is_spoilt_as_much_as_asked(
-    edges: FeatureEdges, surface: Surface, phi: float
+    edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     model = LaserModel(missing=0.0)
     T_j_s = before(edges, phi)
@@ -90,19 +90,21 @@ def test_a_profile_is_spoilt_as_much_as_asked(
         clock=lambda: 0.0,
     ) as laser:
         kinds = np.array([laser.observe().kind for _ in range(40)])
-    points = kinds != Kind.MISSING
+    points = kinds != PointOrigin.MISSING
     assert points.mean() > 0.85
-    assert np.sum(kinds == Kind.GHOST) / points.sum() == pytest.approx(model.ghosts, abs=0.01)
-    assert 0 < np.sum(kinds == Kind.FLYER) / len(kinds) < 6
+    assert np.sum(kinds == PointOrigin.GHOST) / points.sum() == pytest.approx(
+        model.ghosts, abs=0.01
+    )
+    assert 0 < np.sum(kinds == PointOrigin.FLYER) / len(kinds) < 6
 
 
 @pytest.mark.parametrize("phi", AZIMUTHS)
 def test_flyers_stand_at_the_edges_of_the_groove(
-    edges: FeatureEdges, surface: Surface, phi: float
+    edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     model = LaserModel.ideal(flyers=1.0)
     T_j_s = before(edges, phi)
-    hits = raycast(surface, T_j_s, model, fan(model))
+    hits = trace_laser_rays(surface, T_j_s, model, laser_ray_directions(model))
     with SimulatedLaser(
         surface,
         lambda: T_j_s,
@@ -110,8 +112,8 @@ def test_flyers_stand_at_the_edges_of_the_groove(
         rng=np.random.default_rng(8),
         clock=lambda: 0.0,
     ) as laser:
-        flyers = laser.observe().kind == Kind.FLYER
+        flyers = laser.observe().kind == PointOrigin.FLYER
     points_s = points_of(hits)[flyers]
-    away = edges.distances(transform(T_j_s, points_s))
+    away = edges.distances(transform_points(T_j_s, points_s))
     assert np.all(away.min(axis=1) < PITCH)
     assert np.all(away.min(axis=0) < PITCH)

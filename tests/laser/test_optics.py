@@ -8,9 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform
+from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform_points
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import MELT, RayHits, Surface, fan, raycast
+from tjscan.laser.optics import (
+    LEAST_GHOST_DISTANCE,
+    LaserRayHits,
+    RaycastSurface,
+    laser_ray_directions,
+    trace_laser_rays,
+)
 
 EXACT = 1e-9
 """Metres: distances come from float64 planes; float32 only chooses the triangle."""
@@ -35,23 +41,23 @@ def plane(normal: Array, point: Array, T_j_s: Array = T_J_S, half: float = 0.5) 
     """Vertices in frame j and triangles of a square given in frame s."""
     across = np.linalg.svd(normal[None])[2][1:]
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    return transform(T_j_s, point + corners @ across), QUAD
+    return transform_points(T_j_s, point + corners @ across), QUAD
 
 
-def together(*parts: Part) -> Surface:
+def together(*parts: Part) -> RaycastSurface:
     starts = np.cumsum([0] + [len(v) for v, _ in parts])
-    return Surface(
+    return RaycastSurface(
         np.vstack([v for v, _ in parts]),
         np.vstack([t + start for (_, t), start in zip(parts, starts, strict=False)]),
     )
 
 
-def points(hits: RayHits, distance: Array, model: LaserModel = IDEAL) -> Array:
+def points(hits: LaserRayHits, distance: Array, model: LaserModel = IDEAL) -> Array:
     """Points in frame s at these distances."""
     return np.asarray(distance[:, None] * hits.directions_s + [0, 0, model.emitter_z])
 
 
-def seen_points(hits: RayHits) -> Array:
+def seen_points(hits: LaserRayHits) -> Array:
     return points(hits, hits.distance)[hits.seen]
 
 
@@ -74,7 +80,7 @@ def wedge(opening: float, pull: float) -> tuple[list[Part], tuple[Array, Array],
                 bottom + 0.2 * along + 0.2 * up,
             ]
         )
-        parts.append((transform(T_J_S, corners), QUAD))
+        parts.append((transform_points(T_J_S, corners), QUAD))
         normal = np.cross(along, up)
         normals.append(-np.sign(normal[2]) * normal)  # towards the sensor
     return parts, (normals[0], normals[1]), bottom
@@ -97,8 +103,8 @@ def test_a_plane_is_seen_exactly_where_it_is(
     T_j_s = pose(rot_z(a) @ rot_y(b) @ rot_x(c), place)
     normal_s = rot_x(tilt[0]) @ rot_y(tilt[1]) @ [0, 0, -1]
     point_s = np.array([0, 0, z])
-    surface = Surface(*plane(normal_s, point_s, T_j_s))
-    hits = raycast(surface, T_j_s, IDEAL, fan(IDEAL))
+    surface = RaycastSurface(*plane(normal_s, point_s, T_j_s))
+    hits = trace_laser_rays(surface, T_j_s, IDEAL, laser_ray_directions(IDEAL))
     found = seen_points(hits)
     assert len(found) > 0
     np.testing.assert_allclose((found - point_s) @ normal_s, 0, atol=EXACT)
@@ -109,8 +115,8 @@ def test_a_plane_is_seen_exactly_where_it_is(
 @pytest.mark.parametrize(("z", "width"), [(0.190, 0.083), (0.290, 0.121)])
 def test_the_range_is_the_sensors_trapezoid(z: float, width: float) -> None:
     inside = z + (1e-9 if z < 0.24 else -1e-9)
-    surface = Surface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, inside])))
-    x = seen_points(raycast(surface, T_J_S, IDEAL, fan(IDEAL)))[:, 0]
+    surface = RaycastSurface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, inside])))
+    x = seen_points(trace_laser_rays(surface, T_J_S, IDEAL, laser_ray_directions(IDEAL)))[:, 0]
     assert len(x) == IDEAL.columns
     assert np.all(np.diff(x) > 0)
     np.testing.assert_allclose((x[0], x[-1]), (-width / 2, width / 2), atol=1e-8)
@@ -118,10 +124,10 @@ def test_the_range_is_the_sensors_trapezoid(z: float, width: float) -> None:
 
 def test_nothing_is_seen_outside_the_range() -> None:
     for z in (IDEAL.near - 1e-6, IDEAL.far + 1e-6):
-        surface = Surface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, z])))
-        assert not raycast(surface, T_J_S, IDEAL, fan(IDEAL)).seen.any()
-    steep = Surface(*plane(rot_y(1.2) @ [0, 0, 1.0], np.array([0, 0, 0.24])))
-    hits = raycast(steep, T_J_S, IDEAL, fan(IDEAL))
+        surface = RaycastSurface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, z])))
+        assert not trace_laser_rays(surface, T_J_S, IDEAL, laser_ray_directions(IDEAL)).seen.any()
+    steep = RaycastSurface(*plane(rot_y(1.2) @ [0, 0, 1.0], np.array([0, 0, 0.24])))
+    hits = trace_laser_rays(steep, T_J_S, IDEAL, laser_ray_directions(IDEAL))
     z_s = points(hits, hits.distance)[:, 2]
     np.testing.assert_array_equal(hits.seen, (z_s >= IDEAL.near) & (z_s <= IDEAL.far))
     assert 0 < hits.seen.sum() < IDEAL.columns
@@ -137,13 +143,13 @@ def test_all_points_lie_on_the_mesh() -> None:
         o3d.core.Tensor.from_numpy(solid.vertices.astype(np.float32)),
         o3d.core.Tensor.from_numpy(solid.faces.astype(np.uint32)),
     )
-    surface = Surface(solid.vertices, solid.faces)
+    surface = RaycastSurface(solid.vertices, solid.faces)
     z_s = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2)
     R_j_s = np.column_stack((np.cross([0, -1.0, 0], z_s), [0, -1.0, 0], z_s))
     T_j_s = pose(R_j_s, np.array([0.2286, 0, 0.3]) - 0.24 * z_s)
-    found = seen_points(raycast(surface, T_j_s, IDEAL, fan(IDEAL)))
+    found = seen_points(trace_laser_rays(surface, T_j_s, IDEAL, laser_ray_directions(IDEAL)))
     assert len(found) > 400
-    points_j = transform(T_j_s, found).astype(np.float32)
+    points_j = transform_points(T_j_s, found).astype(np.float32)
     away = scene.compute_distance(o3d.core.Tensor.from_numpy(points_j)).numpy()
     assert away.max() < ON_MESH
 
@@ -163,16 +169,16 @@ def test_a_step_hides_its_foot_from_the_detector(height: float, hidden: bool) ->
             [-0.5, 0.005, 0.26 - height],
         ]
     )
-    wall = (transform(T_J_S, wall_s), QUAD)
+    wall = (transform_points(T_J_S, wall_s), QUAD)
     surface = together(floor, wall)
-    seen = raycast(surface, T_J_S, IDEAL, fan(IDEAL)).seen
+    seen = trace_laser_rays(surface, T_J_S, IDEAL, laser_ray_directions(IDEAL)).seen
     assert seen.all() != hidden
     assert seen.any() != hidden
     for free in (
         LaserModel.ideal(detector_y=-0.08),
         LaserModel.ideal(detector_y=0, detector_z=IDEAL.emitter_z),
     ):
-        assert raycast(surface, T_J_S, free, fan(free)).seen.all()
+        assert trace_laser_rays(surface, T_J_S, free, laser_ray_directions(free)).seen.all()
 
 
 @pytest.mark.parametrize("half", [0.5, 0.002])  # the small one's other side hides nothing
@@ -183,7 +189,9 @@ def test_a_face_turned_away_from_the_detector_is_not_seen(
     edge_on = np.arctan((0.24 - IDEAL.detector_z) / IDEAL.detector_y)
     a = edge_on + beyond
     normal, point = np.array([0, -np.sin(a), -np.cos(a)]), np.array([0, 0, 0.24])
-    hits = raycast(Surface(*plane(normal, point, half=half)), T_J_S, IDEAL, fan(IDEAL))
+    hits = trace_laser_rays(
+        RaycastSurface(*plane(normal, point, half=half)), T_J_S, IDEAL, laser_ray_directions(IDEAL)
+    )
     hit = np.isfinite(hits.distance)
     assert hit.sum() > 10
     np.testing.assert_array_equal(hits.seen[hit], seen)
@@ -194,7 +202,7 @@ def test_a_face_turned_away_from_the_detector_is_not_seen(
 def test_a_ghost_is_the_mirror_image_of_the_other_face(opening: float, pull: float) -> None:
     parts, normals, bottom = wedge(opening, pull)
     surface = together(*parts)
-    hits = raycast(surface, T_J_S, MIRRORING, fan(MIRRORING))
+    hits = trace_laser_rays(surface, T_J_S, MIRRORING, laser_ray_directions(MIRRORING))
     images = points(hits, hits.ghost)
     for own, other in (normals, normals[::-1]):
         on_own = np.abs((points(hits, hits.distance) - bottom) @ own) < EXACT
@@ -205,15 +213,19 @@ def test_a_ghost_is_the_mirror_image_of_the_other_face(opening: float, pull: flo
         assert np.all((ghosts - bottom) @ own < 0)  # behind the mirror
         assert np.all((ghosts[:, 2] >= IDEAL.near) & (ghosts[:, 2] <= IDEAL.far))
     ghosting = np.isfinite(hits.ghost)
-    assert np.all(hits.ghost[ghosting] - hits.distance[ghosting] > MELT)
+    assert np.all(hits.ghost[ghosting] - hits.distance[ghosting] > LEAST_GHOST_DISTANCE)
 
 
 def test_what_the_detector_does_not_see_shows_no_ghost_either() -> None:
     valley, _, _ = wedge(np.pi / 2, 0.0)
     screen_s = [[0, 0.005, 0.1], [0.2, 0.005, 0.1], [0.2, 0.005, 0.24], [0, 0.005, 0.24]]
-    screen = (transform(T_J_S, screen_s), QUAD)
-    open_view = raycast(together(*valley), T_J_S, MIRRORING, fan(MIRRORING))
-    view = raycast(together(*valley, screen), T_J_S, MIRRORING, fan(MIRRORING))
+    screen = (transform_points(T_J_S, screen_s), QUAD)
+    open_view = trace_laser_rays(
+        together(*valley), T_J_S, MIRRORING, laser_ray_directions(MIRRORING)
+    )
+    view = trace_laser_rays(
+        together(*valley, screen), T_J_S, MIRRORING, laser_ray_directions(MIRRORING)
+    )
     hidden = open_view.seen & ~view.seen
     assert np.sum(hidden & np.isfinite(open_view.ghost)) > 100
     assert not np.any(hidden & np.isfinite(view.ghost))
@@ -223,7 +235,7 @@ def test_what_the_detector_does_not_see_shows_no_ghost_either() -> None:
 @pytest.mark.parametrize("opening", np.radians([180, 220]))
 def test_without_a_second_face_there_is_no_ghost(opening: float) -> None:
     parts, _, _ = wedge(opening, 0.1)
-    hits = raycast(together(*parts), T_J_S, MIRRORING, fan(MIRRORING))
+    hits = trace_laser_rays(together(*parts), T_J_S, MIRRORING, laser_ray_directions(MIRRORING))
     assert hits.seen.any()
     assert np.isnan(hits.ghost).all()
 
@@ -232,8 +244,13 @@ def test_moving_surface_and_sensor_together_changes_nothing() -> None:
     T = pose(rot_x(1.0) @ rot_z(-2.0), (0.8, -0.5, 0.9))
     v = np.vstack([plane(rot_y(t) @ [0, 0, -1.0], np.array([0, 0, 0.27]))[0] for t in (-0.7, 0.7)])
     t = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
-    here = raycast(Surface(v, t), T_J_S, MIRRORING, fan(MIRRORING))
-    there = raycast(Surface(transform(T, v), t), T @ T_J_S, MIRRORING, fan(MIRRORING))
+    here = trace_laser_rays(RaycastSurface(v, t), T_J_S, MIRRORING, laser_ray_directions(MIRRORING))
+    there = trace_laser_rays(
+        RaycastSurface(transform_points(T, v), t),
+        T @ T_J_S,
+        MIRRORING,
+        laser_ray_directions(MIRRORING),
+    )
     np.testing.assert_array_equal(here.seen, there.seen)
     np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
     np.testing.assert_allclose(here.ghost, there.ghost, atol=EXACT)
@@ -242,25 +259,32 @@ def test_moving_surface_and_sensor_together_changes_nothing() -> None:
 def test_a_scene_far_from_the_origin_is_seen_as_well_as_a_near_one() -> None:
     T = pose(p=(1e4, -2e4, 3e4))  # where float32 has steps of 2 mm
     v, t = plane(rot_y(0.3) @ [0, 0, -1.0], np.array([0, 0, 0.24]))
-    here = raycast(Surface(v, t), T_J_S, IDEAL, fan(IDEAL))
-    there = raycast(Surface(transform(T, v), t), T @ T_J_S, IDEAL, fan(IDEAL))
+    here = trace_laser_rays(RaycastSurface(v, t), T_J_S, IDEAL, laser_ray_directions(IDEAL))
+    there = trace_laser_rays(
+        RaycastSurface(transform_points(T, v), t), T @ T_J_S, IDEAL, laser_ray_directions(IDEAL)
+    )
     np.testing.assert_array_equal(here.seen, there.seen)
     np.testing.assert_allclose(here.distance, there.distance, atol=EXACT)
 
 
 def test_the_sense_of_the_triangles_does_not_matter() -> None:
     v, t = plane(rot_y(0.3) @ [0, 0, -1.0], np.array([0, 0, 0.24]))
-    one, other = (raycast(Surface(v, k), T_J_S, IDEAL, fan(IDEAL)) for k in (t, t[:, ::-1]))
+    one, other = (
+        trace_laser_rays(RaycastSurface(v, k), T_J_S, IDEAL, laser_ray_directions(IDEAL))
+        for k in (t, t[:, ::-1])
+    )
     np.testing.assert_allclose(one.distance, other.distance, atol=EXACT)
     np.testing.assert_allclose(one.normals_s, other.normals_s, atol=EXACT)
 
 
 def test_drawing_the_sensor_back_moves_the_points_away() -> None:
-    surface = Surface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, 0.24])))
+    surface = RaycastSurface(*plane(np.array([0, 0, 1.0]), np.array([0, 0, 0.24])))
     back = T_J_S @ pose(p=(0, 0, -0.01))
     for T_j_s, z in ((T_J_S, 0.24), (back, 0.25)):
         np.testing.assert_allclose(
-            seen_points(raycast(surface, T_j_s, IDEAL, fan(IDEAL)))[:, 2], z, atol=EXACT
+            seen_points(trace_laser_rays(surface, T_j_s, IDEAL, laser_ray_directions(IDEAL)))[:, 2],
+            z,
+            atol=EXACT,
         )
 
 
@@ -278,4 +302,4 @@ def test_drawing_the_sensor_back_moves_the_points_away() -> None:
 )
 def test_what_is_no_mesh_is_refused(vertices: Array, triangles: Array) -> None:
     with pytest.raises(ValueError, match=r"vertices|triangles"):
-        Surface(vertices, triangles)
+        RaycastSurface(vertices, triangles)

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.laser.files import UNITS, ProfileFormat, read_profiles, upside_down
+from tjscan.laser.files import METRES_PER_UNIT, ProfileFormat, flip_heights, read_profiles
 
 ROUNDING = 1e-12
 """Metres: a few roundings of decimal numbers."""
@@ -27,10 +27,10 @@ def assert_expected(x_s: Array, z_s: Array) -> None:
     np.testing.assert_allclose(z_s, 1e-3 * Z_MM, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", METRES_PER_UNIT)
 @pytest.mark.parametrize("missing", ["nan", "", "NaN", "inf"])
 def test_columns_with_their_unit(tmp_path: Path, unit: str, missing: str) -> None:
-    scale = 1e-3 / UNITS[unit]
+    scale = 1e-3 / METRES_PER_UNIT[unit]
     rows = [
         f"{missing},{missing}" if np.isnan(z) else f"{x * scale!r},{z * scale!r}"
         for x, z in zip(X_MM.tolist(), Z_MM.tolist(), strict=True)
@@ -277,6 +277,6 @@ def test_a_mistaken_scale_is_caught(tmp_path: Path) -> None:
 
 def test_turned_upside_down_twice_a_profile_is_itself(tmp_path: Path) -> None:
     (profile,) = read_profiles(write(tmp_path, f"{HEIGHTS}\n"), MATRIX).profiles.values()
-    turned = upside_down(profile)
+    turned = flip_heights(profile)
     assert np.nanargmax(turned.z_s) == np.nanargmin(profile.z_s)
-    np.testing.assert_allclose(upside_down(turned).z_s, profile.z_s, atol=ROUNDING)
+    np.testing.assert_allclose(flip_heights(turned).z_s, profile.z_s, atol=ROUNDING)

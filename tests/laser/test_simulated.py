@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import LaserFault
-from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform
+from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform_points
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface
+from tjscan.laser.optics import RaycastSurface
 from tjscan.laser.profile import Profile
 from tjscan.laser.simulated import SimulatedLaser
 
@@ -31,7 +31,7 @@ def corner() -> Array:
         (-r, y, 0.25 - r),
         (-r, -y, 0.25 - r),
     ]
-    return transform(T_J_S @ pose(rot_x(0.15)), vertices_s)
+    return transform_points(T_J_S @ pose(rot_x(0.15)), vertices_s)
 
 
 def laser(
@@ -43,7 +43,7 @@ def laser(
     """A laser before the valley, both moved by T."""
     T = np.eye(4) if T is None else T
     return SimulatedLaser(
-        Surface(transform(T, corner()), TRIANGLES),
+        RaycastSurface(transform_points(T, corner()), TRIANGLES),
         lambda: T @ where(),
         model=model or LaserModel(),
         rng=np.random.default_rng(seed),
@@ -124,7 +124,7 @@ def test_a_laser_that_is_not_connected_is_at_fault() -> None:
 def test_a_pose_that_is_none_is_a_fault(bad: Array) -> None:
     # np.eye(4) @ bad must not hide the shape, so the laser gets it as it is.
     source = SimulatedLaser(
-        Surface(corner(), TRIANGLES),
+        RaycastSurface(corner(), TRIANGLES),
         lambda: bad,
         model=LaserModel(),
         rng=np.random.default_rng(0),

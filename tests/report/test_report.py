@@ -15,7 +15,7 @@ from command import tjscan
 from measured import ORIGIN
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import transform
+from tjscan.core.frames import transform_points
 from tjscan.groove.find import find_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
@@ -142,7 +142,7 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
         T_b_g = found.view.T_b_s @ find_groove(found.view.profile).T_s_g
         np.testing.assert_allclose(T_b_g, found.T_b_g, atol=1e-9)
         np.testing.assert_allclose(
-            transform(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12
+            transform_points(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12
         )
     assert [event.name for event in log.events][-1] == "stop"
 

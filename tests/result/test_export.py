@@ -18,7 +18,7 @@ from PIL import Image
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.provenance import Length, Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.result.directions import line_directions
@@ -50,7 +50,7 @@ def scanned(directory: Path, job: Path) -> Path:
     return directory
 
 
-def document_of(run: Path, units: Length = "mm") -> dict[str, Any]:
+def document_of(run: Path, units: LengthUnit = "mm") -> dict[str, Any]:
     """The JSON that a run exports."""
     found: dict[str, Any] = json.loads(export_run(run, "json", units).read_bytes())
     return found

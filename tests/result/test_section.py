@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from measured import ORIGIN, a_section
 
-from tjscan.core.frames import Array, inverse
-from tjscan.core.provenance import Length, Provenance
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.document import sections_to_json
 from tjscan.result.ply import sections_to_ply
@@ -28,11 +28,11 @@ LENGTHS = pytest.mark.parametrize("length", ["mm", "m"])
 EVERY = pytest.mark.parametrize("field", NUMBERS, ids=lambda field: field.name)
 
 
-def provenance(length: Length) -> Provenance:
+def provenance(length: LengthUnit) -> Provenance:
     return Provenance(ORIGIN.program, ORIGIN.written, ORIGIN.job, ORIGIN.frame, length)
 
 
-def table(length: Length) -> dict[str, list[str]]:
+def table(length: LengthUnit) -> dict[str, list[str]]:
     """Columns of the CSV."""
     lines = [
         line
@@ -43,7 +43,7 @@ def table(length: Length) -> dict[str, list[str]]:
     return dict(zip(rows[0], map(list, zip(*rows[1:], strict=True)), strict=True))
 
 
-def document(length: Length) -> dict[str, Any]:
+def document(length: LengthUnit) -> dict[str, Any]:
     """The JSON."""
     found: dict[str, Any] = json.loads(
         sections_to_json(SECTIONS, provenance(length), "run", "known")
@@ -51,7 +51,7 @@ def document(length: Length) -> dict[str, Any]:
     return found
 
 
-def tolerance(field: SectionQuantity, values: Array, length: Length) -> Array:
+def tolerance(field: SectionQuantity, values: Array, length: LengthUnit) -> Array:
     """Half of the last printed digit, in the file's unit."""
     if field.decimals is None:
         return 0.6e-5 * np.abs(values)
@@ -60,7 +60,7 @@ def tolerance(field: SectionQuantity, values: Array, length: Length) -> Array:
     return np.full_like(values, 0.51 * 10 ** -(field.decimals + shift))
 
 
-def expected(field: SectionQuantity, length: Length) -> Array:
+def expected(field: SectionQuantity, length: LengthUnit) -> Array:
     """What a file must hold, converted here from SI units."""
     raw = np.asarray(field.take(SECTIONS), dtype=float)
     return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
@@ -69,7 +69,7 @@ def expected(field: SectionQuantity, length: Length) -> Array:
 @EVERY
 @LENGTHS
 def test_names_of_columns_end_in_the_unit_of_their_numbers(
-    field: SectionQuantity, length: Length
+    field: SectionQuantity, length: LengthUnit
 ) -> None:
     suffix = SUFFIX[length][field.unit.suffix]
     columns = field.column_names(length)
@@ -82,7 +82,7 @@ def test_names_of_columns_end_in_the_unit_of_their_numbers(
 @EVERY
 @LENGTHS
 def test_json_holds_each_field_in_the_unit_that_it_states(
-    field: SectionQuantity, length: Length
+    field: SectionQuantity, length: LengthUnit
 ) -> None:
     stated = document(length)
     assert stated["fields"][field.name]["unit"] == SUFFIX[length][field.unit.suffix]
@@ -94,7 +94,7 @@ def test_json_holds_each_field_in_the_unit_that_it_states(
 
 
 @LENGTHS
-def test_every_format_says_where_it_comes_from(length: Length) -> None:
+def test_every_format_says_where_it_comes_from(length: LengthUnit) -> None:
     stated = provenance(length)
     assert Provenance.read(sections_to_csv(SECTIONS, stated), "#") == stated
     assert Provenance.read(sections_to_ply(SECTIONS, stated).decode(), "comment") == stated
@@ -115,7 +115,7 @@ def same(now: MeasuredSection, was: MeasuredSection) -> None:
 
 
 @LENGTHS
-def test_sections_come_back_from_csv_and_json(length: Length) -> None:
+def test_sections_come_back_from_csv_and_json(length: LengthUnit) -> None:
     cells, written = table(length), document(length)["sections"]
     for k, was in enumerate(SECTIONS):
         from_csv: dict[str, Any] = {"station": was.station}
@@ -132,7 +132,7 @@ def test_sections_come_back_from_csv_and_json(length: Length) -> None:
 
 
 @LENGTHS
-def test_points_come_back_from_ply(length: Length) -> None:
+def test_points_come_back_from_ply(length: LengthUnit) -> None:
     text = sections_to_ply(SECTIONS, provenance(length))
     cloud = trimesh.load(io.BytesIO(text), file_type="ply", process=False)
     points = expected(BY_NAME["points"], length).reshape(-1, 3)
@@ -163,4 +163,4 @@ def test_an_unknown_azimuth_is_left_empty() -> None:
 def test_axes_are_those_of_frame_g() -> None:
     section = SECTIONS[0]
     axes = BY_NAME["axes"].values([section])[0]
-    np.testing.assert_allclose(axes, inverse(section.T_r_g)[:3, :3])
+    np.testing.assert_allclose(axes, inverse_pose(section.T_r_g)[:3, :3])

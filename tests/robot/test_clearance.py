@@ -11,10 +11,10 @@ from cells import CLOCKWISE, EXAMPLES, PAPER, Notes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.core.config import written
-from tjscan.core.devices import Device
+from tjscan.core.config import table_to_dict
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
-from tjscan.core.frames import Array, pose, rot_y, rot_z, transform
+from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
 from tjscan.job import read_scan_job
 from tjscan.job.cell import clearance_of_job
 from tjscan.robot.arm import Arm, ArmState
@@ -68,7 +68,7 @@ def clearance(*solids: Solid, tool: tuple[Solid, ...] = (TIP,), margin: float = 
     )
 
 
-class Spy(Device):
+class Spy(DeviceBase):
     """Notes what an arm is told."""
 
     def __init__(self, arm: SimulatedArm) -> None:
@@ -310,7 +310,7 @@ def test_where_the_nearest_configuration_is_blocked_another_one_is_taken() -> No
     goal = aside(0.5)
     nearest, *others = kinematics().inverses(goal, near=HOME)
     T_b_forearm = kinematics().link_poses(nearest)[kinematics().link_names.index("forearm_link")]
-    middle_b = transform(T_b_forearm, (-0.28, 0.0, 0.04))
+    middle_b = transform_points(T_b_forearm, (-0.28, 0.0, 0.04))
     ball = Solid("ball", Capsule(0.03, 1e-3), pose(p=middle_b))
     arm, spy = spied(clearance(ball))
     with arm:
@@ -412,7 +412,7 @@ CLAMP = {
 
 def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() -> None:
     job = read_scan_job(PAPER)
-    solids = [*written(job)["clearance"]["solid"], CLAMP]
+    solids = [*table_to_dict(job)["clearance"]["solid"], CLAMP]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     notes = Notes()
     cell = RunContext(job, PAPER).cell()
@@ -436,7 +436,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
         "size_mm": [30.0, 30.0, 30.0],
         "position_mm": (1e3 * (halfway[:3, 3] + 0.05 * halfway[:3, 2])).tolist(),
     }
-    solids = [*written(job)["clearance"]["solid"], crate]
+    solids = [*table_to_dict(job)["clearance"]["solid"], crate]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
     notes = Notes()
     scan_in_cell(RunContext(job, PAPER).cell(), job, notes)

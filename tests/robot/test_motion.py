@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
-from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle
+from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf
 from tjscan.robot.motion import JointPath, MotionLimits
@@ -123,12 +123,14 @@ def test_the_flange_stays_on_the_line_and_arrives(shift: Array, turn: list[float
     np.testing.assert_allclose(poses[-1], end, rtol=0, atol=5e-9)
     length = np.linalg.norm(shift)
     along = shift / length if length > 0 else np.zeros(3)
-    total = rotation_angle(start, end)
+    total = rotation_angle_between(start, end)
     for T in poses:
         way = T[:3, 3] - start[:3, 3]
         assert np.linalg.norm(way - (way @ along) * along) < STRAY
         # It turns about one axis: what is behind and what is ahead add up.
-        assert rotation_angle(start, T) + rotation_angle(T, end) == pytest.approx(total, abs=1e-4)
+        assert rotation_angle_between(start, T) + rotation_angle_between(T, end) == pytest.approx(
+            total, abs=1e-4
+        )
 
 
 def test_a_trapezoid_of_known_duration() -> None:
@@ -181,7 +183,7 @@ def test_a_line_through_a_singular_wrist_is_refused() -> None:
     beyond[4] = -0.3
     beyond[3] += 0.02
     start, end = arm().forward(q), arm().forward(beyond)
-    assert rotation_angle(start, end) < 0.7
+    assert rotation_angle_between(start, end) < 0.7
     with pytest.raises(PoseUnreachable, match="near a singularity"):
         linear_path(arm(), q, end, LIMITS)
 

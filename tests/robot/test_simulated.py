@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import ArmFault, ConfigurationError, PoseUnreachable
-from tjscan.core.frames import Array, pose, rotation_angle
+from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
@@ -78,7 +78,7 @@ def errors(arm: SimulatedArm, moves: int) -> tuple[Array, Array]:
         for i in range(moves):
             state = arm.move_joint(ahead(0.001 * (i % 2)))
             distances.append(np.linalg.norm(arm.true_T_b_f[:3, 3] - state.T_b_f[:3, 3]))
-            angles.append(rotation_angle(arm.true_T_b_f, state.T_b_f))
+            angles.append(rotation_angle_between(arm.true_T_b_f, state.T_b_f))
     return np.array(distances), np.array(angles)
 
 

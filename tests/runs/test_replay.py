@@ -11,7 +11,7 @@ from command import tjscan
 from written import content
 
 from tjscan.core.errors import LaserFault, ViewNotRecorded
-from tjscan.core.frames import Array, from_euler_zyx
+from tjscan.core.frames import Array, pose_from_euler_zyx
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import ArmState
 from tjscan.robot.replay import ReplayedArm
@@ -134,7 +134,7 @@ def stood(*x: float) -> tuple[RecordedPoses, ReplayedArm]:
 
 
 def at(x: float) -> Array:
-    return from_euler_zyx(np.array((x, 0.0, 0.0)), np.zeros(3))
+    return pose_from_euler_zyx(np.array((x, 0.0, 0.0)), np.zeros(3))
 
 
 def test_a_recording_is_gone_through_forwards_and_exact_poses_come_first() -> None:

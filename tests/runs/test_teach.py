@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from taught import HALF_DIGIT, example, standing
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import from_euler_zyx, pose, rot_y, rotation_angle
+from tjscan.core.frames import pose, pose_from_euler_zyx, rot_y, rotation_angle_between
 from tjscan.core.units import MM
 from tjscan.job import read_scan_job
 from tjscan.runs.teach import pose_for_job_file, write_start_pose
@@ -34,7 +34,7 @@ def test_the_pose_written_is_the_pose_read_and_all_else_stays(
     new, told = read_scan_job(job), json.loads(capsys.readouterr().out)
     found = new.starts[which == "second"]
     assert np.abs(found.T[:3, 3] - stands[:3, 3]).max() < HALF_DIGIT[0]
-    assert rotation_angle(found.T, stands) < 2 * HALF_DIGIT[1]
+    assert rotation_angle_between(found.T, stands) < 2 * HALF_DIGIT[1]
     assert tuple(told["position_mm"]) == MM.to_file(found.position)
     assert new.model_copy(update={"scan": old.scan}) == old
     changed = [
@@ -88,11 +88,11 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
 def test_any_pose_survives_being_written(
     position: tuple[float, ...], angles: tuple[float, ...]
 ) -> None:
-    T = from_euler_zyx(position, angles)
+    T = pose_from_euler_zyx(position, angles)
     position_mm, euler_zyx_deg = pose_for_job_file(T)
-    again = from_euler_zyx(1e-3 * np.array(position_mm), np.radians(euler_zyx_deg))
+    again = pose_from_euler_zyx(1e-3 * np.array(position_mm), np.radians(euler_zyx_deg))
     assert np.abs(again[:3, 3] - T[:3, 3]).max() <= HALF_DIGIT[0]
-    assert rotation_angle(again, T) <= 2 * HALF_DIGIT[1]
+    assert rotation_angle_between(again, T) <= 2 * HALF_DIGIT[1]
 
 
 def test_a_file_that_is_no_job_any_more_is_left_alone(tmp_path: Path) -> None:

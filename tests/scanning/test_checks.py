@@ -12,7 +12,7 @@ from rings import PLAN, ring_section
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import SetPointRefused
-from tjscan.core.frames import Array, inverse, pose, rot_x, rotation_angle
+from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
 from tjscan.scanning.checks import FARTHEST, LARGEST_VIEW_SHIFT, check_set_point
 from tjscan.scanning.prediction import CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
@@ -32,9 +32,9 @@ small = st.floats(-1.0, 1.0)
 
 def nothing_further(to: SetPoint) -> None:
     """What holds of every set-point that passes."""
-    T_b_s = to.T_b_t @ inverse(to.T_s_t)
+    T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
     moved = np.linalg.norm(T_b_s[:3, 3] - LAST.view.T_b_s[:3, 3])
-    turned = rotation_angle(LAST.view.T_b_s, T_b_s)
+    turned = rotation_angle_between(LAST.view.T_b_s, T_b_s)
     lever = np.linalg.norm(to.T_s_t[:3, 3])
     assert turned <= REQUEST.largest_turn + 1e-6
     assert (

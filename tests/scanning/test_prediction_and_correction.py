@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from tjscan.core.frames import Array, inverse, pose, rot_x, rot_y, rot_z, rotation_angle, transform
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    rot_x,
+    rot_y,
+    rot_z,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.prediction import CASES, predicted_target_pose
 from tjscan.scanning.target import ScanDirection
@@ -45,7 +54,7 @@ def test_case_2_is_exact_on_a_ring(direction: ScanDirection) -> None:
 @pytest.mark.parametrize(("case", "turns"), [(1, False), (2, True), (3, False), (4, True)])
 def test_cases_2_and_4_turn_the_sensor(direction: ScanDirection, case: int, turns: bool) -> None:
     predicted, true = predict_on_ring(case, direction)
-    error = rotation_angle(predicted, true)
+    error = rotation_angle_between(predicted, true)
     assert error == pytest.approx(0.0 if turns else 0.2, abs=1e-7)
 
 
@@ -82,7 +91,7 @@ def test_correction_lays_t_in_the_groove_with_x_along_the_motion_and_y_up(sign: 
     T_b_t = correction_target_pose(groove(0.0), tilted)
     np.testing.assert_allclose(T_b_t[:3, :3] @ T_b_t[:3, :3].T, np.eye(3), atol=EXACT)
     np.testing.assert_allclose(T_b_t[:3, 3], tilted[:3, 3], atol=EXACT)
-    last_in_t = transform(inverse(T_b_t), groove(0.0)[:3, 3])
+    last_in_t = transform_points(inverse_pose(T_b_t), groove(0.0)[:3, 3])
     np.testing.assert_allclose(last_in_t, (-chord(0.2), 0, 0), atol=EXACT)
     assert T_b_t[:3, 1] @ tilted[:3, 1] > 0.9
     assert sign * T_b_t[:3, 2] @ tilted[:3, 2] > 0.9  # out of the joint, or into it clockwise

@@ -5,7 +5,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from tjscan.core.frames import inverse, pose, rot_z
+from tjscan.core.frames import inverse_pose, pose, rot_z
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
@@ -26,7 +26,7 @@ def section(turned: float, index: int) -> ScannedSection:
     """A section whose groove origin lies on a ring of that radius, `turned` from the first."""
     R = rot_z(turned) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
     T_b_g = pose(R, RADIUS * rot_z(turned)[:, 0])
-    T_b_s = T_b_g @ inverse(GROOVE.T_s_g)
+    T_b_s = T_b_g @ inverse_pose(GROOVE.T_s_g)
     view = View(
         index, Substep.CORRECTION, T_b_s, T_b_s, Profile(np.zeros(1), np.zeros(1)), 0.0, np.zeros(6)
     )

@@ -17,7 +17,7 @@ from cells import (
 )
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, StartSeesNoGroove
-from tjscan.core.frames import rotation_angle
+from tjscan.core.frames import rotation_angle_between
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import Substep
@@ -61,7 +61,7 @@ def test_without_faults_cases_2_and_4_turn_the_sensor_further_when_predicting(fi
     def turned(case: int) -> float:
         result = scan_example(FAULTLESS | {"scan.prediction_case": case}, file=file)
         moves = [(a, b) for a, b in pairwise(result.views) if b.substep is Substep.PREDICTION]
-        return sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in moves)
+        return sum(rotation_angle_between(a.T_b_f, b.T_b_f) for a, b in moves)
 
     assert turned(1) < 1e-6
     assert turned(3) < 1e-6

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from seams import NONE, Noise, Seam, misses, seam
 
 from tjscan.core.errors import GrooveNotFound, TubesNotFound
-from tjscan.core.frames import Array, inverse, pose, rotation_angle
+from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
 from tjscan.scanning.checks import check_set_point
@@ -162,7 +162,7 @@ def test_the_covariance_is_that_of_the_misses(step: float) -> None:
         assert ahead.covariance is not None
         true = world.look(SetPoint(ahead.T_b_t, ahead.T_s_t))
         T_b_t = correction_target_pose(seen[-1].T_b_g, true.T_b_g)
-        away = inverse(ahead.T_b_t) @ T_b_t
+        away = inverse_pose(ahead.T_b_t) @ T_b_t
         miss = np.concatenate((away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec()))
         parts = [1, 2, 3]  # along x it is known, and turns about y and z follow from shifts
         P = ahead.covariance[np.ix_(parts, parts)]
@@ -184,7 +184,10 @@ def test_the_hand_lags_within_the_tolerances_and_turns_less(direction: ScanDirec
     off = view_deviation(seen, ideal)
     assert abs(off[3]) < SKIP.work_angle
     assert 0.5 * SKIP.rotation < np.linalg.norm(off[4:]) < SKIP.rotation
-    turns = [rotation_angle(last.view.T_b_s, to.T_b_t @ inverse(to.T_s_t)) for to in (eager, lazy)]
+    turns = [
+        rotation_angle_between(last.view.T_b_s, to.T_b_t @ inverse_pose(to.T_s_t))
+        for to in (eager, lazy)
+    ]
     assert turns[1] < turns[0] - radians(3)
     np.testing.assert_allclose(lazy.T_b_t[:3, 3], eager.T_b_t[:3, 3], atol=0.3e-3)
 

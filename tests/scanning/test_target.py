@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.frames import inverse, pose, rot_y, transform
+from tjscan.core.frames import inverse_pose, pose, rot_y, transform_points
 from tjscan.scanning.target import ScanDirection, target_pose_in_sensor
 
 EXACT = 1e-12
@@ -18,7 +18,7 @@ T_B_G = pose()  # the groove as base frame: x counterclockwise, y up the brace, 
 def sensor_on_groove(beta: float, alpha: float, direction: ScanDirection) -> np.ndarray:
     """T_b_s when frame t lies on the groove, turned round for the clockwise scan."""
     T_b_t = T_B_G if direction is ScanDirection.COUNTERCLOCKWISE else T_B_G @ pose(rot_y(np.pi))
-    return T_b_t @ inverse(target_pose_in_sensor(beta, alpha, P_S_T, direction))
+    return T_b_t @ inverse_pose(target_pose_in_sensor(beta, alpha, P_S_T, direction))
 
 
 @pytest.mark.parametrize("direction", ScanDirection)
@@ -27,7 +27,7 @@ def test_the_central_ray_hits_the_groove_from_outside_at_the_standoff(
     direction: ScanDirection, beta: float, alpha: float
 ) -> None:
     T_b_s = sensor_on_groove(beta, alpha, direction)
-    np.testing.assert_allclose(transform(T_b_s, (0, 0, 0.24)), np.zeros(3), atol=EXACT)
+    np.testing.assert_allclose(transform_points(T_b_s, (0, 0, 0.24)), np.zeros(3), atol=EXACT)
     assert T_b_s[2, 3] > 0  # outside the joint
 
 

@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.frames import from_euler_zyx
+from tjscan.core.frames import pose_from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.writer import RecordingWriter
 from tjscan.scanning.reader import read_recorded_scan, read_views
@@ -43,8 +43,8 @@ def view(index: int, intensity: bool = True) -> View:
     return View(
         index=index,
         substep=Substep.PREDICTION,
-        T_b_f=from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
-        T_b_s=from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
+        T_b_f=pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
+        T_b_s=pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
         profile=Profile(x, z, rng.uniform(size=640) if intensity else None, time=1.5 * index),
         time=1.5 * index,
         q=rng.normal(size=6),

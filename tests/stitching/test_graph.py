@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tjscan.core.frames import Array, inverse
-from tjscan.core.lie import exp
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.pose_vector import pose_from_vector
 from tjscan.stitching.graph import overlap_gap, spanning_tree_poses
 from tjscan.stitching.overlaps import AzimuthArc, StationOverlap
 from tjscan.stitching.registration import StationRegistration
@@ -32,7 +32,7 @@ def registration(first: int, second: int, T: Array, sigma: float) -> StationRegi
 def poses(count: int, seed: int) -> list[Array]:
     """Where stations stand; the first one at the identity."""
     rng = np.random.default_rng(seed)
-    return [np.eye(4), *(exp(0.1 * v) for v in rng.standard_normal((count - 1, 6)))]
+    return [np.eye(4), *(pose_from_vector(0.1 * v) for v in rng.standard_normal((count - 1, 6)))]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -40,7 +40,8 @@ def test_overlaps_that_agree_place_every_station(seed: int) -> None:
     rng, truth = np.random.default_rng(seed), poses(6, seed)
     pairs = [(0, 3), (1, 3), (1, 5), (2, 4), (4, 5), (0, 2), (0, 1)]
     edges = [
-        registration(a, b, inverse(truth[a]) @ truth[b], rng.uniform(1e-5, 1e-3)) for a, b in pairs
+        registration(a, b, inverse_pose(truth[a]) @ truth[b], rng.uniform(1e-5, 1e-3))
+        for a, b in pairs
     ]
     T, closing = spanning_tree_poses(6, edges)
     np.testing.assert_allclose(T, truth, atol=EXACT)
@@ -49,8 +50,10 @@ def test_overlaps_that_agree_place_every_station(seed: int) -> None:
 
 
 def test_the_surest_overlaps_place_and_the_others_close() -> None:
-    truth, wrong = poses(3, 1), exp((1e-3, 0, 0, 0, 0, 0))
-    sure = [registration(a, b, inverse(truth[a]) @ truth[b], 1e-5) for a, b in ((0, 1), (1, 2))]
+    truth, wrong = poses(3, 1), pose_from_vector((1e-3, 0, 0, 0, 0, 0))
+    sure = [
+        registration(a, b, inverse_pose(truth[a]) @ truth[b], 1e-5) for a, b in ((0, 1), (1, 2))
+    ]
     loose = registration(0, 2, wrong @ truth[2], 1e-3)
     T, closing = spanning_tree_poses(3, [loose, *sure])
     np.testing.assert_allclose(T, truth, atol=EXACT)
@@ -62,7 +65,7 @@ def test_of_two_overlaps_of_the_same_stations_the_surer_one_places() -> None:
     """As two stations that share both ends of their arcs."""
     truth = poses(2, 2)
     sure = registration(0, 1, truth[1], 1e-5)
-    loose = registration(0, 1, exp((1e-3, 0, 0, 0, 0, 0)) @ truth[1], 1e-4)
+    loose = registration(0, 1, pose_from_vector((1e-3, 0, 0, 0, 0, 0)) @ truth[1], 1e-4)
     T, closing = spanning_tree_poses(2, [loose, sure])
     np.testing.assert_allclose(T, truth, atol=EXACT)
     assert closing == [loose]

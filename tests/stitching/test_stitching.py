@@ -12,12 +12,18 @@ from exact_stations import exact_station
 from free_stations import CAD, Cast, joint_named, true_station
 from scipy.spatial.transform import Rotation
 
-from tjscan.comparison.distance import corner_errors
-from tjscan.core import lie
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, rotation_angle
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    pose_from_euler_zyx,
+    rotation_angle_between,
+)
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.tubes.walls import Repeatability
+from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.runs.stitching_report import stitching_report
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
@@ -37,10 +43,13 @@ def arc(start_deg: float, end_deg: float, step_deg: float = 10.0) -> Array:
 
 
 def two(
-    joint: str = PAPERS, seed: int = 0, arm: Repeatability | None = None, T_w_j: Array | None = None
+    joint: str = PAPERS,
+    seed: int = 0,
+    arm: ArmRepeatability | None = None,
+    T_w_j: Array | None = None,
 ) -> tuple[list[Station], list[Array]]:
     """Exact stations left and right that overlap by 30° at both crowns; where they truly stand."""
-    arm = Repeatability(0.0, 0.0) if arm is None else arm
+    arm = ArmRepeatability(0.0, 0.0) if arm is None else arm
     made = [
         exact_station(joint_named(joint), name, arc(*ends), seed=seed, arm=arm, T_w_j=T_w_j)
         for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
@@ -52,13 +61,15 @@ def off_truth(stitched: StitchedGroove, truth: Sequence[Array]) -> list[Array]:
     """What would bring the true place of each station to the one found, half a turn apart."""
     apart = [
         max(
-            rotation_angle(one.T_j_b, turn @ T)
+            rotation_angle_between(one.T_j_b, turn @ T)
             for one, T in zip(stitched.stations, truth, strict=True)
         )
         for turn in (np.eye(4), HALF_TURN)
     ]
     turn = (np.eye(4), HALF_TURN)[int(np.argmin(apart))]
-    return [one.T_j_b @ inverse(turn @ T) for one, T in zip(stitched.stations, truth, strict=True)]
+    return [
+        one.T_j_b @ inverse_pose(turn @ T) for one, T in zip(stitched.stations, truth, strict=True)
+    ]
 
 
 def same(one: StitchedGroove, other: StitchedGroove, turn: Array, tolerance: float = 1e-9) -> None:
@@ -75,7 +86,7 @@ def test_exact_stations_are_placed_exactly(name: str) -> None:
     # The leaning joint's groove angle is prescribed with a kink, which is not smooth.
     tolerance = 20 * EXACT if name.startswith("y") else EXACT
     for T in off_truth(stitched, truth):
-        assert np.abs(lie.log(T)).max() < tolerance
+        assert np.abs(pose_vector.pose_to_vector(T)).max() < tolerance
     joint = joint_named(name)
     assert stitched.shape.array == pytest.approx(
         (joint.brace_radius, joint.leg_radius, joint.angle, 0.0), abs=EXACT
@@ -92,19 +103,19 @@ def test_exact_sections_are_fused_exactly() -> None:
     assert len(fused) == 8
     corners = np.array([section.points for section in fused])
     # Half a step along the groove, its shape follows a smooth curve to a few micrometres.
-    assert corner_errors(corners, feature_edges(joint_named(PAPERS))).max() < 1e-5
+    assert corner_to_edge_distances(corners, feature_edges(joint_named(PAPERS))).max() < 1e-5
 
 
 def test_the_order_of_the_stations_changes_nothing() -> None:
-    stations, _ = two(arm=Repeatability())
+    stations, _ = two(arm=ArmRepeatability())
     same(stitch_stations(stations), stitch_stations(stations[::-1]), np.eye(4), 1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_turning_the_workpiece_changes_nothing_but_perhaps_half_a_turn(seed: int) -> None:
     T_w_j = pose(Rotation.random(rng=seed).as_matrix(), (3.0, -2.0, 1.0))
-    still, _ = two(arm=Repeatability())
-    turned, _ = two(arm=Repeatability(), T_w_j=T_w_j)
+    still, _ = two(arm=ArmRepeatability())
+    turned, _ = two(arm=ArmRepeatability(), T_w_j=T_w_j)
     one, other = stitch_stations(still), stitch_stations(turned)
     x = one.stations[0].T_j_b[0, :3] @ other.stations[0].T_j_b[0, :3]
     same(one, other, np.eye(4) if x > 0 else HALF_TURN)
@@ -123,13 +134,13 @@ def test_moving_a_base_moves_its_pose_and_nothing_else() -> None:
 def test_the_errors_of_the_poses_are_as_large_as_stated() -> None:
     # Normalised error squared is 1 in the mean; 12 draws of two stations that share the joint
     # spread it by some 0.2. The walls' own noise is put in as stated, for there is none here.
-    arm, squares = Repeatability(), []
+    arm, squares = ArmRepeatability(), []
     settings = StitchSettings(repeatability=arm, out_of_round=1e-8)
     for seed in range(12):
         stations, truth = two(seed=seed, arm=arm)
         stitched = stitch_stations(stations, settings)
         for one, T in zip(stitched.stations, off_truth(stitched, truth), strict=True):
-            error = lie.log(T)
+            error = pose_vector.pose_to_vector(T)
             squares.append(error @ np.linalg.solve(one.covariance, error) / 6)
     assert 0.6 < np.mean(squares) < 1.5
 
@@ -137,7 +148,7 @@ def test_the_errors_of_the_poses_are_as_large_as_stated() -> None:
 def test_errors_shrink_with_the_arms() -> None:
     sizes = []
     for scale in (1.0, 0.1):
-        arm = Repeatability(scale * 5e-5, scale * 1e-4)
+        arm = ArmRepeatability(scale * 5e-5, scale * 1e-4)
         stations, truth = two(seed=3, arm=arm)
         errors = off_truth(stitch_stations(stations, StitchSettings(arm, out_of_round=1e-8)), truth)
         sizes.append(max(float(np.linalg.norm(T[:3, 3])) for T in errors))
@@ -145,14 +156,14 @@ def test_errors_shrink_with_the_arms() -> None:
 
 
 def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
-    stations, truth = two(arm=Repeatability(1e-5, 1e-5), seed=4)
+    stations, truth = two(arm=ArmRepeatability(1e-5, 1e-5), seed=4)
     sections = list(stations[1].all_sections)
     bad = sections[1]
     sections[1] = replace(
         bad, view=replace(bad.view, T_b_s=pose(p=(1e-3, 1e-3, 0)) @ bad.view.T_b_s)
     )
     wrong = replace(stations[1], all_sections=tuple(sections))
-    stitched = stitch_stations([stations[0], wrong], StitchSettings(Repeatability(1e-5, 1e-5)))
+    stitched = stitch_stations([stations[0], wrong], StitchSettings(ArmRepeatability(1e-5, 1e-5)))
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < 5e-5
     assert sum(int((~edge.counted).sum()) for edge in stitched.registrations) >= 1
@@ -160,14 +171,14 @@ def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
 
 @pytest.mark.parametrize("oval", [0.5e-3, 2e-3])
 def test_stations_fit_each_other_though_tubes_are_out_of_round(oval: float) -> None:
-    arm = Repeatability()
+    arm = ArmRepeatability()
     made = [
         exact_station(joint_named(PAPERS), name, arc(*ends), arm=arm, seed=1, oval=oval)
         for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
     ]
     stitched = stitch_stations([station for station, _ in made])
     left, right = off_truth(stitched, [T_j_b for _, T_j_b in made])
-    between = lie.log(inverse(left) @ right)
+    between = pose_vector.pose_to_vector(inverse_pose(left) @ right)
     assert np.linalg.norm(between[:3]) < 0.1e-3
     assert np.linalg.norm(between[3:]) < np.radians(0.02)
     assert 0.1 * oval < stitched.out_of_round <= 2 * oval
@@ -212,14 +223,16 @@ def test_simulated_stations_are_stitched_as_well_as_promised(
     # Four stations see less of the tubes each, and know less of where they are.
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < (0.1e-3 if len(arcs) == 2 else 0.2e-3)
-        assert rotation_angle(np.eye(4), T) < np.radians(0.02 if len(arcs) == 2 else 0.04)
+        assert rotation_angle_between(np.eye(4), T) < np.radians(0.02 if len(arcs) == 2 else 0.04)
     joint = joint_named(name)
     assert 2 * stitched.shape.brace_radius == pytest.approx(2 * joint.brace_radius, abs=0.3e-3)
     assert 2 * stitched.shape.leg_radius == pytest.approx(2 * joint.leg_radius, abs=0.3e-3)
     assert stitched.covered == pytest.approx(2 * np.pi)
     assert stitched.gap_after is not None
     assert stitched.gap_after < 0.1e-3
-    errors = corner_errors(np.array([s.points for s in stitched.sections]), feature_edges(joint))
+    errors = corner_to_edge_distances(
+        np.array([s.points for s in stitched.sections]), feature_edges(joint)
+    )
     assert errors.mean() < 0.1e-3
     assert np.percentile(errors, 95) < 0.25e-3
 
@@ -247,7 +260,7 @@ def test_what_is_told_is_in_millimetres_and_degrees() -> None:
     assert left.nominal_off_mm == pytest.approx(0, abs=1e-9)
     assert 1 < right.nominal_off_mm < 60  # 10 mm, and 2° over more than a metre
     assert 0.1 < right.nominal_off_deg < 4.1
-    T = from_euler_zyx(1e-3 * np.array(left.position_mm), np.radians(left.euler_zyx_deg))
+    T = pose_from_euler_zyx(1e-3 * np.array(left.position_mm), np.radians(left.euler_zyx_deg))
     np.testing.assert_allclose(T, stitched.stations[0].T_j_b, atol=1e-12)
 
 
@@ -359,6 +372,6 @@ def test_a_recording_given_twice_is_refused_under_any_name() -> None:
 
 def test_an_uncertain_arm_leaves_an_overlap_too_uncertain() -> None:
     stations, _ = two()
-    error = refusal(stations, StitchSettings(repeatability=Repeatability(2e-3, 4e-3)))
+    error = refusal(stations, StitchSettings(repeatability=ArmRepeatability(2e-3, 4e-3)))
     assert error.reason == "overlap too small"
     assert "uncertain by" in str(error)

@@ -14,7 +14,7 @@ with warnings.catch_warnings():
 from cells import PAPER
 from study_work import double_or_die, once, threads
 
-from tjscan.core.errors import ClusterFault, ConfigurationError
+from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.study.file import StudyFile
 from tjscan.study.grid import trials_of_study
 from tjscan.study.row import StudyRow
@@ -80,7 +80,7 @@ def test_a_scheduler_that_goes_away_is_reported_and_what_is_done_was_given() -> 
         assert next(ended) == FinishedTask(0, 0)
         with suppress(TimeoutError):
             cluster.close()
-        with pytest.raises(ClusterFault, match="--resume"):
+        with pytest.raises(ComputeClusterFault, match="--resume"):
             next(ended)
 
 
@@ -88,7 +88,7 @@ def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("tjscan.study.schedule.PATIENCE", 2.0)
     with (
         cluster_of(0) as cluster,
-        pytest.raises(ClusterFault, match="no worker has joined"),
+        pytest.raises(ComputeClusterFault, match="no worker has joined"),
     ):
         list(DaskScheduler(address=cluster.scheduler_address)(once, (0,)))
 
@@ -97,7 +97,7 @@ def test_workers_with_another_version_are_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tjscan.study.schedule.VERSION", "0.0.7")
-    with pytest.raises(ClusterFault, match=r"this machine 0\.0\.7"):
+    with pytest.raises(ComputeClusterFault, match=r"this machine 0\.0\.7"):
         list(DaskScheduler(address=address)(once, (0,)))
 
 

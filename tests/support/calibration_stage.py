@@ -14,7 +14,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
-from tjscan.core.frames import Array, from_rounded, inverse, pose
+from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile
 
 MM = 1e-3
@@ -24,7 +24,7 @@ CENTRE = np.array((0.8, 0.1, 0.05))
 PLANE = plane_through(CENTRE, (0.05, 0.02, 1.0))
 AXES = PlaneTarget.unknown(PLANE, CENTRE).axes_b
 PLACES = CENTRE + 0.15 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ AXES
-T_F_S = from_rounded(  # the paper's eq. (26), in metres
+T_F_S = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
     [
         [0.9999, -0.0129, -0.0002, -0.000749],
         [0.0129, 0.9999, 0.0082, -0.114845],
@@ -58,7 +58,7 @@ def looking(
     turn = Rotation.from_euler("ZXY", (yaw, tilt_x, tilt_y), degrees=True).as_matrix()
     R = square @ turn
     foot = CENTRE + np.asarray(shift) @ AXES
-    return np.asarray(pose(R, foot - depth * R[:, 2]) @ inverse(T_F_S))
+    return np.asarray(pose(R, foot - depth * R[:, 2]) @ inverse_pose(T_F_S))
 
 
 def circle(tilt: float, count: int = 12) -> Array:

@@ -11,10 +11,10 @@ import numpy as np
 
 from tjscan.calibration.file import CalibrationFile, write_calibration
 from tjscan.calibration.noise import NoiseModel
-from tjscan.comparison.distance import corner_errors
-from tjscan.core.config import validate
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.core.config import validate_table
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, transform
+from tjscan.core.frames import Array, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
@@ -105,14 +105,14 @@ def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     assert joint is not None
     assert job.joint is not None
     T_j_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
-    corners = np.array([transform(T_j_b, scan.points_b) for scan in result.sections])
-    return corner_errors(corners, feature_edges(joint))
+    corners = np.array([transform_points(T_j_b, scan.points_b) for scan in result.sections])
+    return corner_to_edge_distances(corners, feature_edges(joint))
 
 
 def calibration_file(file: Path) -> Path:
     """A calibration of the example's arm and laser that says what its job says, in a file."""
     variance = 0.01
-    found = validate(
+    found = validate_table(
         CalibrationFile,
         {
             "arm": "ur10e",
@@ -130,7 +130,7 @@ def calibration_file(file: Path) -> Path:
             "residuals": [],
         },
     )
-    write_calibration(file, found, Provenance.now("calibrate.toml", "f"))
+    write_calibration(file, found, Provenance.written_now("calibrate.toml", "f"))
     return file
 
 

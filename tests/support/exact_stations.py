@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, from_euler_zyx, inverse, pose
+from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx
 from tjscan.groove.section import section_from_points
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j, radial
-from tjscan.joint.tubes.walls import Repeatability
+from tjscan.joint.geometry import cylindrical_to_j, radial_direction
+from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.stitching.stations import Station
@@ -24,7 +24,7 @@ AWAY = 0.23
 VISIBLE = 0.04
 """Metres of each wall that are seen."""
 
-CLEAR = Repeatability(0.0, 0.0)
+CLEAR = ArmRepeatability(0.0, 0.0)
 
 
 def exact_station(
@@ -33,7 +33,7 @@ def exact_station(
     azimuths: Array,
     *,
     seed: int = 0,
-    arm: Repeatability = CLEAR,
+    arm: ArmRepeatability = CLEAR,
     T_w_j: Array | None = None,
     oval: float = 0.0,
 ) -> tuple[Station, Array]:
@@ -42,7 +42,7 @@ def exact_station(
     `oval` is how far the brace, and the groove with it, bulges along x and is dented along y.
     """
     rng = np.random.default_rng([seed, *name.encode()])
-    T_j_b = from_euler_zyx(rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3))
+    T_j_b = pose_from_euler_zyx(rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3))
     spread = np.repeat([arm.position, arm.angle], 3) / np.sqrt(3)
     looks = [
         _look(joint, float(phi), k, T_j_b, spread * rng.standard_normal(6), oval)
@@ -68,8 +68,8 @@ def _look(
     p2, p3, p4, wall = (part + bulge for part in (p2, p3, p4, wall))
     rz = np.concatenate((wall, leg))
     # Sensor: x up the brace, z back to its axis.
-    up, back = np.array((0.0, 0.0, 1.0)), -radial(phi)
-    origin = in_j(phi, joint.brace_radius + AWAY, p2[1])
+    up, back = np.array((0.0, 0.0, 1.0)), -radial_direction(phi)
+    origin = cylindrical_to_j(phi, joint.brace_radius + AWAY, p2[1])
     T_j_s = pose(np.column_stack((up, np.cross(back, up), back)), origin)
 
     def in_s(rz: Array) -> Array:
@@ -84,7 +84,7 @@ def _look(
         five, wall_s=(-1.0, 0.0, 0.0), leg_s=out, covariance=1e-12 * np.eye(8)
     )
     seen = in_s(rz)
-    T_b_s = inverse(T_j_b) @ T_j_s
+    T_b_s = inverse_pose(T_j_b) @ T_j_s
     # The arm says that it stands a little elsewhere than it does.
     flange = T_b_s @ pose(p=(0.1, 0.0, -0.15))
     said = pose(Rotation.from_rotvec(error[3:]).as_matrix(), error[:3])

@@ -16,15 +16,15 @@ import numpy as np
 from cells import Notes
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.devices import Device
-from tjscan.core.frames import Array, from_euler_zyx, inverse, pose, unit
+from tjscan.core.devices import DeviceBase
+from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx, unit_vector
 from tjscan.groove.find import find_groove
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
+from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface
+from tjscan.laser.optics import RaycastSurface
 from tjscan.laser.simulated import SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.plan import ScanPlan
@@ -34,7 +34,7 @@ from tjscan.scanning.target import ScanDirection
 from tjscan.stitching.stations import Station, station_from_recording
 
 CAD = Path(__file__).parent.parent.parent / "cad"
-T_F_S = from_euler_zyx((0.0, -0.1148, 0.1676), np.radians((0.7, 0.0, 0.5)))
+T_F_S = pose_from_euler_zyx((0.0, -0.1148, 0.1676), np.radians((0.7, 0.0, 0.5)))
 
 
 @cache
@@ -43,12 +43,12 @@ def joint_named(name: str) -> JointDefinition:
 
 
 @cache
-def surface_of(name: str) -> Surface:
-    mesh = build_mesh(joint_named(name))
-    return Surface(mesh.vertices, mesh.triangles)
+def surface_of(name: str) -> RaycastSurface:
+    mesh = build_joint_mesh(joint_named(name))
+    return RaycastSurface(mesh.vertices, mesh.triangles)
 
 
-class FreeArm(Device):
+class FreeArm(DeviceBase):
     """An `Arm` without joints."""
 
     def __init__(self, rng: np.random.Generator, repeatability: float, angle: float) -> None:
@@ -126,9 +126,9 @@ def true_station(
     amid = start + 0.5 * np.radians(arc_deg)
     beside = np.array((0.85 * np.cos(amid), 0.85 * np.sin(amid), 0.1))
     beside = beside + rng.uniform(-0.05, 0.05, 3)
-    T_j_b = from_euler_zyx(beside, rng.uniform(-0.5, 0.5, 3))
-    away = unit(rng.standard_normal(3)) * rng.uniform(0.5, 1) * cast.nominal_error
-    turned = unit(rng.standard_normal(3)) * rng.uniform(0.5, 1) * cast.nominal_turn
+    T_j_b = pose_from_euler_zyx(beside, rng.uniform(-0.5, 0.5, 3))
+    away = unit_vector(rng.standard_normal(3)) * rng.uniform(0.5, 1) * cast.nominal_error
+    turned = unit_vector(rng.standard_normal(3)) * rng.uniform(0.5, 1) * cast.nominal_turn
     T_w_b = T_w_j @ T_j_b
     nominal = pose(Rotation.from_rotvec(turned).as_matrix() @ T_w_b[:3, :3], T_w_b[:3, 3] + away)
 
@@ -151,7 +151,7 @@ def true_station(
     notes = Notes()
     with laser:
         scanner = Scanner(ScanSetup(arm, laser, T_F_S, find_groove), plan, notes)
-        poses = [inverse(T_j_b) @ view_of(joint, start + k * taught, plan) for k in (0, 1)]
+        poses = [inverse_pose(T_j_b) @ view_of(joint, start + k * taught, plan) for k in (0, 1)]
         result = scanner.run(*poses)
     return station_from_recording(name, nominal, result.sections, result.views, find_groove), T_j_b
 
@@ -163,9 +163,9 @@ def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:
     if plan.direction is ScanDirection.CLOCKWISE:
         x = -x
     y = np.array((0.0, 0.0, 1.0))
-    y = unit(y - (y @ x) * x)
+    y = unit_vector(y - (y @ x) * x)
     groove = bevel_sections(joint, np.array([phi]))
     lean = float(groove.dihedral[0]) - np.pi / 2
     T_s_t = plan.target(0.5 * float(groove.groove_angle[0]) - lean)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
-    return T_j_t @ inverse(T_F_S @ T_s_t)
+    return T_j_t @ inverse_pose(T_F_S @ T_s_t)

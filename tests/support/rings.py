@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tjscan.core.frames import Array, inverse, pose, rot_z
+from tjscan.core.frames import Array, inverse_pose, pose, rot_z
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
@@ -39,8 +39,8 @@ def ring_section(
     """A section that is seen as the plan wants it, but for `off`, a change of frame t in t."""
     reverse = pose(R_REVERSED) if plan.direction is ScanDirection.CLOCKWISE else np.eye(4)
     T_b_g, T_s_t = ring_pose(turned), plan.target(groove.work_angle)
-    T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse(T_s_t)
-    seen = section_seen(groove, inverse(T_b_s) @ T_b_g)
+    T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse_pose(T_s_t)
+    seen = section_seen(groove, inverse_pose(T_b_s) @ T_b_g)
     nothing = Profile(np.zeros(1), np.zeros(1))
     return ScannedSection(
         View(index, substep, T_b_s, T_b_s, nothing, 0.0, np.zeros(6)), seen, T_s_t

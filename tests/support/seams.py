@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, inverse, pose, rotation_angle, transform, unit
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    rotation_angle_between,
+    transform_points,
+    unit_vector,
+)
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
@@ -57,29 +64,29 @@ class Seam:
 
     def look(self, to: SetPoint, index: int = 2) -> ScannedSection:
         """Lay frame t on its set-point and read the section."""
-        T_b_s = to.T_b_t @ inverse(to.T_s_t)
+        T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
         n = self.noise
         away = self.rng.standard_normal(6) * ([n.position] * 3 + [n.rotation] * 3)
         true = T_b_s @ pose(Rotation.from_rotvec(away[3:]).as_matrix(), away[:3])
-        groove = self.section(inverse(self.T_b_j) @ true)
+        groove = self.section(inverse_pose(self.T_b_j) @ true)
         view = View(index, Substep.PREDICTION, T_b_s, T_b_s, NOTHING, float(index), np.zeros(6))
         return ScannedSection(view, groove, to.T_s_t)
 
     def section(self, T_j_s: Array) -> GrooveSection:
         """What a laser plane cuts out of the joint."""
         joint, n = self.definition, self.noise
-        T_s_j, y_j = inverse(T_j_s), T_j_s[:3, 1]
-        middle = transform(T_j_s, (0.0, 0.0, 0.235))
+        T_s_j, y_j = inverse_pose(T_j_s), T_j_s[:3, 1]
+        middle = transform_points(T_j_s, (0.0, 0.0, 0.235))
         lines = (self.edges.p2, self.edges.p3, self.edges.p4)
         corners = np.array([_cut(T_s_j, line.points_j, middle) for line in lines])
-        up, out = np.array((0.0, 0.0, 1.0)), unit(corners[2] * (1, 1, 0))
-        wall = _within(np.cross(unit(corners[0] * (1, 1, 0)), y_j), -up)
+        up, out = np.array((0.0, 0.0, 1.0)), unit_vector(corners[2] * (1, 1, 0))
+        wall = _within(np.cross(unit_vector(corners[0] * (1, 1, 0)), y_j), -up)
         leg = _within(np.cross(joint.leg.normal(corners[2]), y_j), out)
         ends = (
             _on_tube(corners[0] - SEEN_OF_BRACE * wall, y_j, up, joint.brace_radius),
             _on_tube(corners[2] + SEEN_OF_LEG * leg, y_j, joint.leg.axis, joint.leg_radius),
         )
-        points_s = transform(T_s_j, np.array((ends[0], *corners, ends[1])))
+        points_s = transform_points(T_s_j, np.array((ends[0], *corners, ends[1])))
         points_s[:, [0, 2]] += n.points * self.rng.standard_normal((5, 2))
         points_s[:, 1] = 0.0
         tangents_s = [_turned(v @ T_j_s[:3, :3], n.tangents * self.rng.standard_normal())
@@ -118,7 +125,7 @@ class Seam:
         ccw = self.direction is ScanDirection.COUNTERCLOCKWISE
         x = joint.leg.tangent(azimuth, joint.brace_radius) * (1 if ccw else -1)
         out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
-        y = unit(np.cross(out if ccw else -out, x))
+        y = unit_vector(np.cross(out if ccw else -out, x))
         T_j_t = pose(
             np.column_stack((x, y, np.cross(x, y))),
             joint.leg.point(azimuth, joint.brace_radius),
@@ -144,10 +151,10 @@ def seam(
 
 def misses(to: SetPoint, ideal: ScannedSection) -> tuple[float, float]:
     """How far a set-point is from an ideal view: metres, and radians of the sensor."""
-    T_b_s = to.T_b_t @ inverse(to.T_s_t)
+    T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
     return (
         float(np.linalg.norm(to.T_b_t[:3, 3] - ideal.T_b_g[:3, 3])),
-        rotation_angle(T_b_s, ideal.view.T_b_s),
+        rotation_angle_between(T_b_s, ideal.view.T_b_s),
     )
 
 
@@ -155,14 +162,14 @@ def _cut(T_s_j: Array, line_j: Array, near_j: Array) -> Array:
     """Where a closed line passes through the laser plane next to a point."""
     i = int(np.argmin(np.sum((line_j - near_j) ** 2, axis=1)))
     part = line_j[(np.arange(-500, 501) + i) % len(line_j)]
-    y = transform(T_s_j, part)[:, 1]
+    y = transform_points(T_s_j, part)[:, 1]
     through = np.flatnonzero(np.diff(np.sign(y)) != 0)
     k = through[np.argmin(np.abs(through - 500))]
     return np.asarray(part[k] + y[k] / (y[k] - y[k + 1]) * (part[k + 1] - part[k]))
 
 
 def _within(v: Array, towards: Array) -> Array:
-    return unit(v if v @ towards > 0 else -v)
+    return unit_vector(v if v @ towards > 0 else -v)
 
 
 def _on_tube(p: Array, normal: Array, axis: Array, radius: float) -> Array:
@@ -170,7 +177,7 @@ def _on_tube(p: Array, normal: Array, axis: Array, radius: float) -> Array:
     for _ in range(5):
         across = p - (p @ axis) * axis
         outside = np.linalg.norm(across) - radius
-        slope = unit(across) - (unit(across) @ normal) * normal
+        slope = unit_vector(across) - (unit_vector(across) @ normal) * normal
         p = p - outside * slope / (slope @ slope)
     return p
 

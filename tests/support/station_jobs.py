@@ -11,7 +11,7 @@ import tomli_w
 from cells import EXAMPLES, PAPER
 
 from tjscan.core.config import read_toml
-from tjscan.core.frames import Array, from_euler_zyx, to_euler_zyx
+from tjscan.core.frames import Array, pose_from_euler_zyx, pose_to_euler_zyx
 
 WHOLE = EXAMPLES / "whole-joint.toml"
 
@@ -21,7 +21,7 @@ QUICK = ("--scan.sections", "4")
 
 def table_of(T: Array) -> dict[str, Any]:
     """A pose as a job file has it."""
-    position, angles = to_euler_zyx(T)
+    position, angles = pose_to_euler_zyx(T)
     return {
         "position_mm": (1e3 * position).tolist(),
         "euler_zyx_deg": np.degrees(angles).tolist(),
@@ -30,7 +30,7 @@ def table_of(T: Array) -> dict[str, Any]:
 
 def pose_of(table: dict[str, Any]) -> Array:
     """What `table_of` took."""
-    return from_euler_zyx(
+    return pose_from_euler_zyx(
         1e-3 * np.array(table["position_mm"]),
         np.radians(table.get("euler_zyx_deg", (0.0, 0.0, 0.0))),
     )

@@ -23,7 +23,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse, readonly, unit
+from tjscan.core.frames import Array, inverse_pose, readonly_copy, unit_vector
 
 MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
@@ -51,7 +51,7 @@ class Board:
 
     def __post_init__(self) -> None:
         for name in ("centre_b", "axes_b", "half_sizes"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> Board:
@@ -130,7 +130,7 @@ class Suggestion:
     after: Uncertainty
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 def candidate_poses(
@@ -160,7 +160,7 @@ def candidate_poses(
     """
     u = target.plane.u
     x = board.axes_b[0] if x_b is None else np.asarray(x_b, dtype=float)
-    x = unit(x - (x @ u) * u)
+    x = unit_vector(x - (x @ u) * u)
     upright = np.column_stack((x, np.cross(-u, x), -u))  # z_s into the board
     turns = [
         Rotation.from_rotvec(yaw * u) * Rotation.from_rotvec(tilt * axis)
@@ -177,7 +177,7 @@ def candidate_poses(
     origin = foot[None, :, None] - depth[None, None, :, None] * R_b_s[:, None, None, :, 2]
     T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
     T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
-    T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse(T_f_s)
+    T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(T_f_s)
     seen = expected_lines(T_b_f, T_f_s, target, window, NoiseModel())
     good = (seen.span >= SHORTEST) & board.holds(seen.ends_b, MARGIN).all(axis=1)
     return np.asarray(T_b_f[good])

@@ -21,7 +21,7 @@ from tjscan.calibration.consensus import (
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 20
@@ -60,8 +60,8 @@ class ArcFit:
     inlier: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_s", readonly(self.centre_s))
-        object.__setattr__(self, "covariance", readonly(self.covariance))
+        object.__setattr__(self, "centre_s", readonly_copy(self.centre_s))
+        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
         self.inlier.flags.writeable = False
 
     @property

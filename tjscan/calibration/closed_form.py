@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.plucker import Line, Plane, incidence, line_through, transform_line
-from tjscan.core.frames import Array, pose, readonly, skew
+from tjscan.core.frames import Array, pose, readonly_copy, skew_matrix
 
 DECISIVE: Final = 0.3
 """One sign's residual below this share of the other's decides between them."""
@@ -36,7 +36,7 @@ class LineBundle:
 
     def __post_init__(self) -> None:
         for name in ("R_b_f", "p_b_f", "points_s", "directions_s"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def line_s(self) -> Line:
@@ -156,7 +156,7 @@ def translation(lines: LineBundle, plane: Plane, R_f_s: Array) -> tuple[Array, f
     T_b_f = np.tile(np.eye(4), (len(lines.p_b_f), 1, 1))
     T_b_f[:, :3, :3], T_b_f[:, :3, 3] = lines.R_b_f, lines.p_b_f
     line_b = transform_line(T_b_f, line_f)  # (18)
-    A_p = (skew(plane.u) @ lines.R_b_f @ skew(line_f.a)).reshape(-1, 3)  # (24)
+    A_p = (skew_matrix(plane.u) @ lines.R_b_f @ skew_matrix(line_f.a)).reshape(-1, 3)  # (24)
     b = incidence(line_b, plane)[:, 1:].ravel()  # (25): what (17) leaves without p_f_s
     p = np.asarray(np.linalg.lstsq(A_p, b, rcond=None)[0], dtype=float)
     # Three rows per line, of which one says something: the RMS is per line.

@@ -14,7 +14,7 @@ from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.refine import inverse_information
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.calibration.window import Window, see_plane
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 Reachable = Callable[[Array], bool]
 """Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
@@ -38,7 +38,7 @@ class Uncertainty:
     covariance: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "covariance", readonly(self.covariance))
+        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
 
     @property
     def position(self) -> float:

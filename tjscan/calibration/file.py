@@ -12,12 +12,12 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.config import FileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import PoseRows, pose_to_rows, rows_to_pose
+from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
     from tjscan.calibration.hand_eye import HandEye, Residual
@@ -95,7 +95,7 @@ class CalibrationFile(FileModel):
     @property
     def T_f_s(self) -> Array:
         """Pose of the sensor in the flange frame, shape (4, 4), metres."""
-        return rows_to_pose(self.T_f_s_mm)
+        return pose_from_rows_mm(self.T_f_s_mm)
 
     @property
     def covariance_si(self) -> Array:
@@ -153,7 +153,7 @@ def to_file(
         "date": date,
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
-        "T_f_s_mm": pose_to_rows(result.T_f_s),
+        "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
         "covariance": (result.covariance * np.outer(IN_FILE, IN_FILE)).tolist(),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
@@ -163,7 +163,7 @@ def to_file(
         "verification": verification and _verification(verification),
         "residuals": [_residual(residual) for residual in result.residuals],
     }
-    return validate(CalibrationFile, data)
+    return validate_table(CalibrationFile, data)
 
 
 def _residual(residual: Residual) -> ResidualTable:
@@ -228,7 +228,7 @@ def read_calibration(
     ConfigurationError
         If the file can't be read, or belongs to another arm or laser.
     """
-    calibration = validate(CalibrationFile, read_toml(file), file)
+    calibration = validate_table(CalibrationFile, read_toml(file), file)
     for key, wanted in (("arm", arm), ("laser", laser)):
         found = getattr(calibration, key)
         if wanted is not None and wanted != found:

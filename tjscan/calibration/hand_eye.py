@@ -33,7 +33,7 @@ from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
 from tjscan.calibration.targets import PlaneTarget, SphereTarget
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly_copy, transform_points
 
 FEWEST: Final = 5
 """Eq. (20) needs five lines in general position."""
@@ -72,7 +72,7 @@ class LineSample:
     fit: LineFit
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class ArcSample:
     fit: ArcFit
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +167,8 @@ class HandEye:
     closed_form: ClosedForm | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly(self.T_f_s))
-        object.__setattr__(self, "joint_covariance", readonly(self.joint_covariance))
+        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
+        object.__setattr__(self, "joint_covariance", readonly_copy(self.joint_covariance))
 
     @property
     def covariance(self) -> Array:
@@ -301,7 +301,8 @@ def calibrate_on_sphere(
     starts = sphere_starts(model)
     if T_f_s_guess is not None:
         centres = [
-            transform(T @ T_f_s_guess, c) for T, c in zip(T_b_f, model.centres_s, strict=True)
+            transform_points(T @ T_f_s_guess, c)
+            for T, c in zip(T_b_f, model.centres_s, strict=True)
         ]
         starts.append((T_f_s_guess, sphere_target(model, np.mean(centres, axis=0))))
     every = np.ones(len(samples), dtype=bool)
@@ -317,7 +318,7 @@ def calibrate_on_sphere(
     known = sphere.radius is not None
     method = "sphere of known radius" if known else "sphere of unknown radius"
     radius = sphere.radius if sphere.radius is not None else float(estimate.target[3])
-    centre = readonly(estimate.target[:3])
+    centre = readonly_copy(estimate.target[:3])
     return _accept(samples, estimate, method, condition, centre_b=centre, radius=radius)
 
 
@@ -339,7 +340,7 @@ def _find_plane(
     starts = plane_starts(lines, STARTS)
     if guess is not None:
         points = np.stack(
-            [transform(T, p) for T, p in zip(T_b_f @ guess, lines.points_s, strict=True)]
+            [transform_points(T, p) for T, p in zip(T_b_f @ guess, lines.points_s, strict=True)]
         )
         centre = points.mean(axis=0)
         u = np.linalg.svd(points - centre)[2][2]

@@ -12,7 +12,7 @@ from tjscan.calibration.consensus import ROUGHEST, SCORED, TRIM, Mask, best, dra
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import Line, line_through
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 20
@@ -59,8 +59,8 @@ class LineFit:
     inlier: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point_s", readonly(self.point_s))
-        object.__setattr__(self, "direction_s", readonly(self.direction_s))
+        object.__setattr__(self, "point_s", readonly_copy(self.point_s))
+        object.__setattr__(self, "direction_s", readonly_copy(self.direction_s))
         self.inlier.flags.writeable = False
 
     @property

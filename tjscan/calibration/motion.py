@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, unit
-from tjscan.core.lie import so3_log
+from tjscan.core.frames import Array, unit_vector
+from tjscan.core.pose_vector import rotation_to_vector
 
 LEAST_TURN: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""
@@ -41,7 +41,7 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
         With the motion that is missing.
     """
     R = T_b_f[:, :3, :3]
-    turns = so3_log(R[0].T @ R)
+    turns = rotation_to_vector(R[0].T @ R)
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
     if spread[0] < LEAST_TURN:
@@ -172,7 +172,7 @@ def tilt_spread(u_f: Array) -> tuple[Array, Array]:
     axes : ndarray, shape (2, 3)
         Unit vectors in frame f to tilt about.
     """
-    mean = unit(u_f.sum(axis=0))
+    mean = unit_vector(u_f.sum(axis=0))
     across = u_f - np.outer(u_f @ mean, mean)
     _, singular, lean = np.linalg.svd(across, full_matrices=True)
     # Turning about w moves the normal along w × mean.
@@ -209,7 +209,7 @@ def name_axis(axis_f: Array, R_f_s: Array | None) -> str:
         Rotation of the sensor on the flange, where it is known.
     """
     whose, axis = ("flange", axis_f) if R_f_s is None else ("sensor", R_f_s.T @ axis_f)
-    axis = unit(axis)
+    axis = unit_vector(axis)
     k = int(np.argmax(np.abs(axis)))
     if abs(axis[k]) > 0.85:
         return f"the {whose}'s {'xyz'[k]} axis"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly, skew
+from tjscan.core.frames import Array, readonly_copy, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +26,8 @@ class Line:
     m: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "a", readonly(self.a))
-        object.__setattr__(self, "m", readonly(self.m))
+        object.__setattr__(self, "a", readonly_copy(self.a))
+        object.__setattr__(self, "m", readonly_copy(self.m))
 
     @property
     def screw(self) -> Array:
@@ -59,7 +59,7 @@ class Plane:
         length = float(np.linalg.norm(self.u))
         if not length > 0:
             raise ValueError("a plane needs a normal that is not zero")
-        object.__setattr__(self, "u", readonly(np.asarray(self.u) / length))
+        object.__setattr__(self, "u", readonly_copy(np.asarray(self.u) / length))
         object.__setattr__(self, "u0", float(self.u0) / length)
 
     def distance(self, points: ArrayLike) -> Array:
@@ -100,7 +100,7 @@ def screw_matrix(T_b_s: Array) -> Array:
     R, p = T_b_s[..., :3, :3], T_b_s[..., :3, 3]
     V = np.zeros((*R.shape[:-2], 6, 6))
     V[..., :3, :3] = V[..., 3:, 3:] = R
-    V[..., 3:, :3] = skew(p) @ R
+    V[..., 3:, :3] = skew_matrix(p) @ R
     return V
 
 
@@ -149,5 +149,5 @@ def incidence(line: Line, plane: Plane) -> Array:
         where the tilt is zero, that is ``-a`` times the line's distance from the plane.
     """
     tilt = line.a @ plane.u
-    distance = line.m @ skew(plane.u).T - plane.u0 * line.a
+    distance = line.m @ skew_matrix(plane.u).T - plane.u0 * line.a
     return np.concatenate((tilt[..., None], distance), axis=-1)

@@ -11,7 +11,7 @@ from tjscan.calibration.hand_eye import ArcSample, LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
 
 
@@ -34,7 +34,7 @@ class PosedProfile:
     profile: Profile
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 S = TypeVar("S", LineSample, ArcSample)

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_size
+from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, pose
-from tjscan.laser.files import GROUPS, UNITS
+from tjscan.laser.files import GROUP_COLUMNS, METRES_PER_UNIT
 from tjscan.laser.profile import Profile
 
 ANGLES: Final = {"rad": 1.0, "deg": math.pi / 180}
@@ -46,12 +46,12 @@ class RecordedPoses:
     ----------
     T_b_f : dict of str to ndarray, shape (4, 4)
         By what their column profile, frame or index holds, or else by their number.
-    keyed : bool
+    with_key : bool
         Whether there was such a column.
     """
 
     T_b_f: dict[str, Array]
-    keyed: bool
+    with_key: bool
 
 
 def read_poses(file: Path) -> RecordedPoses:
@@ -71,7 +71,7 @@ def read_poses(file: Path) -> RecordedPoses:
     """
     names, rows = _read_table(file)
     read = _reader(file, names)
-    key_at = next((names.index(name) for name in GROUPS if name in names), None)
+    key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
     poses: dict[str, Array] = {}
     for number, row in enumerate(rows, start=1):
         key = str(number) if key_at is None else _key(row[key_at])
@@ -118,11 +118,11 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
         If one lacks its counterpart.
     """
     keys = [_key(name.split()[-1]) for name in profiles]
-    if not poses.keyed:
+    if not poses.with_key:
         if len(profiles) != len(poses.T_b_f):
             raise ConfigurationError(
                 f"holds {len(poses.T_b_f)} poses for {len(profiles)} profiles, and no column "
-                f"({', '.join(GROUPS)}) that shows which belongs to which",
+                f"({', '.join(GROUP_COLUMNS)}) that shows which belongs to which",
                 file=file,
             )
         keys = list(poses.T_b_f)
@@ -140,7 +140,7 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     """Lower-case names of the header, and rows of as many cells."""
     try:
-        check_size(file, MOST_BYTES, "a list of poses")
+        check_file_size(file, MOST_BYTES, "a list of poses")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
     except FileNotFoundError:
@@ -162,7 +162,7 @@ def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _position(file: Path, names: Sequence[str]) -> list[tuple[int, float]]:
-    columns = _columns(names, ("x", "y", "z"), UNITS)
+    columns = _columns(names, ("x", "y", "z"), METRES_PER_UNIT)
     if columns is None:
         raise ConfigurationError(
             f"has no columns x_mm, y_mm, z_mm (found: {', '.join(names[:12])})", file=file

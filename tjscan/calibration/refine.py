@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tjscan.calibration.model import Linearised, Model
-from tjscan.core.frames import Array, readonly
-from tjscan.core.lie import boxplus, left_jacobian
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.pose_vector import boxplus, left_jacobian
 
 REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
@@ -54,9 +54,9 @@ class Estimate:
     used: Mask
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly(self.T_f_s))
-        object.__setattr__(self, "target", readonly(self.target))
-        object.__setattr__(self, "covariance", readonly(self.covariance))
+        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
+        object.__setattr__(self, "target", readonly_copy(self.target))
+        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
         self.used.flags.writeable = False
 
 

@@ -18,7 +18,7 @@ from tjscan.calibration.posed_profile import line_samples
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, pose, readonly, rot_x, rot_z, transform
+from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z, transform_points
 
 INSET: Final = 0.02
 """Metres that touched places keep from the board's edges: it stands only about where stated."""
@@ -68,7 +68,7 @@ class Task:
 
     def __post_init__(self) -> None:
         for name in ("T_b_board", "half_sizes", "tip_f", "T_f_s"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +111,7 @@ def touch_places(task: Task) -> Array:
         for y in np.linspace(-reach[1], reach[1], rows)
         for x in np.linspace(-reach[0], reach[0], columns)
     ]
-    return transform(task.T_b_board, grid[: task.touches])
+    return transform_points(task.T_b_board, grid[: task.touches])
 
 
 def square_poses(T_b_board: Array, tip_f: Array, place_b: Array, near: Array) -> list[Array]:
@@ -143,7 +143,7 @@ def ready_poses(task: Task, near: Array) -> list[Array]:
         Flange pose whose turn is preferred.
     """
     depth = 0.5 * (task.window.near + task.window.far)
-    seen_f = transform(task.T_f_s, (0.0, 0.0, depth))
+    seen_f = transform_points(task.T_f_s, (0.0, 0.0, depth))
     facing_f = task.T_f_s[:3, :3]
     # The sensor's z, not the flange's, is to point into the board.
     square = square_poses(task.T_b_board, np.zeros(3), np.zeros(3), near @ pose(facing_f))
@@ -162,7 +162,7 @@ def touched_points(task: Task, measured: MeasuredSoFar) -> dict[int, Array]:
         The touches.
     """
     touches = sorted(measured.touches.items())
-    return {k: transform(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
+    return {k: transform_points(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
 
 
 def touched_board(task: Task, measured: MeasuredSoFar) -> tuple[PlaneTarget, Board]:

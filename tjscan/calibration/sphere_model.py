@@ -11,7 +11,7 @@ from tjscan.calibration.circle_fit import ArcFit
 from tjscan.calibration.model import Linearised
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import SphereTarget
-from tjscan.core.frames import Array, skew
+from tjscan.core.frames import Array, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +102,7 @@ class SphereModel:
         by_centre[:, 0, 0] = by_centre[:, 1, 2] = 1.0
         by_centre[:, 2, 1] = centre_s[:, 1] / slant
         in_flange = by_centre @ R.T
-        by_pose = np.concatenate((-in_flange, in_flange @ skew(lever_f)), axis=2)
+        by_pose = np.concatenate((-in_flange, in_flange @ skew_matrix(lever_f)), axis=2)
         by_target = in_flange @ R_b_f.transpose(0, 2, 1)
         if self.sphere.radius is None:
             by_radius = np.zeros((n, 3, 1))
@@ -112,7 +112,7 @@ class SphereModel:
         by_arc = np.zeros((n, 3, 3))
         by_arc[:, 0, 0] = by_arc[:, 1, 1] = -1.0
         by_arc[:, 2, 2] = self.radii / slant
-        turn = in_flange @ skew(centre_f)  # a small turn of the flange moves the ball in f
+        turn = in_flange @ skew_matrix(centre_f)  # a small turn of the flange moves the ball in f
         covariance = (
             by_arc @ self.covariances @ by_arc.transpose(0, 2, 1)
             + self.noise.position**2 * (in_flange @ in_flange.transpose(0, 2, 1))

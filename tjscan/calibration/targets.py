@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from tjscan.calibration.plucker import Plane, plane_through
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly, unit
+from tjscan.core.frames import Array, readonly_copy, unit_vector
 
 FEWEST_TOUCHES: Final = 3
 SLIMMEST: Final = 0.1
@@ -62,7 +62,7 @@ class PlaneTarget:
 
     def __post_init__(self) -> None:
         for name in ("centre_b", "axes_b", "information", "residuals", "singular_values"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def unknown(cls, plane: Plane, near_b: ArrayLike) -> Self:
@@ -87,7 +87,7 @@ class PlaneTarget:
 
     def boxplus(self, by: Array) -> Plane:
         """The plane at (tilt, tilt, height) `by`, shape (3,), from this one."""
-        u = unit(self.plane.u + by[:2] @ self.axes_b)
+        u = unit_vector(self.plane.u + by[:2] @ self.axes_b)
         return plane_through(self.centre_b - by[2] * u, u)
 
 

@@ -28,7 +28,7 @@ from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
 from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose
 from tjscan.calibration.verify import Verification, verify
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
-from tjscan.core.frames import Array, rotation_angle
+from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.laser.line_laser import LineLaser
 from tjscan.robot.arm import Arm
 
@@ -234,7 +234,7 @@ class Wizard:
         there = next_pose(self.task, self.measured, target, board, progress, reachable)
         what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
         way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
-        turn = np.degrees(rotation_angle(ready, there.T_b_f))
+        turn = np.degrees(rotation_angle_between(ready, there.T_b_f))
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
         if not self.operator.confirm(Question(question, True, moves=True)):
@@ -283,4 +283,4 @@ class Wizard:
 
 def _same(T_1: Array, T_2: Array) -> bool:
     shift = float(np.linalg.norm(T_1[:3, 3] - T_2[:3, 3]))
-    return shift < THERE and rotation_angle(T_1, T_2) < THERE
+    return shift < THERE and rotation_angle_between(T_1, T_2) < THERE

@@ -11,10 +11,10 @@ from cyclopts import App, CycloptsError
 from tjscan.core.errors import (
     ArmFault,
     ConfigurationError,
-    Interrupted,
     LaserFault,
+    ScanInterrupted,
     TjscanError,
-    message_of,
+    message_with_notes,
 )
 from tjscan.core.version import VERSION
 
@@ -73,7 +73,7 @@ EXIT_CODES: dict[type[TjscanError], int] = {
     ConfigurationError: 2,
     ArmFault: 4,
     LaserFault: 4,
-    Interrupted: 130,
+    ScanInterrupted: 130,
 }
 """What each branch of the error tree ends with; 1 for the rest."""
 
@@ -93,7 +93,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except CycloptsError:
         sys.exit(2)
     except TjscanError as error:
-        print(f"tjscan: {message_of(error)}", file=sys.stderr)
+        print(f"tjscan: {message_with_notes(error)}", file=sys.stderr)
         sys.exit(exit_code(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough

@@ -73,11 +73,11 @@ def _start(
 ) -> None:
     """Calibrate the cell of a job."""
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.core.config import naming
+    from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_calibration_job
 
     keys = parse_overrides(overrides)
-    with naming(file):
+    with add_file_to_errors(file):
         job = read_calibration_job(file, keys).at(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.calibration_output import print_calibration

@@ -18,7 +18,7 @@ from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, sta
 from tjscan.cli.calibration_output import print_calibration
 from tjscan.cli.console import print_message
 from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
-from tjscan.core.config import validate
+from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
@@ -56,7 +56,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         laser=options.laser_id or UNNAMED,
         date=datetime.now(UTC).replace(microsecond=0),
     )
-    write_calibration(file, found, Provenance.now(options.lines.name, "f"))
+    write_calibration(file, found, Provenance.written_now(options.lines.name, "f"))
     print_calibration(Calibrated(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         print_message(
@@ -74,7 +74,7 @@ def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProf
 
 def _noise(options: RecordedOptions) -> NoiseModel:
     stated = {name: getattr(options, name) for name in NOISE}
-    return validate(NoiseModel, {k: v for k, v in stated.items() if v is not None})
+    return validate_table(NoiseModel, {k: v for k, v in stated.items() if v is not None})
 
 
 def _target(

@@ -48,22 +48,22 @@ def compare(
     """
     from tjscan.cli.comparison_output import print_comparison
     from tjscan.cli.console import print_message
-    from tjscan.comparison.compare import compare as compare_shapes
-    from tjscan.comparison.maps import check_map, write_map
-    from tjscan.comparison.sidecar import ShapeOptions
+    from tjscan.comparison.compare import compare_shapes as compare_shapes
+    from tjscan.comparison.maps import check_map_file, write_deviation_map
+    from tjscan.comparison.sidecar import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     if plot is not None:
-        check_map(plot)
+        check_map_file(plot)
     comparison = compare_shapes(
-        read_shape(measured, ShapeOptions(units, frame)),
-        read_shape(reference, ShapeOptions(reference_units or units, frame)),
+        read_shape(measured, StatedUnitAndFrame(units, frame)),
+        read_shape(reference, StatedUnitAndFrame(reference_units or units, frame)),
         align,
         None if tolerance_mm is None else 1e-3 * tolerance_mm,
     )
     print_comparison(comparison, json=json)
     if plot is not None:
-        write_map(plot, comparison)
+        write_deviation_map(plot, comparison)
         print_message(f"drawn in {plot}")
     if not comparison.passed:
         raise SystemExit(TOLERANCE_EXCEEDED)

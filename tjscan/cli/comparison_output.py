@@ -7,17 +7,17 @@ from json import dumps
 import numpy as np
 
 from tjscan.cli.console import print_message
-from tjscan.comparison.compare import Comparison, to_dict
+from tjscan.comparison.compare import Comparison, comparison_to_dict
 
 
 def print_comparison(comparison: Comparison, *, json: bool) -> None:
     """Print what was compared and its distances on stdout, or JSON; warnings go to stderr."""
     if json:
-        print(dumps(to_dict(comparison), indent=2))
+        print(dumps(comparison_to_dict(comparison), indent=2))
         return
     c, a = comparison, comparison.alignment
     for shape in (c.measured, c.reference):
-        print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_by} says")
+        print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_source} says")
     print(f"given in frame {c.reference.stated.frame}")
     if a.method != "none":
         rounds = f", {a.rounds} rounds" if a.rounds else ""

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import GrooveSettings
-from tjscan.laser.files import ProfileFormat, ProfileTable
+from tjscan.laser.files import FileProfiles, ProfileFormat
 
 
 @Parameter(name="*")
@@ -79,18 +79,18 @@ class GrooveReadingOptions:
 
 def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -> GrooveSettings:
     """The settings for a file: options before the job of a run directory before the defaults."""
-    from tjscan.core.config import validate, written
+    from tjscan.core.config import table_to_dict, validate_table
     from tjscan.job import read_scan_job
     from tjscan.result.directory import JOB
 
     job = file / JOB
-    own = written(read_scan_job(job).groove) if job.is_file() else {}
+    own = table_to_dict(read_scan_job(job).groove) if job.is_file() else {}
     stated = {} if options is None else asdict(options)
     stated = {key: value for key, value in stated.items() if value is not None}
-    return validate(GrooveSettings, own | stated)
+    return validate_table(GrooveSettings, own | stated)
 
 
-def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> ProfileTable:
+def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> FileProfiles:
     """The profiles of a file, a folder or a run directory; prints what of it can't be read.
 
     Raises
@@ -106,7 +106,7 @@ def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> Pro
 
     o = options or ProfileFileOptions()
     is_run = (file / JOB).is_file()
-    table = ProfileTable(read_recorded(file)) if is_run else read_profiles(file, o.form)
+    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.form)
     print_bad_rows(file, table.bad)
     for note in table.notes:
         print_message(f"{file}: {note}")

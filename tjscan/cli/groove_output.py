@@ -12,7 +12,7 @@ from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.groove.settings import GrooveSettings
-from tjscan.laser.files import upside_down
+from tjscan.laser.files import flip_heights
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import (
     ProfileReading,
@@ -56,7 +56,7 @@ def print_readings(readings: Sequence[ProfileReading], bad: Sequence[str], *, js
 def suggest_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
     """Print on stderr whether profiles that show no groove show one with heights turned round."""
     few = dict(islice(profiles.items(), TRIED_TURNED))
-    turned = {name: upside_down(p) for name, p in few.items() if p.valid.any()}
+    turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in read_grooves(turned, settings))
     if 2 * found > len(turned):
         print_message(

@@ -18,12 +18,12 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
         Print what was built as JSON on stdout.
     """
     from tjscan.cli.console import print_message
-    from tjscan.joint.export import write_joint
+    from tjscan.joint.export import build_and_write_joint
     from tjscan.joint.file import read_joint
 
     definition = read_joint(file)
     directory = out or file.parent / "build" / definition.name
-    built = write_joint(definition, directory)
+    built = build_and_write_joint(definition, directory)
     if json:
         print(built.model_dump_json(indent=2))
         return

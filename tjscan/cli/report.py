@@ -30,10 +30,9 @@ def report(
         Frame of a reference that states none: j for the joint's own, or any name.
     """
     from tjscan.cli.console import print_message
-    from tjscan.comparison.sidecar import ShapeOptions
+    from tjscan.comparison.sidecar import StatedUnitAndFrame
     from tjscan.report.write import write_run_report
 
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    print_message(
-        f"written to {write_run_report(run, reference, tolerance, ShapeOptions(units, frame))}"
-    )
+    stated = StatedUnitAndFrame(units, frame)
+    print_message(f"written to {write_run_report(run, reference, tolerance, stated)}")

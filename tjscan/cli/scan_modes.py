@@ -15,7 +15,7 @@ from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
 from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.scan_output import print_scan, scan_progress
 from tjscan.cli.stitching_output import print_stitching
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.job import ScanJob
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import ScanSummary
@@ -70,7 +70,7 @@ def resume_interrupted_scan(
 def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
     if station is None:
         return job
-    with naming(file):
+    with add_file_to_errors(file):
         return job.at(station)
 
 

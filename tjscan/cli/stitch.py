@@ -59,7 +59,7 @@ def _settings(
     repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
 ) -> StitchSettings:
     from tjscan.core.errors import ConfigurationError
-    from tjscan.joint.tubes.walls import Repeatability
+    from tjscan.joint.tubes.walls import ArmRepeatability
     from tjscan.stitching.settings import DEFAULT, StitchSettings
 
     for name, value, most in (
@@ -70,6 +70,6 @@ def _settings(
         if not 0 < value <= most:
             raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")
     return StitchSettings(
-        Repeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
+        ArmRepeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
         1e-3 * out_of_round_mm,
     )

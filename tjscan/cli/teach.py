@@ -35,12 +35,12 @@ def teach(
 
     from tjscan.cli.console import print_message
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.core.config import naming
+    from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
     from tjscan.result.readings import measures_with_sigmas
     from tjscan.runs.teach import teach_pose
 
-    with naming(job):
+    with add_file_to_errors(job):
         here = read_scan_job(job, parse_overrides(overrides)).at(station)
     taught = teach_pose(here, job, which)
     pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}

@@ -9,19 +9,19 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from tjscan.comparison.surface import SurfaceDistance
+from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused
-from tjscan.core.frames import Array, pose, readonly, rotation_angle, transform
-from tjscan.core.robust import TUKEY, mad_sigma
+from tjscan.core.frames import Array, pose, readonly_copy, rotation_angle_between, transform_points
+from tjscan.core.robust import TUKEY_CUTOFF, mad_sigma
 
-MOST_POINTS: Final = 30_000
+MOST_ALIGNED_POINTS: Final = 30_000
 """Points that are aligned; more would not make six numbers surer."""
 
 MOST_ROUNDS: Final = 100
-STILL: Final = 1e-7
+CONVERGED_STEP: Final = 1e-7
 """Metres that the farthest point moves in a round when it is time to stop."""
 
-REACH: Final = 20e-3
+MOST_PARTNER_DISTANCE: Final = 20e-3
 """Metres; a point farther from the reference than this is no partner of anything."""
 
 NOISE_FLOOR: Final = 20e-6
@@ -35,10 +35,10 @@ LEAST_STIFFNESS: Final = 1e-4
 
 NORMAL_NEIGHBOURS: Final = 12
 
-LINE: Final = 0.02
+LINE_VARIANCE_RATIO: Final = 0.02
 """Variance across over variance along, below which neighbours lie on a line."""
 
-Partner = Callable[[Array], tuple[Array, Array]]
+NearestOnReference = Callable[[Array], tuple[Array, Array]]
 """Maps points to their nearest ones on the reference, and the normals there."""
 
 
@@ -74,23 +74,23 @@ class Alignment:
     note: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T", readonly(self.T))
+        object.__setattr__(self, "T", readonly_copy(self.T))
 
     @property
     def turned(self) -> float:
         """Angle of the rotation, radians."""
-        return rotation_angle(np.eye(4), self.T)
+        return rotation_angle_between(np.eye(4), self.T)
 
 
-UNMOVED: Final = Alignment("none", np.eye(4))
+NO_ALIGNMENT: Final = Alignment("none", np.eye(4))
 
 
-def on_surface(surface: SurfaceDistance) -> Partner:
+def nearest_on_mesh(surface: MeshDistance) -> NearestOnReference:
     """Partners on a mesh."""
     return surface.feet
 
 
-def on_cloud(points: Array) -> Partner:
+def nearest_in_cloud(points: Array) -> NearestOnReference:
     """Partners in a cloud, shape (n, 3), whose normals are estimated from neighbours.
 
     Raises
@@ -105,7 +105,7 @@ def on_cloud(points: Array) -> Partner:
     nearest = o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS)
     cloud.estimate_covariances(nearest)
     spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
-    if np.median(spread[:, 1]) < LINE * np.median(spread[:, 2]):
+    if np.median(spread[:, 1]) < LINE_VARIANCE_RATIO * np.median(spread[:, 2]):
         raise ComparisonRefused(
             "the reference's points lie on separate lines, which give no direction across: align "
             "to a mesh or to a denser cloud"
@@ -120,7 +120,7 @@ def on_cloud(points: Array) -> Partner:
     return partner
 
 
-def align_icp(points: Array, partner: Partner) -> Alignment:
+def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     """Find the pose that brings points onto a reference, beginning where they are.
 
     Each round Open3D solves point to plane with Tukey's kernel, whose width follows the median
@@ -140,37 +140,38 @@ def align_icp(points: Array, partner: Partner) -> Alignment:
     """
     import open3d as o3d
 
-    points = points[:: max(1, len(points) // MOST_POINTS)]
+    points = points[:: max(1, len(points) // MOST_ALIGNED_POINTS)]
     centre = points.mean(axis=0)
     registration = o3d.pipelines.registration
     T, rounds, move = np.eye(4), 0, np.inf
     while True:
-        moved = transform(T, points)
+        moved = transform_points(T, points)
         feet, normals = partner(moved)
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
-        near = apart < REACH
+        near = apart < MOST_PARTNER_DISTANCE
         if near.mean() < LEAST_FITNESS:
             raise ComparisonRefused(
-                f"{100 * near.mean():.0f} % of the points lie within {1e3 * REACH:.0f} mm of the "
+                f"{100 * near.mean():.0f} % of the points lie within "
+                f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the "
                 f"reference, {100 * LEAST_FITNESS:.0f} % must: they overlap too little, or begin "
                 "too far apart to be aligned from where they are"
             )
         width = 3 * max(mad_sigma(off[near]), NOISE_FLOOR)
-        if move < STILL or rounds == MOST_ROUNDS:
+        if move < CONVERGED_STEP or rounds == MOST_ROUNDS:
             break
         source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(moved[near] - centre))
         target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(feet[near] - centre))
         target.normals = o3d.utility.Vector3dVector(normals[near])
         estimate = registration.TransformationEstimationPointToPlane(
-            registration.TukeyLoss(TUKEY / 3 * width)
+            registration.TukeyLoss(TUKEY_CUTOFF / 3 * width)
         )
         same = np.arange(near.sum(), dtype=np.int32)
         pairs = o3d.utility.Vector2iVector(np.column_stack((same, same)))
         _check_stiffness(moved[near] - centre, normals[near])
         step = np.asarray(estimate.compute_transformation(source, target, pairs))
         step = pose(p=centre) @ step @ pose(p=-centre)
-        move = float(np.linalg.norm(transform(step, moved) - moved, axis=1).max())
+        move = float(np.linalg.norm(transform_points(step, moved) - moved, axis=1).max())
         T, rounds = step @ T, rounds + 1
     held = near & (off < width)
     fitness = float(held.mean())
@@ -180,7 +181,7 @@ def align_icp(points: Array, partner: Partner) -> Alignment:
             f"{100 * LEAST_FITNESS:.0f} % must: they show something else for the most part"
         )
     residual = float(np.sqrt(np.mean(off[held] ** 2)))
-    far = float(np.sqrt(np.mean(np.sum((transform(T, points) - points) ** 2, axis=1))))
+    far = float(np.sqrt(np.mean(np.sum((transform_points(T, points) - points) ** 2, axis=1))))
     return Alignment("icp", T, fitness, residual, rounds, far)
 
 

@@ -14,25 +14,30 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.comparison.pcd import read_pcd
-from tjscan.comparison.shapes import Mesh, Shape, Stated
-from tjscan.comparison.sidecar import ShapeOptions, read_sidecar, sidecar_of, state
-from tjscan.core.errors import ConfigurationError, nearest
-from tjscan.core.files import check_size
-from tjscan.core.frames import Array, readonly
+from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
+from tjscan.comparison.sidecar import (
+    StatedUnitAndFrame,
+    find_sidecar,
+    read_sidecar,
+    resolve_unit_and_frame,
+)
+from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.files import check_file_size
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.joint.mesh import build_mesh
-from tjscan.laser.files import UNITS
+from tjscan.joint.mesh import build_joint_mesh
+from tjscan.laser.files import METRES_PER_UNIT
 
 MOST_BYTES: Final = 4_000_000_000
 """A larger file would fill the memory."""
 
-Content = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
+FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
+def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     """Read a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
@@ -47,61 +52,64 @@ def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
     ConfigurationError
         If it is missing, damaged or empty, or nobody states its unit or its frame.
     """
-    options = options or ShapeOptions()
+    options = options or StatedUnitAndFrame()
     kind = path.suffix.lower()
     if kind == ".toml":
-        return _joint_shape(read_joint(path), Stated("mm", "the joint's file", "j"))
+        return _joint_shape(read_joint(path), UnitAndFrame("mm", "the joint's file", "j"))
     if not path.exists():
-        near = nearest(path.name, [f.name for f in path.parent.glob("*")][:1000])
+        near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
-    check_size(path, MOST_BYTES, "points and triangles")
+    check_file_size(path, MOST_BYTES, "points and triangles")
     if kind == ".json":
         return _read_joint_sidecar(path)
-    if kind not in READERS:
-        known = " ".join(sorted(READERS))
+    if kind not in READERS_BY_SUFFIX:
+        known = " ".join(sorted(READERS_BY_SUFFIX))
         raise ConfigurationError(
             f"can't read {kind or 'a file without ending'}; {known}", file=path
         )
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
         return Shape(
-            path.name, Stated("mm", "the names of its columns", "j"), edges=edges, in_own_joint=True
+            path.name,
+            UnitAndFrame("mm", "the names of its columns", "j"),
+            edges=edges,
+            is_in_joint_frame=True,
         )
     try:
-        points, triangles, own = READERS[kind](path)
+        points, triangles, own = READERS_BY_SUFFIX[kind](path)
         points = points.reshape(-1, 3)
     except ConfigurationError:
         raise
     except Exception as error:  # parsers raise whatever they stumble on
         reason = f"{type(error).__name__}: {error}".strip(": ")
         raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {reason}", file=path) from None
-    sidecar = sidecar_of(path)
-    stated = state(path, options, sidecar, own)
-    scaled = UNITS[stated.unit] * points
+    sidecar = find_sidecar(path)
+    stated = resolve_unit_and_frame(path, options, sidecar, own)
+    scaled = METRES_PER_UNIT[stated.unit] * points
     if triangles is not None and len(triangles):
         _check_triangles(path, scaled, triangles)
         # The edges of a joint are in frame j, whatever the sidecar says of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
         edges = None if joint is None else feature_edges(joint)
-        mesh = Mesh(readonly(scaled), triangles)
-        return Shape(path.name, stated, mesh=mesh, edges=edges, in_own_joint=edges is not None)
+        mesh = Mesh(readonly_copy(scaled), triangles)
+        return Shape(path.name, stated, mesh=mesh, edges=edges, is_in_joint_frame=edges is not None)
     finite = np.isfinite(scaled).all(axis=1)
     if not finite.any():
         raise ConfigurationError("holds no point", file=path)
     dropped = int((~finite).sum())
-    return Shape(path.name, stated, readonly(scaled[finite]), dropped=dropped)
+    return Shape(path.name, stated, readonly_copy(scaled[finite]), dropped=dropped)
 
 
-def _joint_shape(joint: JointDefinition, stated: Stated) -> Shape:
-    built = build_mesh(joint)
+def _joint_shape(joint: JointDefinition, stated: UnitAndFrame) -> Shape:
+    built = build_joint_mesh(joint)
     mesh = Mesh(built.vertices, built.triangles.astype(np.intp))
-    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint), in_own_joint=True)
+    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True)
 
 
 def _read_joint_sidecar(path: Path) -> Shape:
     sidecar = read_sidecar(path)
     if sidecar.joint is None:
         raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
-    return _joint_shape(sidecar.joint, Stated("mm", "the joint's sidecar", "j"))
+    return _joint_shape(sidecar.joint, UnitAndFrame("mm", "the joint's sidecar", "j"))
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:
@@ -120,7 +128,7 @@ def _read_edges(path: Path) -> FeatureEdges | None:
     return FeatureEdges(azimuth, p2, p3, p4)
 
 
-def _read_trimesh(path: Path) -> Content:
+def _read_trimesh(path: Path) -> FileContent:
     import trimesh
 
     loaded = trimesh.load(path, process=False)
@@ -133,7 +141,7 @@ def _read_trimesh(path: Path) -> Content:
 _read_ply = _read_trimesh
 
 
-def _read_3mf(path: Path) -> Content:
+def _read_3mf(path: Path) -> FileContent:
     """3MF states its unit in the model, millimetre where it says none."""
     with zipfile.ZipFile(path) as archive:
         model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
@@ -147,14 +155,14 @@ def _read_3mf(path: Path) -> Content:
     return points, triangles, (unit, "the model in it")
 
 
-def _read_step(path: Path) -> Content:
+def _read_step(path: Path) -> FileContent:
     """STEP states its unit; it is triangulated to metres on the way in."""
     _need("cascadio", "STEP", "step")
     points, triangles, _ = _read_trimesh(path)
     return points, triangles, ("m", "its conversion to triangles")
 
 
-def _read_e57(path: Path) -> Content:
+def _read_e57(path: Path) -> FileContent:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
     _need("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
@@ -163,22 +171,22 @@ def _read_e57(path: Path) -> Content:
     return np.concatenate(points), None, ("m", "its standard")
 
 
-def _read_pcd(path: Path) -> Content:
+def _read_pcd(path: Path) -> FileContent:
     return read_pcd(path), None, None
 
 
-def _read_xyz(path: Path) -> Content:
+def _read_xyz(path: Path) -> FileContent:
     """Three numbers per line, and more that don't matter; separated by spaces, commas or both."""
     with path.open(encoding="utf-8") as stream:
         lines = (line.replace(",", " ").replace(";", " ") for line in stream)
         return np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")), None, None
 
 
-def _read_csv(path: Path) -> Content:
+def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
     with path.open(newline="", encoding="utf-8-sig") as stream:
         names = [name.strip().lower() for name in next(csv.reader(stream), [])]
-        unit_words = "|".join(UNITS)
+        unit_words = "|".join(METRES_PER_UNIT)
         places, units = [], set()
         for axis in "xyz":
             form = rf"{axis}(?:_[bfstgj])?(?:[_ ]*[\[(]?({unit_words})[\])]?)?"
@@ -210,7 +218,7 @@ def _need(package: str, what: str, extra: str) -> None:
         )
 
 
-READERS: Final[dict[str, Callable[[Path], Content]]] = {
+READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".ply": _read_ply,
     ".stl": _read_trimesh,
     ".obj": _read_trimesh,

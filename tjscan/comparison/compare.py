@@ -8,31 +8,37 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tjscan.comparison.alignment import UNMOVED, Alignment, align_icp, on_cloud, on_surface
+from tjscan.comparison.alignment import (
+    NO_ALIGNMENT,
+    Alignment,
+    align_icp,
+    nearest_in_cloud,
+    nearest_on_mesh,
+)
 from tjscan.comparison.distance import (
     DistanceStatistics,
-    cloud_distances,
-    corner_errors,
-    spacing,
+    corner_to_edge_distances,
+    distances_to_cloud,
+    median_point_spacing,
 )
 from tjscan.comparison.joint_alignment import align_joints
 from tjscan.comparison.shapes import Shape
-from tjscan.comparison.surface import SurfaceDistance
+from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
-Align = Literal["none", "joint", "icp"]
+AlignmentMethod = Literal["none", "joint", "icp"]
 
-SMALLEST, LARGEST = 20e-3, 100.0
+SMALLEST_REFERENCE, LARGEST_REFERENCE = 20e-3, 100.0
 """Diagonals of a reference in metres between which its units are accepted."""
 
-LEAST_SHARE, LARGEST_SHARE = 3e-3, 30.0
+LEAST_SIZE_RATIO, LARGEST_SIZE_RATIO = 3e-3, 30.0
 """Size of what was measured over that of the reference between which units are accepted: a
 mistaken unit is off by 1000."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Deviation:
+class DeviationDistances:
     """Distances of one kind.
 
     Parameters
@@ -60,13 +66,13 @@ class Deviation:
     within: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly(self.points))
-        object.__setattr__(self, "distances", readonly(self.distances))
+        object.__setattr__(self, "points", readonly_copy(self.points))
+        object.__setattr__(self, "distances", readonly_copy(self.distances))
 
     @property
     def statistics(self) -> DistanceStatistics:
         """Their statistics, in millimetres."""
-        return DistanceStatistics.of(self.distances)
+        return DistanceStatistics.from_distances(self.distances)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +96,7 @@ class Comparison:
     measured: Shape
     reference: Shape
     alignment: Alignment
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[DeviationDistances, ...]
     tolerance: float | None = None
     warnings: tuple[str, ...] = ()
 
@@ -114,8 +120,11 @@ def check_tolerance(tolerance: float | None) -> None:
         raise ConfigurationError("a tolerance is larger than zero", key="tolerance-mm")
 
 
-def compare(
-    measured: Shape, reference: Shape, align: Align = "none", tolerance: float | None = None
+def compare_shapes(
+    measured: Shape,
+    reference: Shape,
+    align: AlignmentMethod = "none",
+    tolerance: float | None = None,
 ) -> Comparison:
     """Compare what was measured with a reference.
 
@@ -144,7 +153,7 @@ def compare(
         raise ConfigurationError(
             f"{measured.name} holds no points: what is measured is a run directory or a cloud"
         )
-    check_units(measured, reference)
+    check_plausible_sizes(measured, reference)
     theirs, ours = reference.stated.frame, measured.stated.frame
     if align == "none" and theirs != ours:
         raise ConfigurationError(
@@ -153,13 +162,13 @@ def compare(
         )
     surface = None
     if reference.mesh is not None:
-        surface = SurfaceDistance(reference.mesh.vertices, reference.mesh.triangles)
-    alignment = UNMOVED
+        surface = MeshDistance(reference.mesh.vertices, reference.mesh.triangles)
+    alignment = NO_ALIGNMENT
     if align == "icp":
         if surface is not None:
-            partner = on_surface(surface)
+            partner = nearest_on_mesh(surface)
         elif reference.points is not None:
-            partner = on_cloud(reference.points)
+            partner = nearest_in_cloud(reference.points)
         else:
             raise ConfigurationError(f"{reference.name} holds edges only: nothing to align to")
         alignment = align_icp(measured.points, partner)
@@ -178,7 +187,7 @@ def compare(
     return Comparison(moved, reference, alignment, found, tolerance, warnings)
 
 
-def check_units(measured: Shape, reference: Shape) -> None:
+def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
     """Refuse shapes that no joint has, or of sizes that don't belong together.
 
     Parameters
@@ -194,12 +203,12 @@ def check_units(measured: Shape, reference: Shape) -> None:
     ours, theirs = measured.extent, reference.extent
     sizes = "; ".join(
         f"{shape.name} is {_size(shape.extent)} across in {shape.stated.unit}, "
-        f"as {shape.stated.unit_by} says"
+        f"as {shape.stated.unit_source} says"
         for shape in (measured, reference)
     )
-    if not SMALLEST <= theirs <= LARGEST:
+    if not SMALLEST_REFERENCE <= theirs <= LARGEST_REFERENCE:
         raise ConfigurationError(f"a reference of such a size is no joint: {sizes}", key="units")
-    if not LEAST_SHARE <= ours / theirs <= LARGEST_SHARE:
+    if not LEAST_SIZE_RATIO <= ours / theirs <= LARGEST_SIZE_RATIO:
         raise ConfigurationError(
             f"one of the two has the wrong unit, or they don't belong together: {sizes}",
             key="units",
@@ -207,11 +216,13 @@ def check_units(measured: Shape, reference: Shape) -> None:
 
 
 def _deviations(
-    measured: Shape, reference: Shape, surface: SurfaceDistance | None, tolerance: float | None
-) -> Iterator[Deviation]:
-    def deviation(kind: str, meaning: str, signed: bool, points: Array, d: Array) -> Deviation:
+    measured: Shape, reference: Shape, surface: MeshDistance | None, tolerance: float | None
+) -> Iterator[DeviationDistances]:
+    def deviation(
+        kind: str, meaning: str, signed: bool, points: Array, d: Array
+    ) -> DeviationDistances:
         within = None if tolerance is None else float(np.mean(np.abs(d) <= tolerance))
-        return Deviation(kind, meaning, signed, points.reshape(-1, 3), d.ravel(), within)
+        return DeviationDistances(kind, meaning, signed, points.reshape(-1, 3), d.ravel(), within)
 
     points, corners = measured.points, measured.corners
     if surface is not None and points is not None:
@@ -226,10 +237,10 @@ def _deviations(
         yield deviation(
             "cloud to cloud",
             "from the nearest point of the reference, unsigned; its spacing of "
-            f"{1e3 * spacing(reference.points):.3f} mm and its noise are in it",
+            f"{1e3 * median_point_spacing(reference.points):.3f} mm and its noise are in it",
             False,
             points,
-            cloud_distances(points, reference.points),
+            distances_to_cloud(points, reference.points),
         )
     if corners is None:
         return
@@ -240,7 +251,7 @@ def _deviations(
             "of p2, p3 and p4, each from its own edge, unsigned",
             False,
             middle,
-            corner_errors(corners, reference.edges),
+            corner_to_edge_distances(corners, reference.edges),
         )
     if reference.points is not None:
         yield deviation(
@@ -249,11 +260,11 @@ def _deviations(
             "Cibicik et al. (2022), section 4",
             False,
             middle,
-            cloud_distances(middle.reshape(-1, 3), reference.points),
+            distances_to_cloud(middle.reshape(-1, 3), reference.points),
         )
 
 
-def _warnings(measured: Shape, reference: Shape, surface: SurfaceDistance | None) -> Iterator[str]:
+def _warnings(measured: Shape, reference: Shape, surface: MeshDistance | None) -> Iterator[str]:
     if surface is not None and not surface.watertight:
         yield (
             f"{reference.name} is not watertight: a sign shows the side of the nearest triangle, "
@@ -268,7 +279,7 @@ def _size(metres: float) -> str:
     return f"{metres:.3g} m"
 
 
-def to_dict(comparison: Comparison) -> dict[str, Any]:
+def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
     """A comparison for JSON, in mm and degrees; names carry the units."""
     c, a = comparison, comparison.alignment
     return {
@@ -276,7 +287,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
         "reference": c.reference.name,
         "frame": c.reference.stated.frame,
         "units": {
-            s.name: {"unit": s.stated.unit, "stated_by": s.stated.unit_by}
+            s.name: {"unit": s.stated.unit, "stated_by": s.stated.unit_source}
             for s in (c.measured, c.reference)
         },
         "alignment": {

@@ -33,7 +33,7 @@ class DistanceStatistics:
     median: float
 
     @classmethod
-    def of(cls, distances: Array) -> Self:
+    def from_distances(cls, distances: Array) -> Self:
         """Statistics of raw distances in metres, any shape; NaN is none."""
         mm = 1e3 * distances[~np.isnan(distances)]
         size = np.abs(mm)
@@ -46,7 +46,7 @@ class DistanceStatistics:
         )
 
 
-def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
+def corner_to_edge_distances(points_j: Array, edges: FeatureEdges) -> Array:
     """Distances of measured corners from the joint's feature edges.
 
     Parameters
@@ -69,7 +69,7 @@ def corner_errors(points_j: Array, edges: FeatureEdges) -> Array:
     return np.column_stack(errors)
 
 
-def cloud_distances(points: Array, reference: Array) -> Array:
+def distances_to_cloud(points: Array, reference: Array) -> Array:
     """Unsigned distances of points from the nearest points of a cloud, shape (n,), metres.
 
     They never go below the noise and the spacing of the cloud.
@@ -84,7 +84,7 @@ def cloud_distances(points: Array, reference: Array) -> Array:
     return np.asarray(KDTree(reference).query(points)[0])
 
 
-def spacing(points: Array) -> float:
+def median_point_spacing(points: Array) -> float:
     """Median distance of a cloud's points, shape (n, 3), from their nearest neighbours."""
     if len(points) < 2:
         return float("nan")

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 
-Ids = NDArray[np.intp]
+IndexArray = NDArray[np.intp]
 
-INTERIOR: Final = -1
+INSIDE_TRIANGLE: Final = -1
 """The feature of a foot that lies inside its triangle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facets:
+class MeshFacets:
     """Triangles with their edges and vertices, which are called features here.
 
     Equal vertices are made one, triangles without an area are left out.
@@ -43,15 +43,15 @@ class Facets:
     """
 
     vertices: Array
-    triangles: Ids
+    triangles: IndexArray
     corners: Array = field(init=False, repr=False)
     normals: Array = field(init=False, repr=False)
-    features: Ids = field(init=False, repr=False)
+    features: IndexArray = field(init=False, repr=False)
     feature_normals: Array = field(init=False, repr=False)
     watertight: bool = field(init=False)
     _dual: Array = field(init=False, repr=False)
-    _around: Ids = field(init=False, repr=False)
-    _starts: Ids = field(init=False, repr=False)
+    _around: IndexArray = field(init=False, repr=False)
+    _starts: IndexArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.vertices).all():
@@ -98,7 +98,7 @@ class Facets:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
-    def signed_distance(self, points: Array, ids: Ids) -> tuple[Array, Ids]:
+    def signed_distance(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Distances of points from triangles.
 
         Parameters
@@ -113,11 +113,11 @@ class Facets:
         distance : ndarray, shape (k,)
             Metres, positive on the side of the triangle's normal.
         feature : ndarray of int, shape (k,)
-            The corner or edge that each nearest point lies on; `INTERIOR` inside a triangle.
+            The corner or edge that each nearest point lies on; `INSIDE_TRIANGLE` inside a triangle.
         """
         offset = points - self.corners[ids, 0]
         u, v, signed = np.einsum("ki,kij->jk", offset, self._dual[ids], optimize=False)
-        feature = np.full(len(points), INTERIOR, dtype=np.intp)
+        feature = np.full(len(points), INSIDE_TRIANGLE, dtype=np.intp)
         out = np.flatnonzero((u < 0) | (v < 0) | (u + v > 1))
         if out.size:
             away, feature[out] = self._to_edges(points[out], ids[out])
@@ -125,7 +125,7 @@ class Facets:
             signed[out] = np.where(outward < 0, -1, 1) * np.linalg.norm(away, axis=1)
         return signed, feature
 
-    def feet(self, points: Array, ids: Ids) -> Array:
+    def feet(self, points: Array, ids: IndexArray) -> Array:
         """Nearest points on triangles, shape (k, 3).
 
         Parameters
@@ -137,19 +137,19 @@ class Facets:
         """
         signed, feature = self.signed_distance(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
-        out = np.flatnonzero(feature != INTERIOR)
+        out = np.flatnonzero(feature != INSIDE_TRIANGLE)
         if out.size:
             feet[out] = points[out] - self._to_edges(points[out], ids[out])[0]
         return np.asarray(feet)
 
-    def neighbours(self, features: Ids) -> tuple[Ids, Ids]:
+    def neighbours(self, features: IndexArray) -> tuple[IndexArray, IndexArray]:
         """Triangles around features: which row of `features` each belongs to, and its id."""
         first, count = self._starts[features], np.diff(self._starts)[features]
         rows = np.repeat(np.arange(len(features)), count)
         within = np.arange(len(rows)) - np.repeat(count.cumsum() - count, count)
         return rows, self._around[first[rows] + within]
 
-    def _to_edges(self, points: Array, ids: Ids) -> tuple[Array, Ids]:
+    def _to_edges(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Vectors to points from the rims of triangles, and the features where they start."""
         corners = self.corners[ids]
         best = np.full(len(points), np.inf)

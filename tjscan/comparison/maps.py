@@ -17,20 +17,20 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
-from tjscan.comparison.compare import Comparison, Deviation
+from tjscan.comparison.compare import Comparison, DeviationDistances
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
 from tjscan.core.frames import Array
 
-BINS: Final = (180, 110)
+MOST_MAP_CELLS: Final = (180, 110)
 """Most cells of the map, over the azimuths shown and along the section."""
 
-NARROW: Final = 0.05
+SMALLEST_SCALE_MM: Final = 0.05
 """Smallest colour scale, mm: noise alone must not look like a deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SectionLines:
+class CornerCurves:
     """Where p2, p3 and p4 stand, over the azimuth.
 
     Parameters
@@ -48,7 +48,7 @@ class SectionLines:
     closed: bool
 
     @classmethod
-    def of(cls, points: Array, *, closed: bool) -> SectionLines:
+    def from_corners(cls, points: Array, *, closed: bool) -> CornerCurves:
         """Lines through the points of sections.
 
         Parameters
@@ -107,18 +107,18 @@ class SectionLines:
         return np.asarray(np.where(outside, level, np.linalg.norm(p - p4, axis=1)))
 
 
-def lines_of(comparison: Comparison) -> SectionLines | None:
+def groove_corner_curves(comparison: Comparison) -> CornerCurves | None:
     """The groove's lines: as designed, else as measured; None where nobody knows them."""
     edges, corners = comparison.reference.edges, comparison.measured.corners
     if edges is not None:
         points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
-        return SectionLines.of(points, closed=True)
+        return CornerCurves.from_corners(points, closed=True)
     if corners is not None and len(corners) > 1:
-        return SectionLines.of(corners[:, 1:4], closed=False)
+        return CornerCurves.from_corners(corners[:, 1:4], closed=False)
     return None
 
 
-def draw_map(comparison: Comparison) -> Figure:
+def deviation_map_figure(comparison: Comparison) -> Figure:
     """Draw the first kind of deviation as a map, with a histogram of its distances.
 
     Raises
@@ -133,7 +133,7 @@ def draw_map(comparison: Comparison) -> Figure:
             "reference in frame j",
             key="plot",
         )
-    deviation, lines = comparison.deviations[0], lines_of(comparison)
+    deviation, lines = comparison.deviations[0], groove_corner_curves(comparison)
     points, mm = deviation.points, 1e3 * deviation.distances
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     azimuth = _unbroken(azimuth)
@@ -148,7 +148,7 @@ def draw_map(comparison: Comparison) -> Figure:
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
     axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     # Ghosts and flyers, some percent of a laser's points, must not set the scale.
-    scale = max(NARROW, 1.5 * float(np.percentile(np.abs(mm), 90)))
+    scale = max(SMALLEST_SCALE_MM, 1.5 * float(np.percentile(np.abs(mm), 90)))
     corners = comparison.measured.corners
     sections = None if corners is None else len(corners)
     _draw_cells(figure, axes, deviation, azimuth, 1e3 * along, scale, sections)
@@ -165,7 +165,7 @@ def draw_map(comparison: Comparison) -> Figure:
     return figure
 
 
-def check_map(file: Path) -> None:
+def check_map_file(file: Path) -> None:
     """Refuse a file that no picture can be written to, before anything is computed for it.
 
     Raises
@@ -181,7 +181,7 @@ def check_map(file: Path) -> None:
         raise ConfigurationError("can't be written: no permission", file=file, key="plot")
 
 
-def write_map(file: Path, comparison: Comparison) -> None:
+def write_deviation_map(file: Path, comparison: Comparison) -> None:
     """Write the deviation picture as PNG.
 
     Parameters
@@ -194,12 +194,12 @@ def write_map(file: Path, comparison: Comparison) -> None:
     Raises
     ------
     ConfigurationError
-        As `draw_map` and `check_map` do.
+        As `deviation_map_figure` and `check_map_file` do.
     RecordingError
         If it can't be written.
     """
-    check_map(file)
-    figure = draw_map(comparison)
+    check_map_file(file)
+    figure = deviation_map_figure(comparison)
     with atomic_directory(file.parent) as draft:
         figure.savefig(draft / file.name, dpi=110, format="png")
 
@@ -216,7 +216,7 @@ def _unbroken(azimuth: Array) -> Array:
 def _draw_cells(
     figure: Figure,
     axes: Any,
-    deviation: Deviation,
+    deviation: DeviationDistances,
     azimuth: Array,
     along: Array,
     scale: float,
@@ -224,9 +224,11 @@ def _draw_cells(
 ) -> None:
     """Median of the distances in each cell; a cell without points stays grey."""
     low, high = np.percentile(along, (0.2, 99.8))
-    columns = min(BINS[0], max(10, int(np.ptp(azimuth)) if sections is None else sections))
+    columns = min(
+        MOST_MAP_CELLS[0], max(10, int(np.ptp(azimuth)) if sections is None else sections)
+    )
     x_edges = np.linspace(azimuth.min(), azimuth.max() + 1e-9, columns + 1)
-    y_edges = np.linspace(low, high + 1e-9, BINS[1] + 1)
+    y_edges = np.linspace(low, high + 1e-9, MOST_MAP_CELLS[1] + 1)
     # The mean would let a single flyer paint its cell.
     medians, *_ = binned_statistic_2d(
         azimuth, along, 1e3 * deviation.distances, "median", bins=[x_edges, y_edges]
@@ -247,7 +249,7 @@ def _draw_cells(
     )
 
 
-def _draw_lines(axes: Any, lines: SectionLines, azimuth: Array) -> None:
+def _draw_lines(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
     """The corners p2, p3 and p4 over the azimuths shown."""
     shown = np.linspace(azimuth.min(), azimuth.max(), 400)
     rz = 1e3 * lines.at(np.radians((shown + 180) % 360 - 180))
@@ -259,7 +261,7 @@ def _draw_lines(axes: Any, lines: SectionLines, azimuth: Array) -> None:
 
 
 def _draw_histogram(
-    axes: Any, deviation: Deviation, mm: Array, scale: float, tolerance: float | None
+    axes: Any, deviation: DeviationDistances, mm: Array, scale: float, tolerance: float | None
 ) -> None:
     low = -2 * scale if deviation.signed else 0.0
     inside = mm[(mm >= low) & (mm <= 2 * scale)]

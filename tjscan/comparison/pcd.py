@@ -17,13 +17,13 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-KINDS: Final = {
+NUMPY_TYPES: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},
     **{f"{kind}{size}": f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)},
 }
 """NumPy's name of each TYPE and SIZE."""
 
-LONGEST_HEAD: Final = 100
+MOST_HEADER_LINES: Final = 100
 """Lines."""
 
 
@@ -67,7 +67,7 @@ def read_pcd(path: Path) -> Array:
 
 def _read_head(stream: BinaryIO) -> _Head:
     words: dict[str, list[str]] = {}
-    for _ in range(LONGEST_HEAD):
+    for _ in range(MOST_HEADER_LINES):
         line = stream.readline(10_000).decode("ascii").split()
         if line and not line[0].startswith("#"):
             words[line[0].upper()] = line[1:]
@@ -79,9 +79,9 @@ def _read_head(stream: BinaryIO) -> _Head:
         (points,), (data,) = (int(w) for w in words["POINTS"]), words["DATA"]
         grid = prod(int(words[key][0]) for key in ("WIDTH", "HEIGHT"))
         fields = [
-            (name if name in "xyz" else f"{name} {i}", KINDS[f"{kind}{size}"], (count,))
+            (name if name in "xyz" else f"{name} {i}", NUMPY_TYPES[f"{kind}{size}"], (count,))
             if count != 1
-            else (name if name in "xyz" else f"{name} {i}", KINDS[f"{kind}{size}"])
+            else (name if name in "xyz" else f"{name} {i}", NUMPY_TYPES[f"{kind}{size}"])
             for i, (name, kind, size, count) in enumerate(
                 zip(names, kinds, sizes, counts, strict=True)
             )

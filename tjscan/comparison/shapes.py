@@ -6,27 +6,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.comparison.facets import Ids
-from tjscan.core.frames import Array, readonly, transform
+from tjscan.comparison.facets import IndexArray
+from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.joint.edges import FeatureEdges
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class UnitAndFrame:
     """Unit and frame of a file, and who states them.
 
     Parameters
     ----------
     unit : str
         mm, um or m; what the file's numbers are.
-    unit_by : str
+    unit_source : str
         What states it, for instance ``the sidecar plate.json``.
     frame : str
         Letter or name of the frame.
     """
 
     unit: str
-    unit_by: str
+    unit_source: str
     frame: str
 
 
@@ -43,7 +43,7 @@ class Mesh:
     """
 
     vertices: Array
-    triangles: Ids
+    triangles: IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,18 +66,18 @@ class Shape:
         The edges of a joint's groove, in frame j.
     dropped : int
         How many points of the file were no finite points, and left out.
-    in_own_joint : bool
+    is_in_joint_frame : bool
         Whether its frame is its joint's own: by definition, or as found in its own data.
     """
 
     name: str
-    stated: Stated
+    stated: UnitAndFrame
     points: Array | None = None
     corners: Array | None = None
     mesh: Mesh | None = None
     edges: FeatureEdges | None = None
     dropped: int = 0
-    in_own_joint: bool = False
+    is_in_joint_frame: bool = False
 
     @property
     def extent(self) -> float:
@@ -103,8 +103,8 @@ class Shape:
         """
         return Shape(
             self.name,
-            Stated(self.stated.unit, self.stated.unit_by, frame),
-            None if self.points is None else readonly(transform(T, self.points)),
-            None if self.corners is None else readonly(transform(T, self.corners)),
+            UnitAndFrame(self.stated.unit, self.stated.unit_source, frame),
+            None if self.points is None else readonly_copy(transform_points(T, self.points)),
+            None if self.corners is None else readonly_copy(transform_points(T, self.corners)),
             dropped=self.dropped,
         )

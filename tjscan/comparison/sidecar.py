@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.comparison.shapes import Stated
-from tjscan.core.config import validate
+from tjscan.comparison.shapes import UnitAndFrame
+from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_size
+from tjscan.core.files import check_file_size
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
-from tjscan.laser.files import UNITS
+from tjscan.laser.files import METRES_PER_UNIT
 
 MOST_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeOptions:
+class StatedUnitAndFrame:
     """What the user states for files that don't state it themselves.
 
     Parameters
@@ -34,8 +34,8 @@ class ShapeOptions:
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        if self.units is not None and self.units not in UNITS:
-            known = ", ".join(UNITS)
+        if self.units is not None and self.units not in METRES_PER_UNIT:
+            known = ", ".join(METRES_PER_UNIT)
             raise ConfigurationError(f"unknown unit {self.units!r}; one of {known}", key="units")
 
 
@@ -58,7 +58,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If it is no JSON object, its unit is unknown or its joint can't be built.
     """
     try:
-        check_size(file, MOST_BYTES, "a sidecar")
+        check_file_size(file, MOST_BYTES, "a sidecar")
         data: Any = json.loads(file.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is no JSON: {error}", file=file) from None
@@ -67,9 +67,9 @@ def read_sidecar(file: Path) -> Sidecar:
     if not isinstance(data, dict):
         raise ConfigurationError("is no sidecar: it holds no table", file=file)
     units, frame, joint = data.get("units"), data.get("frame"), data.get("joint")
-    if units is not None and (not isinstance(units, str) or units not in UNITS):
+    if units is not None and (not isinstance(units, str) or units not in METRES_PER_UNIT):
         raise ConfigurationError(
-            f"unknown unit {units!r}; one of {', '.join(UNITS)}", file=file, key="units"
+            f"unknown unit {units!r}; one of {', '.join(METRES_PER_UNIT)}", file=file, key="units"
         )
     if frame is not None and not isinstance(frame, str):
         raise ConfigurationError("a frame is named by a word", file=file, key="frame")
@@ -78,19 +78,22 @@ def read_sidecar(file: Path) -> Sidecar:
     if not isinstance(joint, dict):
         raise ConfigurationError("a joint is a table", file=file, key="joint")
     # JSON gives lists where the file's model is strict about tuples only in appearance.
-    definition = validate(JointFile, joint, file).definition(file.stem)
+    definition = validate_table(JointFile, joint, file).definition(file.stem)
     return Sidecar(file, units, frame, definition)
 
 
-def sidecar_of(file: Path) -> Sidecar | None:
+def find_sidecar(file: Path) -> Sidecar | None:
     """The sidecar beside a file, None where there is none."""
     beside = file.with_suffix(".json")
     return read_sidecar(beside) if beside != file and beside.is_file() else None
 
 
-def state(
-    file: Path, options: ShapeOptions, sidecar: Sidecar | None, own: tuple[str, str] | None = None
-) -> Stated:
+def resolve_unit_and_frame(
+    file: Path,
+    options: StatedUnitAndFrame,
+    sidecar: Sidecar | None,
+    own: tuple[str, str] | None = None,
+) -> UnitAndFrame:
     """Unit and frame of a file.
 
     Parameters
@@ -131,4 +134,4 @@ def state(
             f'{file.stem}.json with "frame"',
             file=file,
         )
-    return Stated(*unit, frame)
+    return UnitAndFrame(*unit, frame)

@@ -8,14 +8,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.comparison.facets import INTERIOR, Facets, Ids
+from tjscan.comparison.facets import INSIDE_TRIANGLE, IndexArray, MeshFacets
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 
-CHUNK: Final = 32_768
+POINTS_PER_CHUNK: Final = 32_768
 """Points at once: what they need then fits a processor's cache."""
 
-PIECES: Final = 2
+PIECES_PER_TRIANGLE: Final = 2
 """Long triangles are cut until there are about this many times as many, for the search alone."""
 
 FEWEST_PIECES: Final = 20_000
@@ -24,7 +24,7 @@ MOST_WALKS: Final = 200
 """Steps from triangle to triangle. A walk only ever goes downhill, so it ends by itself."""
 
 
-class SurfaceDistance:
+class MeshDistance:
     """Distances of points to a mesh, and feet on it.
 
     Parameters
@@ -48,9 +48,9 @@ class SurfaceDistance:
     is nearer.
     """
 
-    def __init__(self, vertices: Array, triangles: Ids) -> None:
+    def __init__(self, vertices: Array, triangles: IndexArray) -> None:
         o3d: Any = import_module("open3d")
-        self.facets = Facets(vertices, triangles)
+        self.facets = MeshFacets(vertices, triangles)
         self._centre = (self.facets.vertices.min(axis=0) + self.facets.vertices.max(axis=0)) / 2
         pieces, self._whole = _cut(self.facets.corners)
         flat = np.ascontiguousarray(pieces.reshape(-1, 3) - self._centre, dtype=np.float32)
@@ -72,7 +72,7 @@ class SurfaceDistance:
         _, ids = self._nearest(points)
         return self.facets.feet(points, ids), self.facets.normals[ids]
 
-    def _nearest(self, points: Array) -> tuple[Array, Ids]:
+    def _nearest(self, points: Array) -> tuple[Array, IndexArray]:
         o3d: Any = import_module("open3d")
         points = np.ascontiguousarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
@@ -87,19 +87,19 @@ class SurfaceDistance:
         signed = np.empty(len(points))
 
         def refine(start: int) -> None:
-            part = slice(start, start + CHUNK)
+            part = slice(start, start + POINTS_PER_CHUNK)
             signed[part], ids[part] = self._walk(points[part], ids[part])
 
         with ThreadPoolExecutor() as pool:
-            list(pool.map(refine, range(0, len(points), CHUNK)))
+            list(pool.map(refine, range(0, len(points), POINTS_PER_CHUNK)))
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
         return signed[back], ids[back]
 
-    def _walk(self, points: Array, ids: Ids) -> tuple[Array, Ids]:
+    def _walk(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
         signed, feature = self.facets.signed_distance(points, ids)
-        open_ = np.flatnonzero(feature != INTERIOR)
+        open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
         for _ in range(MOST_WALKS):
             if not open_.size:
                 break
@@ -111,21 +111,21 @@ class SurfaceDistance:
             better = np.abs(there[best]) < np.abs(signed[open_])
             open_, best = open_[better], best[better]
             signed[open_], feature[open_], ids[open_] = there[best], on[best], near[best]
-            open_ = open_[feature[open_] != INTERIOR]
+            open_ = open_[feature[open_] != INSIDE_TRIANGLE]
         return signed, ids
 
 
-def _by_place(points: Array) -> Ids:
+def _by_place(points: Array) -> IndexArray:
     """An order in which points near each other in space come near each other: caches like it."""
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     cell = (31 * (points - low) / np.where(size > 0, size, 1)).astype(np.uint16)
     return np.argsort(cell[:, 0] << 10 | cell[:, 1] << 5 | cell[:, 2], kind="stable")
 
 
-def _cut(corners: Array) -> tuple[Array, Ids]:
+def _cut(corners: Array) -> tuple[Array, IndexArray]:
     """Triangles, shape (k, 3, 3), cut at their longest edges, and the whole each is part of."""
-    whole: Ids = np.arange(len(corners))
-    most = max(PIECES * len(corners), FEWEST_PIECES)
+    whole: IndexArray = np.arange(len(corners))
+    most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_PIECES)
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     limit = float(longest.max())
     # A triangle of length L gives about (L / limit)² pieces if it is stout, L / limit if thin.

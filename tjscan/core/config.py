@@ -11,8 +11,8 @@ from typing import Any, Final, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from tjscan.core.errors import ConfigurationError, nearest
-from tjscan.core.files import check_size
+from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.files import check_file_size
 from tjscan.core.units import Settings
 
 
@@ -24,10 +24,10 @@ class FileModel(BaseModel):
 
 M = TypeVar("M", bound=FileModel | Settings)
 
-UNKNOWN: Final = ("extra_forbidden", "unexpected_keyword_argument")
+UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
 """What pydantic calls a key that a table does not have."""
 
-MAXIMUM_BYTES: Final = 1_000_000
+MOST_CONFIGURATION_BYTES: Final = 1_000_000
 """No configuration is larger; a larger file is something else given by mistake."""
 
 LONGEST_LINE: Final = 5000
@@ -46,7 +46,7 @@ def read_toml(file: Path) -> dict[str, Any]:
         If the file is missing, no file, too large, not UTF-8 or not TOML.
     """
     try:
-        check_size(file, MAXIMUM_BYTES, "a configuration")
+        check_file_size(file, MOST_CONFIGURATION_BYTES, "a configuration")
         text = file.read_text(encoding="utf-8")
         if max(map(len, text.splitlines()), default=0) > LONGEST_LINE:
             raise ConfigurationError(
@@ -54,7 +54,7 @@ def read_toml(file: Path) -> dict[str, Any]:
             )
         return tomllib.loads(text)
     except FileNotFoundError:
-        near = nearest(file.name, [f.name for f in file.parent.glob("*.toml")])
+        near = nearest_word(file.name, [f.name for f in file.parent.glob("*.toml")])
         hint = f" Did you mean: {near}?" if near else ""
         raise ConfigurationError(f"there is no such file.{hint}", file=file) from None
     except UnicodeDecodeError as error:
@@ -65,7 +65,7 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
 
 
-def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) -> M:
+def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = None) -> M:
     """Check `data` against `model`.
 
     Parameters
@@ -86,12 +86,12 @@ def validate(model: type[M], data: Mapping[str, Any], file: Path | None = None) 
         return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         # A misspelt key is both unknown and missing: say the former.
-        first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN)
+        first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigurationError(_explain(model, first), file=file, key=key or None) from None
 
 
-def written(table: FileModel | Settings) -> dict[str, Any]:
+def table_to_dict(table: FileModel | Settings) -> dict[str, Any]:
     """Keys and values of a table as its file holds them; keys without a value are left out."""
     found: dict[str, Any] = TypeAdapter(type(table)).dump_python(
         table, mode="json", exclude_none=True
@@ -100,7 +100,7 @@ def written(table: FileModel | Settings) -> dict[str, Any]:
 
 
 @contextmanager
-def naming(file: Path | None = None, *, key: str | None = None) -> Iterator[None]:
+def add_file_to_errors(file: Path | None = None, *, key: str | None = None) -> Iterator[None]:
     """Add a file to configuration errors of the block that name none, and say which key it is.
 
     Parameters
@@ -120,9 +120,9 @@ def naming(file: Path | None = None, *, key: str | None = None) -> Iterator[None
 
 def _explain(model: Any, detail: ErrorDetails) -> str:
     """One sentence that says what is wrong with a key and what would be right."""
-    if detail["type"] in UNKNOWN:
+    if detail["type"] in UNKNOWN_KEY_ERRORS:
         known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
-        return f"unknown key; did you mean: {nearest(str(detail['loc'][-1]), known)}?"
+        return f"unknown key; did you mean: {nearest_word(str(detail['loc'][-1]), known)}?"
     if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
         return f"must be a table (found {_shown(detail['input'])})"
     if detail["type"] == "missing":
@@ -155,7 +155,7 @@ def _keys_at(model: Any, path: Sequence[str]) -> list[str]:
 def _fields(model: Any) -> Mapping[str, Any]:
     """Type of each key of a table."""
     if issubclass(model, Settings):
-        found: Mapping[str, Any] = model.file_fields()
+        found: Mapping[str, Any] = model.file_key_types()
         return found
     return {name: field.annotation for name, field in model.model_fields.items()}
 

@@ -12,12 +12,12 @@ from tjscan.core.units import Settings
 C = TypeVar("C")
 D = TypeVar("D")
 
-Listener = Callable[[str, str], None]
+EventListener = Callable[[str, str], None]
 """Receives an event: its name in one word, and a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class DeviceIdentity:
     """Which device it is, as far as it reports that; empty where it does not.
 
     Parameters
@@ -38,19 +38,19 @@ class Identity:
         return ", ".join((self.model or "unnamed", *(f"{k} {v}" for k, v in parts if v)))
 
 
-class Device:
+class DeviceBase:
     """What a device of few words answers: it has no name and no events. A base for drivers."""
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> DeviceIdentity:
         """Which device it is; known while connected."""
-        return Identity()
+        return DeviceIdentity()
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: EventListener) -> None:
         """Report every event from now on to a listener, before its effects: nothing happens."""
 
 
-class Kind(StrEnum):
+class DriverKind(StrEnum):
     """What a driver stands for."""
 
     REAL = "real"
@@ -68,7 +68,7 @@ class Driver(Generic[C, D]):
     """How a device is made from a job file.
 
     A driver is a module with one of these, registered by name in `tjscan.robot.drivers.ARMS` or
-    `tjscan.laser.drivers.LASERS`. A package of its own registers it by an entry point::
+    `tjscan.laser.drivers.LASER_DRIVERS`. A package of its own registers it by an entry point::
 
         [project.entry-points."tjscan.laser"]
         acme = "acme_tjscan:DRIVER"
@@ -89,4 +89,4 @@ class Driver(Generic[C, D]):
 
     make: Callable[[C, Any], D]
     table: type[Settings] = NoSettings
-    kind: Kind = Kind.REAL
+    kind: DriverKind = DriverKind.REAL

@@ -106,7 +106,7 @@ class ViewNotRecorded(PoseUnreachable):
         super().__init__(f"the recording does not hold this view: {reason}", T_b_f)
 
 
-class ArmNotReached(ArmFault):
+class ArmNotConnected(ArmFault):
     """The arm's controller can't be connected to, or does not take this program's commands."""
 
 
@@ -118,7 +118,7 @@ class ArmBusy(ArmFault):
     """The arm's controller runs a program of somebody else."""
 
 
-class ArmNotRemote(ArmFault):
+class ArmNotInRemoteMode(ArmFault):
     """The arm takes commands from its pendant alone: it is in local mode."""
 
 
@@ -134,11 +134,11 @@ class EmergencyStop(ArmFault):
     """Somebody pressed an emergency stop."""
 
 
-class ArmLinkLost(ArmFault):
+class ArmConnectionLost(ArmFault):
     """The connection to the arm's controller broke."""
 
 
-class ArmSilent(ArmFault):
+class ArmNotResponding(ArmFault):
     """The arm's controller no longer answers, or shows the same state again and again."""
 
 
@@ -167,11 +167,11 @@ class ProgramStopped(ArmFault):
     """Somebody else stopped the program that the arm ran for this one."""
 
 
-class MoveUnfollowed(ArmFault):
+class MoveSupervisionLost(ArmFault):
     """The arm was stopped, because this program stood still while it moved."""
 
 
-class PoseMissed(ArmFault):
+class PoseNotReached(ArmFault):
     """The arm says it has arrived, and stands somewhere else.
 
     Parameters
@@ -225,7 +225,7 @@ class SetPointRefused(TjscanError):
         super().__init__(f"the next set-point is refused: {evidence}")
 
 
-class Interrupted(TjscanError):
+class ScanInterrupted(TjscanError):
     """The operator stopped the scan, and the arm with it."""
 
     def __init__(self) -> None:
@@ -316,7 +316,7 @@ class StitchingRefused(TjscanError):
         super().__init__(f"stitching refused ({reason}): {evidence}")
 
 
-class ClusterFault(TjscanError):
+class ComputeClusterFault(TjscanError):
     """A cluster can't run a study, or can't any more; what is done of it is kept."""
 
 
@@ -324,13 +324,13 @@ class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 
 
-def message_of(error: BaseException) -> str:
+def message_with_notes(error: BaseException) -> str:
     """What an error says, and what was noted of it since."""
     sentences = (str(error), *getattr(error, "__notes__", ()))
     return ". ".join(words.removesuffix(".") for words in sentences)
 
 
-def nearest(word: str, known: Sequence[str]) -> str:
+def nearest_word(word: str, known: Sequence[str]) -> str:
     """Return the known word that looks most like `word`, or all of them if none does.
 
     Parameters

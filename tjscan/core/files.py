@@ -14,11 +14,11 @@ from typing import Final
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 
-DRAFT: Final = ".partial-"
+DRAFT_PREFIX: Final = ".partial-"
 """How the names of draft folders begin."""
 
 
-def check_size(file: Path, most: int, what: str) -> None:
+def check_file_size(file: Path, most: int, what: str) -> None:
     """Refuse, before it is opened, what is no file or is larger than it can be.
 
     A pipe or a device would be read for ever, and a file of that size would fill the memory.
@@ -51,7 +51,7 @@ def check_size(file: Path, most: int, what: str) -> None:
         )
 
 
-def check_inside(directory: Path, *names: str) -> None:
+def refuse_links_outside(directory: Path, *names: str) -> None:
     """Refuse files of a run directory that are links which lead out of it.
 
     Raises
@@ -72,16 +72,16 @@ def check_inside(directory: Path, *names: str) -> None:
 def sole_writer(directory: Path) -> Iterator[None]:
     """Keep every other process from measuring into a directory while the block runs.
 
-    Drafts that a dead process left there are swept away. Raises as `locked` does.
+    Drafts that a dead process left there are swept away. Raises as `lock_directory` does.
     """
-    with locked(directory):
-        for draft in directory.glob(f"{DRAFT}*"):  # of a process that died
+    with lock_directory(directory):
+        for draft in directory.glob(f"{DRAFT_PREFIX}*"):  # of a process that died
             shutil.rmtree(draft, ignore_errors=True)
         yield
 
 
 @contextmanager
-def locked(directory: Path) -> Iterator[None]:
+def lock_directory(directory: Path) -> Iterator[None]:
     """Hold the lock of a directory while the block runs.
 
     Raises
@@ -130,7 +130,7 @@ def atomic_directory(directory: Path, *, last: str = "") -> Iterator[Path]:
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=directory, prefix=DRAFT) as name:
+        with TemporaryDirectory(dir=directory, prefix=DRAFT_PREFIX) as name:
             draft = Path(name)
             yield draft
             for file in draft.iterdir():

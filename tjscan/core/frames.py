@@ -22,14 +22,14 @@ ROUNDED_ROTATION: Final = 1e-3
 """How far from orthonormal a rotation printed with four decimals may be."""
 
 
-def readonly(values: ArrayLike) -> Array:
+def readonly_copy(values: ArrayLike) -> Array:
     """Return a float64 copy that can't be written to."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
 
 
-def unit(v: Array) -> Array:
+def unit_vector(v: Array) -> Array:
     """Return `v`, shape (3,), scaled to length one."""
     return np.asarray(v / np.linalg.norm(v))
 
@@ -49,7 +49,7 @@ def cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., _NEXT] * b[..., _NEXT_BUT_ONE] - a[..., _NEXT_BUT_ONE] * b[..., _NEXT])
 
 
-def skew(v: ArrayLike) -> Array:
+def skew_matrix(v: ArrayLike) -> Array:
     """Matrices, shape (..., 3, 3), whose product with w is v × w, for v of shape (..., 3)."""
     v = np.asarray(v, dtype=float)
     out = np.zeros((*v.shape, 3))
@@ -96,12 +96,12 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     return T
 
 
-def inverse(T: Array) -> Array:
+def inverse_pose(T: Array) -> Array:
     """Pose of the outer frame in the inner one: ``inverse(T_b_s)`` is ``T_s_b``."""
     return np.asarray(invert_transform(T, check=False))
 
 
-def transform(T: Array, points: ArrayLike) -> Array:
+def transform_points(T: Array, points: ArrayLike) -> Array:
     """Map points from the inner frame of a pose to its outer frame.
 
     Parameters
@@ -114,7 +114,7 @@ def transform(T: Array, points: ArrayLike) -> Array:
     return np.asarray(points, dtype=float) @ T[:3, :3].T + T[:3, 3]
 
 
-def rotation_angle(T_1: Array, T_2: Array) -> float:
+def rotation_angle_between(T_1: Array, T_2: Array) -> float:
     """Angle in radians by which the rotations of two poses differ.
 
     Parameters
@@ -127,7 +127,7 @@ def rotation_angle(T_1: Array, T_2: Array) -> float:
     )
 
 
-def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
+def pose_from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
     """Pose with ``R = Rz(a) Ry(b) Rx(c)``.
 
     This is what controllers show as A, B, C (KUKA) or, in reverse order, as roll, pitch,
@@ -148,14 +148,14 @@ def from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
     )
 
 
-def to_euler_zyx(T: Array) -> tuple[Array, Array]:
+def pose_to_euler_zyx(T: Array) -> tuple[Array, Array]:
     """Position in metres and Z-Y-X Euler angles in radians of a pose, each of shape (3,)."""
     return T[:3, 3].copy(), np.asarray(
         scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_euler("ZYX")
     )
 
 
-def from_rounded(T: ArrayLike) -> Array:
+def pose_from_rounded_matrix(T: ArrayLike) -> Array:
     """Pose whose rotation is the one nearest to that of a matrix printed with few decimals.
 
     Raises

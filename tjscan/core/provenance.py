@@ -8,7 +8,7 @@ from typing import Final, Literal, Self
 
 from tjscan.core.version import VERSION
 
-FRAME_MEANING: Final = {
+FRAME_DESCRIPTIONS: Final = {
     "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
     "b": "the arm's base",
     "w": "the work area",
@@ -16,7 +16,7 @@ FRAME_MEANING: Final = {
 }
 """What the letters of the frames of results mean."""
 
-Length = Literal["mm", "m"]
+LengthUnit = Literal["mm", "m"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class Provenance:
     written: datetime
     job: str
     frame: str
-    length: Length = "mm"
+    length: LengthUnit = "mm"
     angle: Literal["deg"] = "deg"
 
     @classmethod
-    def now(cls, job: str, frame: str, length: Length = "mm") -> Self:
+    def written_now(cls, job: str, frame: str, length: LengthUnit = "mm") -> Self:
         """The provenance of a file that is written now, by this program."""
         now = datetime.now(UTC).replace(microsecond=0)
         return cls(f"tjscan {VERSION}", now, job, frame, length)
@@ -55,7 +55,7 @@ class Provenance:
     @property
     def entries(self) -> dict[str, str]:
         """Names and texts, as they stand in the heads of files."""
-        meaning = FRAME_MEANING.get(self.frame, "")
+        meaning = FRAME_DESCRIPTIONS.get(self.frame, "")
         return {
             "program": self.program,
             "written": self.written.isoformat(),
@@ -84,5 +84,5 @@ class Provenance:
             frame = found["frame"].split(" ")[0]
         except (KeyError, ValueError):
             return None
-        length: Length = "mm" if units.startswith("mm") else "m"
+        length: LengthUnit = "mm" if units.startswith("mm") else "m"
         return cls(found.get("program", ""), written, found.get("job", ""), frame, length)

@@ -9,7 +9,7 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Generic, Literal, TypeVar
 
-from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.errors import ConfigurationError, nearest_word
 
 T = TypeVar("T")
 
@@ -59,16 +59,16 @@ class Registry(Generic[T]):
         """
         if name not in self._places:
             raise ConfigurationError(
-                f"there is no {self.kind} {name!r}; did you mean: {nearest(name, self.names)}? "
-                f"Known: {', '.join(self.names)}",
+                f"there is no {self.kind} {name!r}; did you mean: "
+                f"{nearest_word(name, self.names)}? Known: {', '.join(self.names)}",
                 key=self.key,
             )
-        with self.installed(name):
+        with self.explain_missing_package(name):
             loaded: T = EntryPoint(name, self._places[name], f"tjscan.{self.kind}").load()
         return loaded
 
     @contextmanager
-    def installed(self, name: str) -> Iterator[None]:
+    def explain_missing_package(self, name: str) -> Iterator[None]:
         """Say which extra to install where a block does not find a package that an entry needs.
 
         Raises
@@ -82,9 +82,9 @@ class Registry(Generic[T]):
             package = error.name or ""
             if package.startswith("tjscan"):
                 raise
-            raise self.not_installed(name, package) from error
+            raise self.missing_package_error(name, package) from error
 
-    def not_installed(self, name: str, package: str) -> ConfigurationError:
+    def missing_package_error(self, name: str, package: str) -> ConfigurationError:
         """The error that says what to install for an entry.
 
         Parameters

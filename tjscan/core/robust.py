@@ -18,7 +18,7 @@ from tjscan.core.frames import Array
 MAD_TO_SIGMA: Final = 1.4826
 """Standard deviation over the median absolute deviation of Gaussian noise ([1]_, chapter 5)."""
 
-TUKEY: Final = 4.685
+TUKEY_CUTOFF: Final = 4.685
 """Standard deviations beyond which Tukey's biweight gives no weight: with it, least squares stay
 95 % efficient on Gaussian noise ([2]_, table 1)."""
 
@@ -42,7 +42,7 @@ def tukey_root_weights(standardised: Array) -> Array:
     standardised : ndarray, shape (n,)
         Residuals over their standard deviations.
     """
-    u = np.minimum(np.abs(standardised) / TUKEY, 1.0)
+    u = np.minimum(np.abs(standardised) / TUKEY_CUTOFF, 1.0)
     return np.asarray(1 - u * u)
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, get_args, get
 import numpy as np
 from annotated_types import Ge, Le
 
-from tjscan.core.frames import Array, from_euler_zyx, from_rounded
+from tjscan.core.frames import Array, pose_from_euler_zyx, pose_from_rounded_matrix
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
@@ -31,7 +31,7 @@ _DIGITS: Final = (15, 16, 17)
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class FileUnit:
     """The unit in which a file holds a number, or numbers in tuples; the last item of `Annotated`.
 
     Parameters
@@ -48,7 +48,7 @@ class Unit:
     factor: float = 1.0
     key: str | None = None
 
-    def keyed(self, key: str) -> Unit:
+    def with_key(self, key: str) -> FileUnit:
         """Return the same unit for a field that stands in the file under another key."""
         return replace(self, key=key)
 
@@ -84,14 +84,14 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class FileKey:
     """The key of a field without a unit, where it is not the field's name."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
+class ChosenByName:
     """Marks a field whose value a file gives by its name.
 
     Parameters
@@ -114,12 +114,12 @@ class Named:
 
 
 @dataclass(frozen=True, slots=True)
-class Internal:
+class NotInFile:
     """Marks a field that no file holds: the program sets it, or its default counts."""
 
 
 @dataclass(frozen=True, slots=True)
-class AsWritten:
+class ListOrWordInFile:
     """Marks a tuple that a file holds as a list, or an enumeration that it holds as a word."""
 
     def __get_pydantic_core_schema__(
@@ -131,17 +131,17 @@ class AsWritten:
         return _as_written(schema)  # type: ignore[no-any-return]
 
 
-MM: Final = Unit("mm", 1e-3)
-MM2: Final = Unit("mm2", 1e-6)
-MM_S: Final = Unit("mm_s", 1e-3)
-MM_S2: Final = Unit("mm_s2", 1e-3)
-DEG: Final = Unit("deg", radians(1.0))
-KG: Final = Unit("kg")
-SECONDS: Final = Unit("s")
-COLUMNS: Final = Unit("columns")
-POINTS: Final = Unit("points")
-INTERNAL: Final = Internal()
-AS_WRITTEN: Final = AsWritten()
+MM: Final = FileUnit("mm", 1e-3)
+MM2: Final = FileUnit("mm2", 1e-6)
+MM_S: Final = FileUnit("mm_s", 1e-3)
+MM_S2: Final = FileUnit("mm_s2", 1e-3)
+DEG: Final = FileUnit("deg", radians(1.0))
+KG: Final = FileUnit("kg")
+SECONDS: Final = FileUnit("s")
+COLUMNS: Final = FileUnit("columns")
+POINTS: Final = FileUnit("points")
+NOT_IN_FILE: Final = NotInFile()
+LIST_OR_WORD_IN_FILE: Final = ListOrWordInFile()
 
 
 class Settings:
@@ -159,14 +159,14 @@ class Settings:
     }
 
     @classmethod
-    def file_fields(cls) -> dict[str, Any]:
+    def file_key_types(cls) -> dict[str, Any]:
         """Type of each key that the table has in a file."""
         hints = get_type_hints(cls, include_extras=True)
         own = {field.name: hints[field.name] for field in fields(cls)}  # type: ignore[arg-type]
         return {
             _key(name, hint): hint
             for name, hint in own.items()
-            if INTERNAL not in getattr(hint, "__metadata__", ())
+            if NOT_IN_FILE not in getattr(hint, "__metadata__", ())
         }
 
     @classmethod
@@ -180,7 +180,7 @@ class Settings:
         table["strict"] = False  # a table of a file is not of this class yet
         for field in table["schema"]["fields"]:
             hint = hints[field["name"]]
-            if INTERNAL in getattr(hint, "__metadata__", ()):
+            if NOT_IN_FILE in getattr(hint, "__metadata__", ()):
                 field["init"], field["serialization_exclude"] = False, True
             else:
                 key = _key(field["name"], hint)
@@ -191,15 +191,15 @@ class Settings:
 def _key(name: str, hint: Any) -> str:
     """A field's key in a file."""
     mark = _mark(hint)
-    if isinstance(mark, Unit):
+    if isinstance(mark, FileUnit):
         return mark.key or f"{name}_{mark.suffix}"
     return name if mark is None else mark.name
 
 
-def _mark(hint: Any) -> Unit | Key | None:
+def _mark(hint: Any) -> FileUnit | FileKey | None:
     """The unit or key that stands in a type, however deep."""
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        found = part if isinstance(part, Unit | Key) else _mark(part)
+        found = part if isinstance(part, FileUnit | FileKey) else _mark(part)
         if found is not None:
             return found
     return None
@@ -222,15 +222,15 @@ FARTHEST_MM: Final = 1e5
 
 Coordinate = Annotated[float, Ge(-FARTHEST_MM), Le(FARTHEST_MM)]
 
-Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], MM]
+Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], MM]
 """Three coordinates, metres."""
 
-Angles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
+EulerAngles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
 """Three angles, radians."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PoseTable(Settings):
+class PoseSettings(Settings):
     """A pose as controllers show it.
 
     Parameters
@@ -238,35 +238,35 @@ class PoseTable(Settings):
     position : tuple of float
         Of the inner frame's origin in the outer frame, metres.
     euler_zyx : tuple of float
-        Z-Y-X Euler angles, radians; see `from_euler_zyx`.
+        Z-Y-X Euler angles, radians; see `pose_from_euler_zyx`.
     """
 
-    position: Vector
-    euler_zyx: Angles
+    position: Position
+    euler_zyx: EulerAngles
 
     @property
     def T(self) -> Array:
         """The pose, shape (4, 4), metres."""
-        return from_euler_zyx(self.position, self.euler_zyx)
+        return pose_from_euler_zyx(self.position, self.euler_zyx)
 
 
-Row = tuple[float, float, float, float]
+MatrixRow = tuple[float, float, float, float]
 
 
-def rows_to_pose(rows: tuple[Row, Row, Row, Row]) -> Array:
+def pose_from_rows_mm(rows: tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow]) -> Array:
     """Pose, shape (4, 4), metres, from the rows of a file, millimetres.
 
     Raises
     ------
     ValueError
-        If they are no pose; see `from_rounded`.
+        If they are no pose; see `pose_from_rounded_matrix`.
     """
     T = np.array(rows)
     T[:3, 3] *= MM.factor
-    return from_rounded(T)
+    return pose_from_rounded_matrix(T)
 
 
-def pose_to_rows(T: Array) -> tuple[Row, Row, Row, Row]:
+def pose_to_rows_mm(T: Array) -> tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow]:
     """A file's rows, millimetres, from a pose, shape (4, 4), metres."""
     in_mm = T.tolist()
     for row in in_mm[:3]:
@@ -284,11 +284,11 @@ class _IsPose:
         from pydantic_core import core_schema
 
         def check(rows: Any) -> Any:
-            rows_to_pose(rows)
+            pose_from_rows_mm(rows)
             return rows
 
         return core_schema.no_info_after_validator_function(check, _as_written(handler(source)))
 
 
-PoseRows = Annotated[tuple[Row, Row, Row, Row], _IsPose()]
+PoseRows = Annotated[tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow], _IsPose()]
 """A pose as a file holds it: the four rows of its matrix, millimetres."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.groove.section import GrooveSection
 
 
@@ -52,7 +52,7 @@ class MeasuredSection:
 
     def __post_init__(self) -> None:
         for name in ("T_r_g", "points", "covariances", "measures", "measure_covariance"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def sigmas(self) -> Array:
@@ -91,7 +91,7 @@ def measure(
         station=station,
         azimuth=float(np.arctan2(y, x)) if frame == "j" else float("nan"),
         T_r_g=T_r_g,
-        points=transform(T_r_s, groove.points_s),
+        points=transform_points(T_r_s, groove.points_s),
         covariances=in_plane @ groove.corner_covariances_s @ in_plane.T,
         measures=np.array((groove.groove_angle, groove.root_width, groove.depth, groove.area)),
         measure_covariance=groove.measure_covariance,

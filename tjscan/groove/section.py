@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly, unit
+from tjscan.core.frames import Array, readonly_copy, unit_vector
 from tjscan.groove.measures import measured
 
 PARALLEL: Final = 1e-3
@@ -97,7 +97,7 @@ class GrooveSection:
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def work_angle(self) -> float:
@@ -169,7 +169,7 @@ def section_from_points(
         raise ValueError("a section needs five finite points, shape (5, 3), in the plane y = 0")
     v1 = points[1] - points[0] if wall_s is None else np.asarray(wall_s, dtype=float)
     v4 = points[4] - points[3] if leg_s is None else np.asarray(leg_s, dtype=float)
-    wall, leg = unit(v1[[0, 2]]), unit(v4[[0, 2]])
+    wall, leg = unit_vector(v1[[0, 2]]), unit_vector(v4[[0, 2]])
     if abs(wall[0] * leg[1] - wall[1] * leg[0]) < PARALLEL:
         raise GrooveNotFound(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.units import MM, Named, Settings
+from tjscan.core.units import MM, ChosenByName, Settings
 from tjscan.groove.models import MODELS, TEE, GrooveModel
 
 
@@ -31,7 +31,7 @@ class GrooveSettings(Settings):
         Least share of a side's points that must lie on it.
     """
 
-    model: Annotated[GrooveModel, Named(MODELS)] = TEE
+    model: Annotated[GrooveModel, ChosenByName(MODELS)] = TEE
     noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
     minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
     largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.4e-3

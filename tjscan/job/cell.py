@@ -11,19 +11,19 @@ from types import TracebackType
 from typing import Self
 
 from tjscan.calibration.file import read_calibration
-from tjscan.core.config import naming
-from tjscan.core.devices import Kind
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, inverse
-from tjscan.core.units import rows_to_pose
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.units import pose_from_rows_mm
 from tjscan.job import CellJob, LaserSettings, PlacedSolidSettings, ScanJob
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.mesh import build_mesh
-from tjscan.joint.relief import relief_of
-from tjscan.laser.drivers import LASERS, Carrier, LaserContext, Scene
+from tjscan.joint.mesh import build_joint_mesh
+from tjscan.joint.relief import joint_relief_height
+from tjscan.laser.drivers import LASER_DRIVERS, LaserContext, LaserFlange, SimulatedScene
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface
+from tjscan.laser.optics import RaycastSurface
 from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import Arm, ArmState
@@ -113,7 +113,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
         return SensorMount(T_f_s)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not say which laser made it, unless the job does.
-    laser = job.laser.id if job.laser.kind is Kind.REPLAYED else job.laser.device
+    laser = job.laser.id if job.laser.kind is DriverKind.REPLAYED else job.laser.device
     found = read_calibration(file, arm=job.arm.device, laser=laser)
     return SensorMount(found.T_f_s, file)
 
@@ -140,7 +140,7 @@ def make_scan_cell(
 def make_cell(
     job: CellJob,
     T_f_s: Array,
-    scene: Callable[[], Scene],
+    scene: Callable[[], SimulatedScene],
     left: ArmState | None = None,
 ) -> Cell:
     """Make the cell that a job describes, by its drivers; entering it connects the devices.
@@ -164,8 +164,8 @@ def make_cell(
     """
     clearance, simulation = clearance_of_job(job), job.simulation
     recording = cache(partial(_recording, job.laser))
-    arm_driver, laser_driver = ARMS.load(job.arm.driver), LASERS.load(job.laser.driver)
-    with ARMS.installed(job.arm.driver):
+    arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
+    with ARMS.explain_missing_package(job.arm.driver):
         device = arm_driver.make(
             ArmContext(
                 clearance.kinematics,
@@ -178,19 +178,19 @@ def make_cell(
             job.arm.settings,
         )
     arm: Arm = device
-    if arm_driver.kind is not Kind.REPLAYED:
+    if arm_driver.kind is not DriverKind.REPLAYED:
         arm = CollisionCheckedArm(device, clearance, T_f_s, lifts=job.clearance.lifts)
     rows = None if simulation is None else simulation.T_f_s_mm
-    with LASERS.installed(job.laser.driver):
+    with LASER_DRIVERS.explain_missing_package(job.laser.driver):
         laser = laser_driver.make(
             LaserContext(
                 laser_model_of_job(job),
-                Carrier(
+                LaserFlange(
                     partial(arm_driver.truth, device),
                     lambda: device.state().T_b_f,
                     lambda: device.state().time,
                 ),
-                T_f_s if rows is None else rows_to_pose(rows),
+                T_f_s if rows is None else pose_from_rows_mm(rows),
                 scene,
                 seed=None if simulation is None else simulation.seed,
                 recording=lambda: (recording()[0], recording()[2]),
@@ -204,7 +204,7 @@ def _recording(
     table: LaserSettings,
 ) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
     """What replayed devices share: where the flange stood, the arm's states, the profiles."""
-    with naming(key="laser.recording"):
+    with add_file_to_errors(key="laser.recording"):
         views = list(read_views(Path(table.recording or "")))
     poses = RecordedPoses(
         [view.T_b_f for view in views],
@@ -216,18 +216,18 @@ def _recording(
     return poses, states, tuple(view.profile for view in views)
 
 
-def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> Scene:
+def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
     """The joint of a job, where it truly stands."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
-    return Scene(_surface(joint), inverse(job.T_w_b_true) @ job.joint.T_w_j)
+    return SimulatedScene(_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
 
 
 @lru_cache(maxsize=2)
-def _surface(joint: JointDefinition) -> Surface:
+def _surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
-    mesh = build_mesh(joint)
-    return Surface(mesh.vertices, mesh.triangles, relief_of(joint))
+    mesh = build_joint_mesh(joint)
+    return RaycastSurface(mesh.vertices, mesh.triangles, joint_relief_height(joint))
 
 
 def clearance_of_job(job: CellJob) -> Clearance:
@@ -239,11 +239,11 @@ def clearance_of_job(job: CellJob) -> Clearance:
         If the arm's model is unknown or its geometry can't be read, or an ignored link is unknown.
     """
     table = job.clearance
-    with naming(key="arm.model"):
+    with add_file_to_errors(key="arm.model"):
         kinematics = Kinematics.load(job.arm.model)
-    with naming(key="clearance.ignore"):
+    with add_file_to_errors(key="clearance.ignore"):
         check_links(kinematics, table.ignore)
-    with naming(key="arm.model"):
+    with add_file_to_errors(key="arm.model"):
         model = CollisionModel(
             kinematics,
             [_in_b(one, job) for one in table.solid],
@@ -257,7 +257,7 @@ def clearance_of_job(job: CellJob) -> Clearance:
 def _in_b(table: PlacedSolidSettings, job: CellJob) -> Solid:
     """A solid where it stands in frame b; one about the workpiece as far as that is known."""
     solid = table.solid
-    return solid if table.frame == "b" else replace(solid, T=inverse(job.T_w_b) @ solid.T)
+    return solid if table.frame == "b" else replace(solid, T=inverse_pose(job.T_w_b) @ solid.T)
 
 
 def laser_model_of_job(job: CellJob) -> LaserModel:

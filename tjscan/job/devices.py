@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from annotated_types import Ge, Le, MinLen, MultipleOf
 from pydantic_core import core_schema
 
-from tjscan.core.config import validate, written
-from tjscan.core.devices import Driver, Kind
+from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.devices import Driver, DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.registry import Registry
 from tjscan.core.units import (
     DEG,
-    INTERNAL,
     MM,
     MM_S,
     MM_S2,
+    NOT_IN_FILE,
     PoseRows,
     Settings,
-    rows_to_pose,
+    pose_from_rows_mm,
 )
-from tjscan.laser.drivers import LASERS
+from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 
 if TYPE_CHECKING:
@@ -53,10 +53,10 @@ class DeviceSettings(Settings):
 
     driver: str = "simulated"
     id: Annotated[str | None, MinLen(1)] = None
-    drivers: Annotated[Mapping[str, Any], INTERNAL] = field(default_factory=dict)
+    drivers: Annotated[Mapping[str, Any], NOT_IN_FILE] = field(default_factory=dict)
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> DriverKind:
         """Whether a device is there, a simulation or a recording."""
         driver: Driver[Any, Any] = self.registry.load(self.driver)
         return driver.kind
@@ -74,7 +74,7 @@ class DeviceSettings(Settings):
             return self.drivers[self.driver]
         table = self.registry.load(self.driver).table
         try:
-            return validate(table, {})
+            return validate_table(table, {})
         except ConfigurationError as error:
             name = f"{self.registry.kind}.{self.driver}"
             raise ConfigurationError(
@@ -83,9 +83,9 @@ class DeviceSettings(Settings):
             ) from None
 
     @classmethod
-    def file_fields(cls) -> dict[str, Any]:
+    def file_key_types(cls) -> dict[str, Any]:
         """Type of each key, the tables of the drivers included."""
-        return super().file_fields() | dict.fromkeys(cls.registry.names)
+        return super().file_key_types() | dict.fromkeys(cls.registry.names)
 
     @classmethod
     def __get_pydantic_core_schema__(
@@ -114,14 +114,14 @@ class DeviceSettings(Settings):
         if not isinstance(data, dict):
             raise ConfigurationError(f"must be a table (found {data!r})", key=key)
         try:
-            return validate(cls.registry.load(name).table, data)
+            return validate_table(cls.registry.load(name).table, data)
         except ConfigurationError as error:
             inner = key if error.key is None else f"{key}.{error.key}"
             raise ConfigurationError(error.message, key=inner) from None
 
 
 def _with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], Any]) -> Any:
-    return write(table) | {name: written(own) for name, own in table.drivers.items()}
+    return write(table) | {name: table_to_dict(own) for name, own in table.drivers.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,11 +165,13 @@ class LaserSettings(DeviceSettings):
         Limits of z in frame s, metres.
     """
 
-    registry: ClassVar[Registry[Any]] = LASERS
+    registry: ClassVar[Registry[Any]] = LASER_DRIVERS
 
     recording: Annotated[str | None, MinLen(1)] = None
     replay_tolerance: Annotated[float, Ge(0), Le(1000), MM] = 5e-3
-    replay_angle: Annotated[float, Ge(0), Le(180), DEG.keyed("replay_tolerance_deg")] = radians(2)
+    replay_angle: Annotated[float, Ge(0), Le(180), DEG.with_key("replay_tolerance_deg")] = radians(
+        2
+    )
     points: Annotated[int, Ge(160), Le(640), MultipleOf(80)] = 640
     near: Annotated[float, Ge(1), Le(5000), MM] = 0.190
     far: Annotated[float, Ge(1), Le(5000), MM] = 0.290
@@ -200,4 +202,4 @@ class CalibrationSettings(Settings):
     @property
     def T_f_s(self) -> Array | None:
         """Pose of the sensor in the flange frame, shape (4, 4), metres, where it stands here."""
-        return None if self.T_f_s_mm is None else rows_to_pose(self.T_f_s_mm)
+        return None if self.T_f_s_mm is None else pose_from_rows_mm(self.T_f_s_mm)

@@ -10,10 +10,10 @@ from annotated_types import MaxLen
 from pydantic import model_validator
 
 from tjscan.core.config import FileModel
-from tjscan.core.devices import Kind
-from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
-from tjscan.core.units import AS_WRITTEN, PoseTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
 from tjscan.groove.models import MODELS
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
@@ -31,19 +31,19 @@ class CellJob(FileModel):
     calibration: CalibrationSettings
     board: BoardSettings | None = None
     joint: JointSettings | None = None
-    station: Annotated[tuple[StationSettings, ...], MaxLen(50), AS_WRITTEN] = ()
+    station: Annotated[tuple[StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
     clearance: ClearanceSettings = ClearanceSettings()
     simulation: SimulationSettings | None = None
 
     @model_validator(mode="after")
     def _drivers_fit_together(self) -> CellJob:
         arm, laser = self.arm.kind, self.laser.kind
-        if arm is Kind.REPLAYED and laser is not Kind.REPLAYED:
+        if arm is DriverKind.REPLAYED and laser is not DriverKind.REPLAYED:
             raise ConfigurationError(
                 'a replayed arm stands where a recording has it: laser.driver must be "replay"',
                 key="arm.driver",
             )
-        if laser is Kind.REAL and arm is not Kind.REAL:
+        if laser is DriverKind.REAL and arm is not DriverKind.REAL:
             raise ConfigurationError(
                 f"a real laser can't sit on a {arm} arm: name the arm that carries it",
                 key="arm.driver",
@@ -66,7 +66,7 @@ class CellJob(FileModel):
             if table.name not in self.stations:
                 raise ConfigurationError(
                     f"there is no station {table.name!r}; did you mean: "
-                    f"{nearest(table.name, self.stations) or 'to name it under [[station]]'}?",
+                    f"{nearest_word(table.name, self.stations) or 'to name it under [[station]]'}?",
                     key=f"simulation.station.{i}.name",
                 )
         return self
@@ -121,7 +121,9 @@ class CellJob(FileModel):
             return self
         if name is not None and name not in self.stations:
             known = (
-                f"did you mean: {nearest(name, self.stations)}?" if self.station else "it has none"
+                f"did you mean: {nearest_word(name, self.stations)}?"
+                if self.station
+                else "it has none"
             )
             raise ConfigurationError(f"there is no station {name!r}; {known}", key="station")
         i = 0 if name is None else self.stations.index(name)
@@ -138,7 +140,7 @@ class CellJob(FileModel):
         ConfigurationError
             If the arm is a real one, and the job has several stations.
         """
-        if self.station and self.arm.kind is Kind.SIMULATED:
+        if self.station and self.arm.kind is DriverKind.SIMULATED:
             return tuple(self.at(name) for name in self.stations)
         return (self.at(),)
 
@@ -187,7 +189,7 @@ class ScanJob(CellJob):
         return self
 
     @property
-    def starts(self) -> tuple[PoseTable, PoseTable]:
+    def starts(self) -> tuple[PoseSettings, PoseSettings]:
         """The first and the second taught pose of the flange in frame b.
 
         Raises

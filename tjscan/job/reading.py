@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from tjscan.core.config import naming, read_toml, validate
+from tjscan.core.config import add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, CellJob, ScanJob
 from tjscan.job.station import casefolded_name
@@ -43,7 +43,7 @@ def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) ->
 
 def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
     data = read_toml(file)
-    with naming(file):
+    with add_file_to_errors(file):
         for key, value in (overrides or {}).items():
             *tables, last = key.split(".")
             table: Any = data
@@ -56,7 +56,7 @@ def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
             table[last] = value
             if key in EXCLUDED:
                 table.pop(EXCLUDED[key], None)
-        return _located(validate(model, data, file), file.parent)
+        return _located(validate_table(model, data, file), file.parent)
 
 
 def _inner(tables: Any, name: str, key: str) -> Any:

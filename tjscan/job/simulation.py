@@ -9,14 +9,14 @@ from annotated_types import Ge, Le
 from pydantic import Field
 
 from tjscan.core.config import FileModel
-from tjscan.core.units import AS_WRITTEN, MM, PoseRows, PoseTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, PoseRows, PoseSettings
 from tjscan.job.station import NamedPoseSettings
 from tjscan.laser.model import LaserModel
 from tjscan.robot.simulation import ArmSimulation, JointAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedBoardSettings(PoseTable):
+class SimulatedBoardSettings(PoseSettings):
     """The table [simulation.board]: where the board truly is, and how well it is touched.
 
     Parameters
@@ -51,6 +51,6 @@ class SimulationSettings(FileModel):
     seed: int = Field(default=1, ge=0)
     T_f_s_mm: PoseRows | None = None
     board: SimulatedBoardSettings | None = None
-    station: Annotated[tuple[SimulatedStationSettings, ...], AS_WRITTEN] = ()
+    station: Annotated[tuple[SimulatedStationSettings, ...], LIST_OR_WORD_IN_FILE] = ()
     arm: ArmSimulation | None = None
     laser: LaserModel = LaserModel()

@@ -8,12 +8,12 @@ from typing import Annotated
 from annotated_types import Ge, Gt
 from pydantic import Field
 
-from tjscan.core.units import AS_WRITTEN, MM, PoseTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, PoseSettings
 from tjscan.scanning.target import ScanDirection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedPoseSettings(PoseTable):
+class NamedPoseSettings(PoseSettings):
     """The pose of a station's base in frame w, metres and radians.
 
     Parameters
@@ -41,11 +41,11 @@ class StationSettings(NamedPoseSettings):
         The taught poses of the flange, in this station's frame b.
     """
 
-    direction: Annotated[ScanDirection, AS_WRITTEN] | None = None
+    direction: Annotated[ScanDirection, LIST_OR_WORD_IN_FILE] | None = None
     length: Annotated[float | None, Gt(0), MM] = None
     sections: Annotated[int | None, Ge(3)] = None
-    first: PoseTable
-    second: PoseTable
+    first: PoseSettings
+    second: PoseSettings
 
 
 def casefolded_name(name: str) -> str:

@@ -9,7 +9,7 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
-from tjscan.core.units import AS_WRITTEN, MM, Angles, PoseTable, Vector
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, EulerAngles, PoseSettings, Position
 from tjscan.job.fields import LengthMm
 from tjscan.robot.margins import Margins
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
@@ -22,7 +22,7 @@ SMALLEST_BOARD: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SolidSettings(PoseTable):
+class SolidSettings(PoseSettings):
     """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis.
 
     Parameters
@@ -37,7 +37,7 @@ class SolidSettings(PoseTable):
         Of a cylinder or capsule, metres.
     """
 
-    euler_zyx: Angles = (0.0, 0.0, 0.0)
+    euler_zyx: EulerAngles = (0.0, 0.0, 0.0)
     name: Annotated[str, MinLen(1)]
     kind: Literal["box", "cylinder", "capsule"]
     size: Annotated[tuple[LengthMm, LengthMm, LengthMm] | None, MM] = None
@@ -92,13 +92,15 @@ class ClearanceSettings(Margins):
 
     self_collision: bool = True
     lifts: Annotated[tuple[LengthMm, ...], MaxLen(20), MM] = (0.05, 0.1, 0.2, 0.3)
-    ignore: Annotated[tuple[Annotated[tuple[str, str], AS_WRITTEN], ...], AS_WRITTEN] = ()
-    solid: Annotated[tuple[PlacedSolidSettings, ...], MaxLen(MOST), AS_WRITTEN] = ()
-    tool: Annotated[tuple[SolidSettings, ...], MaxLen(MOST), AS_WRITTEN] = ()
+    ignore: Annotated[
+        tuple[Annotated[tuple[str, str], LIST_OR_WORD_IN_FILE], ...], LIST_OR_WORD_IN_FILE
+    ] = ()
+    solid: Annotated[tuple[PlacedSolidSettings, ...], MaxLen(MOST), LIST_OR_WORD_IN_FILE] = ()
+    tool: Annotated[tuple[SolidSettings, ...], MaxLen(MOST), LIST_OR_WORD_IN_FILE] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardSettings(PoseTable):
+class BoardSettings(PoseSettings):
     """The table [board]: the flat board to calibrate on, about where it is, and what to take.
 
     The frame's origin is the middle of the board's face, x along the first side, z away from it.
@@ -118,7 +120,7 @@ class BoardSettings(PoseTable):
     """
 
     size: Annotated[tuple[float, float], MM]
-    probe_tip: Vector
+    probe_tip: Position
     approach: Annotated[float, Gt(0), Le(500), MM] = 0.03
     touches: Annotated[int, Ge(3), Le(100)] = 9
     lines: Annotated[int, Ge(5), Le(100)] = 12
@@ -130,7 +132,7 @@ class BoardSettings(PoseTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointSettings(PoseTable):
+class JointSettings(PoseSettings):
     """The table [joint]: the joint as designed, for comparisons and for the simulated world.
 
     Its pose is in frame w, which is b for a job without stations. The scanner itself never

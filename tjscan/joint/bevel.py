@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import LegSurface, radial, tangential
+from tjscan.joint.geometry import LegSurface, radial_direction, tangential_direction
 
 _ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
@@ -58,7 +58,7 @@ class BevelSections:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+            object.__setattr__(self, field.name, readonly_copy(getattr(self, field.name)))
 
     @property
     def root_width(self) -> Array:
@@ -86,7 +86,7 @@ def bevel_sections(definition: JointDefinition, phi: ArrayLike) -> BevelSections
     p2 = _top(definition, phi, land, bevel)
     apex = leg.meet(phi, land, -bevel)
     if definition.imperfections.root.is_open:
-        p4 = leg.meet(phi, land, -root_normal(gapped, phi, land[:, 0]))
+        p4 = leg.meet(phi, land, -leg_normal_rz(gapped, phi, land[:, 0]))
         return BevelSections(
             phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, land, p4
         )
@@ -117,14 +117,14 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
     outward = np.cross(tangent, normal)
     angle = groove_angle[:, None]
     up = np.cos(angle) * outward + np.sin(angle) * normal
-    around = tangential(phi)
+    around = tangential_direction(phi)
     sideways = np.sum(up * around, axis=1) / np.sum(tangent * around, axis=1)
     in_half_plane = up - sideways[:, None] * tangent
-    rho_part = np.sum(in_half_plane * radial(phi), axis=1)
+    rho_part = np.sum(in_half_plane * radial_direction(phi), axis=1)
     return _unit(np.column_stack((rho_part, in_half_plane[:, 2])))
 
 
-def root_normal(leg: LegSurface, phi: Array, rho: Array) -> Array:
+def leg_normal_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors out of the leg in the radial half-planes, square to its line there, (n, 2)."""
     return _along(leg, phi, rho)[:, ::-1] * (-1.0, 1.0)
 
@@ -132,18 +132,18 @@ def root_normal(leg: LegSurface, phi: Array, rho: Array) -> Array:
 def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
     """Distance from the brace's axis at which its bore meets the surface at the root opening."""
     rho = np.full_like(phi, definition.brace_inner_radius)
-    if definition.imperfections.is_brace_round:
+    if definition.imperfections.is_brace_nominal:
         return rho
     for _ in range(_ROUNDS):
-        rho = definition.wall_radius(phi, gapped.height(phi, rho)) - definition.brace_wall
+        rho = definition.brace_wall_radius(phi, gapped.height(phi, rho)) - definition.brace_wall
     return rho
 
 
 def _top(definition: JointDefinition, phi: Array, land: Array, bevel: Array) -> Array:
     """Where the bevel meets the brace's outer wall, (n, 2)."""
     top = land
-    for _ in range(1 if definition.imperfections.is_brace_round else _ROUNDS):
-        wall = definition.wall_radius(phi, top[:, 1])
+    for _ in range(1 if definition.imperfections.is_brace_nominal else _ROUNDS):
+        wall = definition.brace_wall_radius(phi, top[:, 1])
         top = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
     return top
 

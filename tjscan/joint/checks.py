@@ -9,36 +9,36 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.bevel import BevelSections, bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 
-WIDEST_BRACE: Final = 1 / 1.05 * (1 + 1e-9)  # room for rounding
+MOST_RADIUS_RATIO: Final = 1 / 1.05 * (1 + 1e-9)  # room for rounding
 """Largest ratio of brace to leg: at 1 the dihedral angle runs to 180° and the groove opens flat."""
 
-LEAST_ANGLE, MOST_ANGLE = np.deg2rad(45.0), np.deg2rad(90.0)
-LEAST_GROOVE, MOST_GROOVE = np.deg2rad(20.0), np.deg2rad(90.0)
+LEAST_BRACE_ANGLE, MOST_BRACE_ANGLE = np.deg2rad(45.0), np.deg2rad(90.0)
+LEAST_GROOVE_ANGLE, MOST_GROOVE_ANGLE = np.deg2rad(20.0), np.deg2rad(90.0)
 
-LEAST_BORE: Final = 5e-3
+LEAST_BORE_RADIUS: Final = 5e-3
 """Least radius of a tube's bore."""
 
-SHARPEST_BEVEL: Final = np.deg2rad(10.0)
+LEAST_BEVEL_ANGLE: Final = np.deg2rad(10.0)
 """Least angle between the bevel and the brace's wall."""
 
-LEAST_BEVEL: Final = 2e-3
+LEAST_FREE_BEVEL: Final = 2e-3
 """Least length of bevel that the root bead must leave free."""
 
-LEAST_ROOT: Final = 1e-3
+LEAST_ROOT_WIDTH: Final = 1e-3
 """Least width of the root bead's face."""
 
-MARGIN: Final = 20e-3
+LEAST_TUBE_BEYOND_GROOVE: Final = 20e-3
 """Least length of brace and leg beyond the groove, for a scan to see a wall there."""
 
-CLEAR_OF_ROOT: Final = 2e-3
+LEAST_SEAM_TO_ROOT: Final = 2e-3
 """Least distance of a seam weld's cap from the root's corner on the leg."""
 
-AZIMUTHS: Final = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+CHECKED_AZIMUTHS: Final = np.linspace(0, 2 * np.pi, 720, endpoint=False)
 
 
-def check(definition: JointDefinition) -> None:
+def check_buildable(definition: JointDefinition) -> None:
     """Refuse a joint that can't be built.
 
     Raises
@@ -49,7 +49,7 @@ def check(definition: JointDefinition) -> None:
     _check_tubes(definition)
     _check_groove_table(definition)
     with np.errstate(divide="ignore", invalid="ignore"):
-        sections = bevel_sections(definition, AZIMUTHS)
+        sections = bevel_sections(definition, CHECKED_AZIMUTHS)
     _check_bevel(sections)
     _check_root(definition, sections)
     _check_lengths(definition, sections)
@@ -72,21 +72,21 @@ def _check_tubes(d: JointDefinition) -> None:
         ("leg.wall_mm", d.leg_radius, d.leg_wall),
         ("brace.wall_mm", d.brace_radius, d.brace_wall),
     ):
-        if not 0 < wall <= radius - LEAST_BORE:
-            most = _mm(radius - LEAST_BORE)
+        if not 0 < wall <= radius - LEAST_BORE_RADIUS:
+            most = _mm(radius - LEAST_BORE_RADIUS)
             _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
-    if d.brace_radius > WIDEST_BRACE * d.leg_radius:
-        most = _mm(2 * WIDEST_BRACE * d.leg_radius)
+    if d.brace_radius > MOST_RADIUS_RATIO * d.leg_radius:
+        most = _mm(2 * MOST_RADIUS_RATIO * d.leg_radius)
         _refuse(
             "brace.outer_diameter_mm",
             f"{_mm(2 * d.brace_radius)} is too wide for a leg of {_mm(2 * d.leg_radius)}: "
             f"the groove opens flat at the saddle; stay at or below {most}",
         )
-    if not LEAST_ANGLE <= d.angle <= MOST_ANGLE:
+    if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
         _refuse(
             "brace.angle_deg",
             f"{_deg(d.angle)} is out of range; the angle on the heel side lies between "
-            f"{_deg(LEAST_ANGLE)} and {_deg(MOST_ANGLE)}",
+            f"{_deg(LEAST_BRACE_ANGLE)} and {_deg(MOST_BRACE_ANGLE)}",
         )
 
 
@@ -98,11 +98,11 @@ def _check_groove_table(d: JointDefinition) -> None:
     if np.any(np.diff(table[:, 0]) <= 0):
         _refuse(key, "its dihedral angles must grow from pair to pair")
     for angle in table[:, 1]:
-        if not LEAST_GROOVE <= angle <= MOST_GROOVE:
+        if not LEAST_GROOVE_ANGLE <= angle <= MOST_GROOVE_ANGLE:
             _refuse(
                 key,
                 f"a groove angle of {_deg(angle)} is out of range; stay between "
-                f"{_deg(LEAST_GROOVE)} and {_deg(MOST_GROOVE)}",
+                f"{_deg(LEAST_GROOVE_ANGLE)} and {_deg(MOST_GROOVE_ANGLE)}",
             )
     widest = min(d.brace_wall, d.brace_inner_radius / 2)
     if d.root_gap > widest:
@@ -110,8 +110,8 @@ def _check_groove_table(d: JointDefinition) -> None:
             "groove.root_gap_mm",
             f"{_mm(d.root_gap)} is too wide for this brace; stay at or below {_mm(widest)}",
         )
-    if d.root_face >= d.brace_wall - LEAST_BEVEL:
-        most = _mm(d.brace_wall - LEAST_BEVEL)
+    if d.root_face >= d.brace_wall - LEAST_FREE_BEVEL:
+        most = _mm(d.brace_wall - LEAST_FREE_BEVEL)
         _refuse(
             "groove.root_face_mm",
             f"{_mm(d.root_face)} of a wall of {_mm(d.brace_wall)} leaves no bevel; "
@@ -122,35 +122,35 @@ def _check_groove_table(d: JointDefinition) -> None:
 def _check_bevel(s: BevelSections) -> None:
     sharpness = np.arctan2(s.bevel[:, 0], s.bevel[:, 1])
     i = int(np.argmin(sharpness))
-    if sharpness[i] < SHARPEST_BEVEL:
+    if sharpness[i] < LEAST_BEVEL_ANGLE:
         _refuse(
             "groove.angle_deg",
             f"a groove angle of {_deg(s.groove_angle[i])} where the local dihedral angle is "
             f"{_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
-            f"least {_deg(SHARPEST_BEVEL - sharpness[i])}",
+            f"least {_deg(LEAST_BEVEL_ANGLE - sharpness[i])}",
         )
 
 
 def _check_root(d: JointDefinition, s: BevelSections) -> None:
     free = float(np.min(s.bevel_length)) - d.root_bead
-    if free < LEAST_BEVEL:
-        most = _mm(d.root_bead + free - LEAST_BEVEL)
+    if free < LEAST_FREE_BEVEL:
+        most = _mm(d.root_bead + free - LEAST_FREE_BEVEL)
         _refuse(
             "groove.root_bead_mm",
             f"{_mm(d.root_bead)} covers the bevel, which is {_mm(free + d.root_bead)} long; "
             f"stay at or below {most}",
         )
     width = float(np.min(s.root_width))
-    if not width >= LEAST_ROOT:
+    if not width >= LEAST_ROOT_WIDTH:
         _refuse(
             "groove.root_gap_mm",
             f"gap and bead leave a root only {_mm(width)} wide; open the gap or raise the bead "
-            f"until it is {_mm(LEAST_ROOT)}",
+            f"until it is {_mm(LEAST_ROOT_WIDTH)}",
         )
 
 
 def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
-    top = float(np.max(s.p2[:, 1])) + MARGIN
+    top = float(np.max(s.p2[:, 1])) + LEAST_TUBE_BEYOND_GROOVE
     if d.brace_length < top:
         _refuse(
             "brace.length_mm",
@@ -158,8 +158,8 @@ def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
             f"least {_mm(top)}",
         )
     foot = d.leg.point(s.phi, d.brace_radius) @ d.leg.axis
-    root = in_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
-    least = 2 * (float(np.max(np.abs((foot, root)))) + MARGIN)
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
+    least = 2 * (float(np.max(np.abs((foot, root)))) + LEAST_TUBE_BEYOND_GROOVE)
     if d.leg_length < least:
         _refuse(
             "leg.length_mm",
@@ -168,7 +168,7 @@ def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
 
 
 def _check_seams(d: JointDefinition, s: BevelSections) -> None:
-    reach = float(np.max(s.p4[:, 0])) + CLEAR_OF_ROOT
+    reach = float(np.max(s.p4[:, 0])) + LEAST_SEAM_TO_ROOT
     for i, seam in enumerate(d.imperfections.seams):
         y = abs(d.leg_radius * np.sin(seam.at)) - seam.width / 2
         if np.cos(seam.at) > 0 and y < reach:

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
-from tjscan.joint.imperfections import IDEAL, Imperfections, round_joint
-from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes
+from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_round_joint
+from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
 
 
 @dataclass(frozen=True, slots=True)
 class JointDefinition:
-    """A tubular joint in metres and radians; `tjscan.joint.checks.check` refuses impossible ones.
+    """A tubular joint in metres and radians; `tjscan.joint.checks.check_buildable` checks it.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class JointDefinition:
     root_gap: float
     root_face: float
     root_bead: float
-    imperfections: Imperfections = IDEAL
+    imperfections: Imperfections = NO_IMPERFECTIONS
 
     @property
     def leg(self) -> LegSurface:
@@ -60,7 +60,7 @@ class JointDefinition:
         oval = self.imperfections.leg_ovality
         if oval.ovality == 0:
             return LegSurface(self.leg_radius, self.angle)
-        return OvalLegSurface.of(self.leg_radius, self.angle, oval.ovality, oval.widest)
+        return OvalLegSurface.from_ovality(self.leg_radius, self.angle, oval.ovality, oval.widest)
 
     @property
     def brace_inner_radius(self) -> float:
@@ -72,7 +72,7 @@ class JointDefinition:
         at, angle = np.transpose(self.groove_table)
         return np.asarray(np.interp(np.asarray(dihedral, dtype=float), at, angle))
 
-    def wall_radius(self, phi: Array, z: ArrayLike) -> Array:
+    def brace_wall_radius(self, phi: Array, z: ArrayLike) -> Array:
         """Distance of the brace's outer wall from its nominal axis at azimuths and heights, (n,).
 
         Parameters
@@ -82,7 +82,7 @@ class JointDefinition:
         z : array_like, shape (n,) or ()
             In frame j, in metres.
         """
-        if self.imperfections.is_brace_round:
+        if self.imperfections.is_brace_nominal:
             return np.full_like(phi, self.brace_radius)
         oval, off = self.imperfections.brace_ovality, self.imperfections.misfit
         lean = np.tan(off.tilt) * np.broadcast_to(z, phi.shape)
@@ -90,10 +90,14 @@ class JointDefinition:
             np.ones_like(phi),
             off.offset * np.array((np.cos(off.offset_towards), np.sin(off.offset_towards))),
         ) + np.outer(lean, (np.cos(off.tilt_towards), np.sin(off.tilt_towards)))
-        ellipse = Ellipse(*semi_axes(self.brace_radius, oval.ovality), oval.widest)
+        ellipse = Ellipse(
+            *semi_axes_same_circumference(self.brace_radius, oval.ovality), oval.widest
+        )
         return ellipse.radius(phi, centre)
 
     def root_opening(self, phi: Array) -> ArrayLike:
         """Distance of the land from the leg at azimuths, in metres, shape (n,) or ()."""
         more = self.imperfections.root.opening
-        return self.root_gap if more == (0.0,) else self.root_gap + round_joint(more, phi)
+        return (
+            self.root_gap if more == (0.0,) else self.root_gap + interpolate_round_joint(more, phi)
+        )

@@ -8,36 +8,36 @@ import manifold3d
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections, root_normal
+from tjscan.joint.bevel import bevel_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j
-from tjscan.joint.imperfections import Seam, Tack
+from tjscan.joint.geometry import cylindrical_to_j
+from tjscan.joint.imperfections import SeamWeldCap, TackWeld
 
-BOW: Final = 0.2
+TACK_BOW: Final = 0.2
 """Height of a tack over the chord between its toes, by the chord's length (assumption)."""
 
-RAMP: Final = 5e-3
+TACK_RAMP_LENGTH: Final = 5e-3
 """Length over which a tack's ends rise, in metres (assumption)."""
 
-DIP: Final = 1.5e-3
+SINK_DEPTH: Final = 1.5e-3
 """How deep weld metal dips into brace and leg, in metres: solids that only touch don't join."""
 
 _STATIONS, _FACE = 61, 12
 _LEAST_RISE = 0.1e-3
 
 
-def tack_solid(definition: JointDefinition, tack: Tack, span: Array) -> manifold3d.Manifold:
+def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> manifold3d.Manifold:
     """A tack: its convex section between bevel and leg, swept along the root.
 
     Parameters
     ----------
     span : ndarray, shape (2,)
-        First and last azimuth, as `tack_spans` gives them.
+        First and last azimuth, as `tack_azimuth_spans` gives them.
     """
     phi = np.linspace(span[0], span[1], _STATIONS)
     s = bevel_sections(definition, phi)
     along = np.linspace(0, tack.length, _STATIONS)
-    ramp = np.clip(np.minimum(along, tack.length - along) / RAMP, 0, 1)
+    ramp = np.clip(np.minimum(along, tack.length - along) / TACK_RAMP_LENGTH, 0, 1)
     rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE)
     on_bevel = s.p3 + rise[:, None] * s.bevel
     rho = s.p4[:, 0] + rise / np.hypot(1, definition.leg.slope(phi, s.p4[:, 0]))
@@ -45,18 +45,18 @@ def tack_solid(definition: JointDefinition, tack: Tack, span: Array) -> manifold
     chord = on_bevel - on_leg
     outward = chord[:, ::-1] * (1, -1)
     t = np.linspace(0, 1, _FACE)[:, None, None]
-    face = on_leg + t * chord + BOW * 4 * t * (1 - t) * outward
+    face = on_leg + t * chord + TACK_BOW * 4 * t * (1 - t) * outward
     # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
     face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]
-    into_leg = -DIP * root_normal(definition.leg, phi, rho)
-    into_brace = DIP * s.bevel[:, ::-1] * (-1, 1)
-    up = np.array((0.0, DIP))
+    into_leg = -SINK_DEPTH * leg_normal_rz(definition.leg, phi, rho)
+    into_brace = SINK_DEPTH * s.bevel[:, ::-1] * (-1, 1)
+    up = np.array((0.0, SINK_DEPTH))
     # Under the land, then inside the brace: it fills the root opening.
     foot = s.p4 - 0.5 * (s.land - s.land_inner) + 2 * into_leg
     outline = np.stack(
         (foot, on_leg + into_leg, *face, on_bevel + into_brace, s.land_inner + up + into_brace), 1
     )
-    return _swept(in_j(phi[:, None], outline[..., 0], outline[..., 1]))
+    return _swept(cylindrical_to_j(phi[:, None], outline[..., 0], outline[..., 1]))
 
 
 def _swept(outline: Array) -> manifold3d.Manifold:
@@ -79,23 +79,23 @@ def _swept(outline: Array) -> manifold3d.Manifold:
     return solid
 
 
-def seam_solid(definition: JointDefinition, seam: Seam) -> manifold3d.Manifold:
+def seam_cap_solid(definition: JointDefinition, seam: SeamWeldCap) -> manifold3d.Manifold:
     """The cap of a seam weld along the leg, a prism about its axis."""
     half = 0.5 * seam.width / definition.leg_radius
     angle = seam.at + np.linspace(-half, half, 33)
     share = np.linspace(-1, 1, 33)
     base = _leg_radius(definition, angle)
     top = base + seam.height * (1 - share**2) - 1e-6
-    bottom = base - min(DIP, 0.5 * definition.leg_wall)
+    bottom = base - min(SINK_DEPTH, 0.5 * definition.leg_wall)
     ring = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(top, angle, strict=True)]
     back = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(bottom, angle, strict=True)]
     section = manifold3d.CrossSection([np.array(ring + back[::-1])], manifold3d.FillRule.NonZero)
     length = definition.leg_length
     prism = manifold3d.Manifold.extrude(section, length).translate((0, 0, -length / 2))
-    return prism.transform(leg_frame(definition))
+    return prism.transform(leg_frame_matrix(definition))
 
 
-def leg_frame(definition: JointDefinition) -> Array:
+def leg_frame_matrix(definition: JointDefinition) -> Array:
     """Up, along y and along the leg's axis as columns, and no shift, shape (3, 4)."""
     up = (-np.cos(definition.angle), 0.0, np.sin(definition.angle))
     return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg.axis, np.zeros(3)))
@@ -121,7 +121,7 @@ def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     depth = np.linalg.norm(s.p2 - s.p3, axis=1)
     # From -1 to -0.4 on the wall, to 0.3 on the bevel, then on the leg.
     wall = s.p2[:, 1] + (-0.4 - place) / 0.6 * table.reach
-    on_wall = np.column_stack((definition.wall_radius(phi, wall), wall))
+    on_wall = np.column_stack((definition.brace_wall_radius(phi, wall), wall))
     on_bevel = s.p2 + ((place + 0.4) / 0.7)[:, None] * (s.p3 - s.p2)
     rho = s.p4[:, 0] + (place - 0.3) / 0.7 * table.reach
     rho = np.minimum(rho, 0.98 * definition.leg_radius)
@@ -133,5 +133,7 @@ def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     clear = ~((place >= -0.4) & (place < 0.3) & (radii > 0.2 * depth))
     return [
         manifold3d.Manifold.sphere(float(radius), 16).translate(tuple(centre))
-        for radius, centre in zip(radii[clear], in_j(phi, rz[:, 0], rz[:, 1])[clear], strict=True)
+        for radius, centre in zip(
+            radii[clear], cylindrical_to_j(phi, rz[:, 0], rz[:, 1])[clear], strict=True
+        )
     ]

@@ -8,10 +8,10 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.tacks import tack_spans, within_spans
 
 FEWEST_NEIGHBOURS = 4
@@ -33,7 +33,7 @@ class ClosedPolyline:
     _half: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        points = readonly(self.points_j)
+        points = readonly_copy(self.points_j)
         steps = np.roll(points, -1, axis=0) - points
         object.__setattr__(self, "points_j", points)
         object.__setattr__(self, "_tree", scipy.spatial.KDTree(points))
@@ -97,8 +97,8 @@ class FeatureEdges:
     tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "phi", readonly(self.phi))
-        object.__setattr__(self, "tacks", readonly(self.tacks))
+        object.__setattr__(self, "phi", readonly_copy(self.phi))
+        object.__setattr__(self, "tacks", readonly_copy(self.tacks))
 
     def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
@@ -122,5 +122,5 @@ def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
     phi = np.linspace(0, 2 * np.pi, n, endpoint=False)
     sections = bevel_sections(definition, phi)
     corners = (sections.p2, sections.p3, sections.p4)
-    p2, p3, p4 = (ClosedPolyline(in_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
+    p2, p3, p4 = (ClosedPolyline(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
     return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))

@@ -15,9 +15,9 @@ from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import JointFile
-from tjscan.joint.mesh import TriangleMesh, build_mesh, chord_error
+from tjscan.joint.mesh import TriangleMesh, build_joint_mesh, largest_chord_error
 
-PER_MM = 1e3
+MM_PER_METRE = 1e3
 
 
 class JointSidecar(FileModel):
@@ -43,24 +43,26 @@ class JointSidecar(FileModel):
     root_width_mm: tuple[float, float]
 
     @classmethod
-    def of(cls, definition: JointDefinition, mesh: TriangleMesh, edges: FeatureEdges) -> Self:
+    def from_joint(
+        cls, definition: JointDefinition, mesh: TriangleMesh, edges: FeatureEdges
+    ) -> Self:
         """Describe what was built from a definition."""
         sections = bevel_sections(definition, edges.phi)
         length = definition.leg.arc_length(definition.brace_radius, 0, 2 * np.pi)
         return cls(
             name=definition.name,
-            joint=JointFile.of(definition),
+            joint=JointFile.from_definition(definition),
             vertices=len(mesh.vertices),
             triangles=len(mesh.triangles),
-            chord_error_mm=round(PER_MM * chord_error(definition), 6),
+            chord_error_mm=round(MM_PER_METRE * largest_chord_error(definition), 6),
             edge_points=len(edges.phi),
-            intersection_length_mm=round(PER_MM * length, 3),
+            intersection_length_mm=round(MM_PER_METRE * length, 3),
             dihedral_deg=_span(np.rad2deg(sections.dihedral)),
-            root_width_mm=_span(PER_MM * sections.root_width),
+            root_width_mm=_span(MM_PER_METRE * sections.root_width),
         )
 
 
-def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
+def build_and_write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
     """Build a joint and write ``NAME.stl``, ``NAME.ply``, ``edges.csv`` and ``NAME.json``.
 
     No file is replaced before all of them are written.
@@ -72,8 +74,8 @@ def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
     RecordingError
         If the directory can't be written to.
     """
-    mesh, edges = build_mesh(definition), feature_edges(definition)
-    sidecar = JointSidecar.of(definition, mesh, edges)
+    mesh, edges = build_joint_mesh(definition), feature_edges(definition)
+    sidecar = JointSidecar.from_joint(definition, mesh, edges)
     with atomic_directory(directory) as draft:
         _write_mesh(draft / definition.name, mesh)
         _write_edges(draft / "edges.csv", edges)
@@ -85,7 +87,7 @@ def write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
 def _write_mesh(stem: Path, mesh: TriangleMesh) -> None:
     import trimesh
 
-    solid = trimesh.Trimesh(PER_MM * mesh.vertices, mesh.triangles, process=False)
+    solid = trimesh.Trimesh(MM_PER_METRE * mesh.vertices, mesh.triangles, process=False)
     for kind in ("stl", "ply"):
         stem.with_name(f"{stem.name}.{kind}").write_bytes(solid.export(file_type=kind))
 
@@ -96,7 +98,7 @@ def _write_edges(file: Path, edges: FeatureEdges) -> None:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(("edge", "azimuth_deg", "x_mm", "y_mm", "z_mm"))
         for name, line in (("p2", edges.p2), ("p3", edges.p3), ("p4", edges.p4)):
-            rows = np.column_stack((azimuths, PER_MM * line.points_j))
+            rows = np.column_stack((azimuths, MM_PER_METRE * line.points_j))
             writer.writerows((name, *(f"{value:.4f}" for value in row)) for row in rows)
 
 

@@ -8,76 +8,76 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, Strict
 
-from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.config import FileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.joint.checks import check
+from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.imperfections import IDEAL, Imperfections
+from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections
 
-MM = 1e-3
+METRES_PER_MM = 1e-3
 
-Length = Annotated[float, Field(gt=0.0, le=20_000.0)]
-Small = Annotated[float, Field(ge=0.0, le=100.0)]
-Pair = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
+LengthMm = Annotated[float, Field(gt=0.0, le=20_000.0)]
+SmallLengthMm = Annotated[float, Field(ge=0.0, le=100.0)]
+AnglePairDeg = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
 
 
-class LegTable(FileModel):
+class LegDimensions(FileModel):
     """``[leg]``: the member that runs through."""
 
-    outer_diameter_mm: Length
-    wall_mm: Length
-    length_mm: Length
+    outer_diameter_mm: LengthMm
+    wall_mm: LengthMm
+    length_mm: LengthMm
 
 
-class BraceTable(FileModel):
+class BraceDimensions(FileModel):
     """``[brace]``: the member that is welded on. Its length runs from where the axes cross."""
 
-    outer_diameter_mm: Length
-    wall_mm: Length
-    length_mm: Length
+    outer_diameter_mm: LengthMm
+    wall_mm: LengthMm
+    length_mm: LengthMm
     angle_deg: float = 90.0
 
 
-class GrooveTable(FileModel):
+class GrooveDimensions(FileModel):
     """``[groove]``: the prepared brace end and the root bead."""
 
-    angle_deg: Annotated[tuple[Pair, ...], Strict(False), Field(max_length=1000)]
-    root_gap_mm: Small
-    root_face_mm: Small
-    root_bead_mm: Small
+    angle_deg: Annotated[tuple[AnglePairDeg, ...], Strict(False), Field(max_length=1000)]
+    root_gap_mm: SmallLengthMm
+    root_face_mm: SmallLengthMm
+    root_bead_mm: SmallLengthMm
 
 
 class JointFile(FileModel):
     """A joint as its TOML file describes it, in millimetres and degrees."""
 
-    leg: LegTable
-    brace: BraceTable
-    groove: GrooveTable
+    leg: LegDimensions
+    brace: BraceDimensions
+    groove: GrooveDimensions
     imperfections: Imperfections | None = None
 
     @classmethod
-    def of(cls, definition: JointDefinition) -> Self:
+    def from_definition(cls, definition: JointDefinition) -> Self:
         """The file that defines a joint."""
         d = definition
         return cls(
-            leg=LegTable(
+            leg=LegDimensions(
                 outer_diameter_mm=_mm(2 * d.leg_radius),
                 wall_mm=_mm(d.leg_wall),
                 length_mm=_mm(d.leg_length),
             ),
-            brace=BraceTable(
+            brace=BraceDimensions(
                 outer_diameter_mm=_mm(2 * d.brace_radius),
                 wall_mm=_mm(d.brace_wall),
                 length_mm=_mm(d.brace_length),
                 angle_deg=_deg(d.angle),
             ),
-            groove=GrooveTable(
+            groove=GrooveDimensions(
                 angle_deg=tuple((_deg(psi), _deg(groove)) for psi, groove in d.groove_table),
                 root_gap_mm=_mm(d.root_gap),
                 root_face_mm=_mm(d.root_face),
                 root_bead_mm=_mm(d.root_bead),
             ),
-            imperfections=None if d.imperfections == IDEAL else d.imperfections,
+            imperfections=None if d.imperfections == NO_IMPERFECTIONS else d.imperfections,
         )
 
     def definition(self, name: str) -> JointDefinition:
@@ -91,23 +91,23 @@ class JointFile(FileModel):
         leg, brace, groove = self.leg, self.brace, self.groove
         definition = JointDefinition(
             name=name,
-            leg_radius=leg.outer_diameter_mm / 2 * MM,
-            leg_wall=leg.wall_mm * MM,
-            leg_length=leg.length_mm * MM,
-            brace_radius=brace.outer_diameter_mm / 2 * MM,
-            brace_wall=brace.wall_mm * MM,
-            brace_length=brace.length_mm * MM,
+            leg_radius=leg.outer_diameter_mm / 2 * METRES_PER_MM,
+            leg_wall=leg.wall_mm * METRES_PER_MM,
+            leg_length=leg.length_mm * METRES_PER_MM,
+            brace_radius=brace.outer_diameter_mm / 2 * METRES_PER_MM,
+            brace_wall=brace.wall_mm * METRES_PER_MM,
+            brace_length=brace.length_mm * METRES_PER_MM,
             angle=float(np.deg2rad(brace.angle_deg)),
             groove_table=tuple(
                 (float(np.deg2rad(psi)), float(np.deg2rad(angle)))
                 for psi, angle in groove.angle_deg
             ),
-            root_gap=groove.root_gap_mm * MM,
-            root_face=groove.root_face_mm * MM,
-            root_bead=groove.root_bead_mm * MM,
-            imperfections=self.imperfections or IDEAL,
+            root_gap=groove.root_gap_mm * METRES_PER_MM,
+            root_face=groove.root_face_mm * METRES_PER_MM,
+            root_bead=groove.root_bead_mm * METRES_PER_MM,
+            imperfections=self.imperfections or NO_IMPERFECTIONS,
         )
-        check(definition)
+        check_buildable(definition)
         return definition
 
 
@@ -119,7 +119,7 @@ def read_joint(path: Path) -> JointDefinition:
     ConfigurationError
         If the file can't be read, or such a joint can't be built.
     """
-    file = validate(JointFile, read_toml(path), path)
+    file = validate_table(JointFile, read_toml(path), path)
     try:
         return file.definition(path.stem)
     except ConfigurationError as error:
@@ -127,7 +127,7 @@ def read_joint(path: Path) -> JointDefinition:
 
 
 def _mm(metres: float) -> float:
-    return round(metres / MM, 9)  # a picometre: undoes the rounding of the way in
+    return round(metres / METRES_PER_MM, 9)  # a picometre: undoes the rounding of the way in
 
 
 def _deg(radians: float) -> float:

@@ -17,23 +17,23 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array
 
 
-def in_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:
+def cylindrical_to_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:
     """Points in frame j, shape (..., 3), of cylinder coordinates that broadcast."""
     x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
     return np.stack(np.broadcast_arrays(x, y, np.asarray(z, dtype=float)), axis=-1)
 
 
-def radial(phi: ArrayLike) -> Array:
+def radial_direction(phi: ArrayLike) -> Array:
     """Unit vectors in frame j, shape (..., 3), square to the brace's axis, at an azimuth.
 
     They are the outward normals of the brace's wall.
     """
-    return in_j(phi, 1.0, 0.0)
+    return cylindrical_to_j(phi, 1.0, 0.0)
 
 
-def tangential(phi: ArrayLike) -> Array:
+def tangential_direction(phi: ArrayLike) -> Array:
     """Unit vectors in frame j, shape (..., 3), along growing azimuth."""
-    return radial(np.add(phi, np.pi / 2))
+    return radial_direction(np.add(phi, np.pi / 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class LegSurface:
 
     def point(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Points of the surface in frame j, shape (..., 3)."""
-        return in_j(phi, rho, self.height(phi, rho))
+        return cylindrical_to_j(phi, rho, self.height(phi, rho))
 
     def slope(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Rise of the surface per distance from the brace's axis, in the radial half-plane."""

@@ -15,13 +15,13 @@ import scipy  # its parts are loaded at first use
 from annotated_types import Ge, Gt, Le, Len
 
 from tjscan.core.frames import Array
-from tjscan.core.units import AS_WRITTEN, DEG, MM, Settings, Unit
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, Settings
 
-PERCENT: Final = Unit("percent", 0.01)
-PER_METRE: Final = Unit("per_m")
+PERCENT: Final = FileUnit("percent", 0.01)
+PER_METRE: Final = FileUnit("per_m")
 
 Azimuth = Annotated[float, Ge(-360.0), Le(360.0), DEG]
-Round = Annotated[tuple[float, ...], Len(1, 360), MM]
+ValuesRoundJoint = Annotated[tuple[float, ...], Len(1, 360), MM]
 """Values at even azimuths from 0 on, joined smoothly all round, in metres."""
 
 
@@ -43,7 +43,7 @@ class Ovality(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Misfit(Settings):
+class BraceMisfit(Settings):
     """The brace's axis off its nominal place.
 
     Parameters
@@ -66,7 +66,7 @@ class Misfit(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Root(Settings):
+class RootAsFitted(Settings):
     """The root as fitted up.
 
     Parameters
@@ -80,12 +80,12 @@ class Root(Settings):
     """
 
     is_open: bool = False
-    opening: Round = (0.0,)
-    bead_height: Round = (0.0,)
+    opening: ValuesRoundJoint = (0.0,)
+    bead_height: ValuesRoundJoint = (0.0,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tack(Settings):
+class TackWeld(Settings):
     """A tack weld over the root.
 
     Parameters
@@ -104,7 +104,7 @@ class Tack(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seam(Settings):
+class SeamWeldCap(Settings):
     """The cap of a seam weld along the leg.
 
     Parameters
@@ -121,7 +121,7 @@ class Seam(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bevel(Settings):
+class BevelAsCut(Settings):
     """The bevel as cut.
 
     Parameters
@@ -142,7 +142,7 @@ class Bevel(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scale(Settings):
+class MillScale(Settings):
     """Mill scale on the tubes' outer sides that has partly flaked off.
 
     Parameters
@@ -207,25 +207,25 @@ class Imperfections(Settings):
 
     leg_ovality: Ovality = Ovality()
     brace_ovality: Ovality = Ovality()
-    misfit: Misfit = Misfit()
-    root: Root = Root()
-    bevel: Bevel = Bevel()
-    tacks: Annotated[tuple[Tack, ...], Len(0, 200), AS_WRITTEN] = ()
-    seams: Annotated[tuple[Seam, ...], Len(0, 8), AS_WRITTEN] = ()
-    scale: Scale = Scale()
+    misfit: BraceMisfit = BraceMisfit()
+    root: RootAsFitted = RootAsFitted()
+    bevel: BevelAsCut = BevelAsCut()
+    tacks: Annotated[tuple[TackWeld, ...], Len(0, 200), LIST_OR_WORD_IN_FILE] = ()
+    seams: Annotated[tuple[SeamWeldCap, ...], Len(0, 8), LIST_OR_WORD_IN_FILE] = ()
+    scale: MillScale = MillScale()
     spatter: Spatter = Spatter()
 
     @property
-    def is_brace_round(self) -> bool:
+    def is_brace_nominal(self) -> bool:
         """Whether the brace is a round tube in its nominal place."""
         return self.brace_ovality.ovality == self.misfit.offset == self.misfit.tilt == 0
 
 
-IDEAL: Final = Imperfections()
+NO_IMPERFECTIONS: Final = Imperfections()
 """A joint as drawn."""
 
 
-def round_joint(values: tuple[float, ...], phi: Array) -> Array:
+def interpolate_round_joint(values: tuple[float, ...], phi: Array) -> Array:
     """Value at azimuths, shape (n,), of values at even azimuths: a periodic cubic spline."""
     if len(values) == 1:
         return np.full_like(phi, values[0])

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly
-from tjscan.joint.bevel import BevelSections, bevel_sections, root_normal
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.joint.bevel import BevelSections, bevel_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.deposits import seam_solid, spatter_solids, tack_solid
-from tjscan.joint.geometry import in_j, tangential
-from tjscan.joint.imperfections import round_joint
+from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
+from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
+from tjscan.joint.imperfections import interpolate_round_joint
 from tjscan.joint.oval import OvalLegSurface
 from tjscan.joint.tacks import tack_spans
 
-CHORD_ERROR: Final = 2e-6
+MOST_CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
 
-BORE_CHORD_ERROR: Final = 50e-6
+MOST_BORE_CHORD_ERROR: Final = 50e-6
 """The same for the leg's bore, which no laser sees."""
 
 FEWEST_AZIMUTHS: Final = 1440
@@ -33,7 +33,7 @@ BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 BOWED_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
-SUNK: Final = 2e-3
+SINK_DEPTH: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
 
 
@@ -55,14 +55,14 @@ class TriangleMesh:
     def __post_init__(self) -> None:
         triangles = np.array(self.triangles, dtype=np.int32)
         triangles.flags.writeable = False
-        object.__setattr__(self, "vertices", readonly(self.vertices))
+        object.__setattr__(self, "vertices", readonly_copy(self.vertices))
         object.__setattr__(self, "triangles", triangles)
 
 
-def build_mesh(definition: JointDefinition) -> TriangleMesh:
+def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
     """Build the solid of a joint.
 
-    Near the groove its triangles are within `CHORD_ERROR` of the true surfaces.
+    Near the groove its triangles are within `MOST_CHORD_ERROR` of the true surfaces.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def build_mesh(definition: JointDefinition) -> TriangleMesh:
     built = definition.imperfections
     spans = tack_spans(definition)
     added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
-    solid = _together(solid, added + [seam_solid(definition, seam) for seam in built.seams])
+    solid = _together(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
     # Each tack across an open root joins two rings once more.
     genus = 1 + len(built.tacks) * built.root.is_open
     if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
@@ -89,25 +89,25 @@ def _together(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> m
     return manifold3d.Manifold.batch_boolean([solid, *parts], manifold3d.OpType.Add)
 
 
-def mesh_azimuths(definition: JointDefinition) -> Array:
+def brace_vertex_azimuths(definition: JointDefinition) -> Array:
     """Azimuths of the brace's vertices in radians, growing, shape (n,).
 
     They are even, and closer where triangles would leave an edge, or the faces between, by more
-    than `CHORD_ERROR`: the groove's table has kinks.
+    than `MOST_CHORD_ERROR`: the groove's table has kinks.
     """
     phi = np.linspace(0, 2 * np.pi, FEWEST_AZIMUTHS, endpoint=False)
     while True:
         middle = _middle(phi)
-        coarse = _errors(definition, phi, middle) > CHORD_ERROR
+        coarse = _errors(definition, phi, middle) > MOST_CHORD_ERROR
         if not coarse.any():
             return phi
         phi = np.sort(np.concatenate((phi, middle[coarse])))
 
 
-def chord_error(definition: JointDefinition) -> float:
+def largest_chord_error(definition: JointDefinition) -> float:
     """Largest distance in metres of the mesh near the groove from the true surfaces."""
-    phi = mesh_azimuths(definition)
-    radius, segments = definition.leg_radius, _segments(definition.leg_radius, CHORD_ERROR)
+    phi = brace_vertex_azimuths(definition)
+    radius, segments = definition.leg_radius, _segments(definition.leg_radius, MOST_CHORD_ERROR)
     leg = float(radius * (1 - np.cos(np.pi / segments)))
     return max(leg, float(_errors(definition, phi, _middle(phi)).max()))
 
@@ -136,8 +136,8 @@ def _errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
 
 
 def _leg_tube(d: JointDefinition) -> manifold3d.Manifold:
-    outer = _rod(d, d.leg_radius, d.leg_length, CHORD_ERROR)
-    bore = _rod(d, d.leg_radius - d.leg_wall, 1.1 * d.leg_length, BORE_CHORD_ERROR)
+    outer = _rod(d, d.leg_radius, d.leg_length, MOST_CHORD_ERROR)
+    bore = _rod(d, d.leg_radius - d.leg_wall, 1.1 * d.leg_length, MOST_BORE_CHORD_ERROR)
     return outer - bore
 
 
@@ -145,7 +145,7 @@ def _rod(d: JointDefinition, radius: float, length: float, error: float) -> mani
     """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
     segments = _segments(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
-    T = np.column_stack((across, tangential(0.0), d.leg.axis, np.zeros(3)))
+    T = np.column_stack((across, tangential_direction(0.0), d.leg.axis, np.zeros(3)))
     rod = manifold3d.Manifold.cylinder(length, radius, circular_segments=segments, center=True)
     rod = rod.rotate((0, 0, 180 / segments))
     leg = d.leg
@@ -163,7 +163,7 @@ def _segments(radius: float, error: float) -> int:
 
 def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
     """The ring that the section of both sweeps round the brace's axis."""
-    outline = _outline(definition, mesh_azimuths(definition))
+    outline = _outline(definition, brace_vertex_azimuths(definition))
     n, sides = outline.shape[:2]
     index = np.arange(n * sides).reshape(n, sides)
     a, b = index, np.roll(index, -1, axis=0)
@@ -180,7 +180,7 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
     """
     sections = bevel_sections(definition, phi)
     top = np.full_like(phi, definition.brace_length)
-    wall = definition.wall_radius(phi, top)
+    wall = definition.brace_wall_radius(phi, top)
     corners = (
         np.column_stack((wall - definition.brace_wall, top)),
         sections.land_inner,
@@ -189,7 +189,7 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
         np.column_stack((wall, top)),
     )
     rho, z = np.stack(corners, axis=-1).swapaxes(0, 1)
-    return in_j(phi[:, None], rho, z)
+    return cylindrical_to_j(phi[:, None], rho, z)
 
 
 def _first_of_groove(definition: JointDefinition) -> int:
@@ -206,7 +206,7 @@ def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
     face = np.array((s.p4, s.p3))
     if root.bead_height != (0.0,):
         share = np.linspace(0, 1, BOWED_STRIPS + 1)[:, None, None]
-        height = round_joint(root.bead_height, s.phi)[:, None]
+        height = interpolate_round_joint(root.bead_height, s.phi)[:, None]
         chord = s.p3 - s.p4
         outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
         face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
@@ -237,8 +237,8 @@ def _feet(d: JointDefinition, s: BevelSections, above: Array) -> tuple[Array, Ar
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
     p4 however finely the leg is cut into faces.
     """
-    sunk = d.leg.offset(-min(SUNK, d.leg_wall / 2, 0.02 * d.leg_radius))
+    sunk = d.leg.offset(-min(SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
     outer = sunk.meet(s.phi, above, s.p4 - above)
     gapped = d.leg.offset(d.root_opening(s.phi))
-    back = -root_normal(gapped, s.phi, s.land_inner[:, 0])
+    back = -leg_normal_rz(gapped, s.phi, s.land_inner[:, 0])
     return outer, sunk.meet(s.phi, s.land_inner, back)

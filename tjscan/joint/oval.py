@@ -16,7 +16,7 @@ _ROUNDS = 8
 """Corrections of the mean diameter; each is smaller by the ovality squared."""
 
 
-def semi_axes(radius: float, ovality: float) -> tuple[float, float]:
+def semi_axes_same_circumference(radius: float, ovality: float) -> tuple[float, float]:
     """Semi-axes of the ellipse with a circle's circumference, in metres.
 
     Parameters
@@ -94,9 +94,9 @@ class OvalLegSurface(LegSurface):
     section: Ellipse
 
     @classmethod
-    def of(cls, radius: float, angle: float, ovality: float, widest: float) -> Self:
+    def from_ovality(cls, radius: float, angle: float, ovality: float, widest: float) -> Self:
         """The surface of a leg with an ovality, its widest diameter at a clock angle."""
-        return cls(radius, angle, Ellipse(*semi_axes(radius, ovality), widest))
+        return cls(radius, angle, Ellipse(*semi_axes_same_circumference(radius, ovality), widest))
 
     def offset(self, distance: ArrayLike) -> Self:
         """The surface at a distance outside this one."""

@@ -11,12 +11,12 @@ from scipy.special import ndtri
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.imperfections import Scale
+from tjscan.joint.imperfections import MillScale
 
-Relief = Callable[[Array], Array]
+ReliefHeight = Callable[[Array], Array]
 """Height over the solid's surface at points on it, shape (n, 3), in frame j: shape (n,), metres."""
 
-ON_SURFACE: Final = 0.1e-3
+ON_SURFACE_DISTANCE: Final = 0.1e-3
 """Points this near a surface of the joint lie on it, in metres."""
 
 _WAVES: Final = 16
@@ -24,10 +24,10 @@ _RIM: Final = 0.1
 """Share of a patch's size over which its rim falls."""
 
 
-def relief_of(definition: JointDefinition) -> Relief | None:
+def joint_relief_height(definition: JointDefinition) -> ReliefHeight | None:
     """Relief of a joint; None where its surfaces are smooth."""
     scale, bevel = definition.imperfections.scale, definition.imperfections.bevel
-    parts: list[Relief] = []
+    parts: list[ReliefHeight] = []
     if scale.thickness > 0:
         parts.append(_mill_scale(definition, scale))
     if bevel.scallop_depth > 0:
@@ -37,7 +37,7 @@ def relief_of(definition: JointDefinition) -> Relief | None:
     return lambda points_j: np.asarray(sum(part(points_j) for part in parts))
 
 
-def _mill_scale(definition: JointDefinition, scale: Scale) -> Relief:
+def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
     """Patches on the tubes' outer sides: where a sum of random waves is high.
 
     The sum is about Gaussian, so its quantile sets how much is covered.
@@ -53,14 +53,14 @@ def _mill_scale(definition: JointDefinition, scale: Scale) -> Relief:
         field = np.sqrt(2 / _WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rho = np.hypot(points_j[:, 0], points_j[:, 1])
-        wall = np.abs(rho - definition.wall_radius(phi, points_j[:, 2])) < ON_SURFACE
-        tubes = wall | (np.abs(leg.distance(points_j)) < ON_SURFACE)
+        wall = np.abs(rho - definition.brace_wall_radius(phi, points_j[:, 2])) < ON_SURFACE_DISTANCE
+        tubes = wall | (np.abs(leg.distance(points_j)) < ON_SURFACE_DISTANCE)
         return np.asarray(tubes * scale.thickness * np.clip((field - limit) / _RIM + 0.5, 0, 1))
 
     return height
 
 
-def _scallops(definition: JointDefinition) -> Relief:
+def _scallops(definition: JointDefinition) -> ReliefHeight:
     """Arcs between sharp crests along the bevel, half above and half below its line."""
     cut = definition.imperfections.bevel
 
@@ -73,7 +73,7 @@ def _scallops(definition: JointDefinition) -> Relief:
         up = np.sum((rz - s.p3) * along, axis=1) / length
         off = np.sum((rz - s.p3) * along[:, ::-1] * (1, -1), axis=1) / length
         # With facets the bevel leaves the line between its ends by so much at most.
-        reach = ON_SURFACE + abs(np.tan(cut.facet_angle)) * length / 4
+        reach = ON_SURFACE_DISTANCE + abs(np.tan(cut.facet_angle)) * length / 4
         on_bevel = (np.abs(off) < reach) & (up > 0) & (up < length)
         wave = 1 - 2 * np.abs(np.sin(np.pi * up / cut.scallop_length))
         return np.asarray(on_bevel * 0.5 * cut.scallop_depth * wave)

@@ -22,7 +22,7 @@ def tack_spans(definition: JointDefinition) -> Array:
 
 
 def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
-    """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
+    """Whether azimuths lie in one of the spans that `tack_azimuth_spans` gives, the shape of `phi`.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import Driver, Kind, NoSettings
+from tjscan.core.devices import Driver, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.laser.line_laser import LineLaser
@@ -14,17 +14,17 @@ from tjscan.laser.line_laser import LineLaser
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
     from tjscan.laser.model import LaserModel
-    from tjscan.laser.optics import Surface
+    from tjscan.laser.optics import RaycastSurface
     from tjscan.laser.profile import Profile
     from tjscan.laser.replay import RecordedPoses, ReplayedLaser
     from tjscan.laser.simulated import SimulatedLaser
 
-STREAM: Final = 1
+RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Carrier:
+class LaserFlange:
     """The flange that a laser sits on.
 
     Parameters
@@ -43,7 +43,7 @@ class Carrier:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class SimulatedScene:
     """What a simulated laser looks at.
 
     Parameters
@@ -54,7 +54,7 @@ class Scene:
         Where that frame truly stands in the base frame.
     """
 
-    surface: Surface
+    surface: RaycastSurface
     T_b_j: Array
 
 
@@ -71,7 +71,7 @@ class LaserContext:
     T_f_s : ndarray, shape (4, 4)
         Where it truly sits on the flange.
     scene : callable
-        Gives the `Scene`; raises ConfigurationError where the job describes none.
+        Gives the `SimulatedScene`; raises ConfigurationError where the job describes none.
     seed : int or None
         Of a simulation's random numbers; None where the job has no [simulation].
     recording : callable
@@ -80,9 +80,9 @@ class LaserContext:
     """
 
     model: LaserModel
-    carrier: Carrier
+    carrier: LaserFlange
     T_f_s: Array
-    scene: Callable[[], Scene]
+    scene: Callable[[], SimulatedScene]
     seed: int | None
     recording: Callable[[], tuple[RecordedPoses, tuple[Profile, ...]]]
 
@@ -93,19 +93,19 @@ LaserDriver = Driver[LaserContext, LineLaser]
 def _simulated(context: LaserContext, settings: NoSettings) -> SimulatedLaser:
     import numpy as np
 
-    from tjscan.core.frames import inverse
+    from tjscan.core.frames import inverse_pose
     from tjscan.laser.simulated import SimulatedLaser
 
     if context.seed is None:
         raise ConfigurationError("a simulated laser needs a [simulation] table", key="simulation")
     scene = context.scene()
-    T_j_b, carrier, T_f_s = inverse(scene.T_b_j), context.carrier, context.T_f_s
+    T_j_b, carrier, T_f_s = inverse_pose(scene.T_b_j), context.carrier, context.T_f_s
     return SimulatedLaser(
         scene.surface,
         # Where the laser truly is, not where the arm believes it to be.
         pose=lambda: T_j_b @ carrier.truth() @ T_f_s,
         model=context.model,
-        rng=np.random.default_rng([context.seed, STREAM]),
+        rng=np.random.default_rng([context.seed, RANDOM_STREAM]),
         clock=carrier.time,
     )
 
@@ -117,10 +117,10 @@ def _replayed(context: LaserContext, settings: NoSettings) -> ReplayedLaser:
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-SIMULATED: Final = LaserDriver(_simulated, kind=Kind.SIMULATED)
-REPLAYED: Final = LaserDriver(_replayed, kind=Kind.REPLAYED)
+SIMULATED: Final = LaserDriver(_simulated, kind=DriverKind.SIMULATED)
+REPLAYED: Final = LaserDriver(_replayed, kind=DriverKind.REPLAYED)
 
-LASERS: Final[Registry[LaserDriver]] = Registry(
+LASER_DRIVERS: Final[Registry[LaserDriver]] = Registry(
     "laser",
     {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
     key="laser.driver",

@@ -9,12 +9,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RayHits
+from tjscan.laser.optics import LaserRayHits
 
 
-class Kind(IntEnum):
+class PointOrigin(IntEnum):
     """Origin of the point in a column."""
 
     MISSING = 0
@@ -25,7 +25,7 @@ class Kind(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SimulatedPoints:
+class SimulatedProfile:
     """One simulated profile together with the truth about it, by columns.
 
     Parameters
@@ -35,7 +35,7 @@ class SimulatedPoints:
     intensity : ndarray, shape (n,)
         0 to 1; zero where there is no point.
     kind : ndarray of int8, shape (n,)
-        A `Kind` for each column.
+        A `PointOrigin` for each column.
     """
 
     x_s: Array
@@ -45,12 +45,12 @@ class SimulatedPoints:
 
     def __post_init__(self) -> None:
         for name in ("x_s", "z_s", "intensity"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
         self.kind.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Streams:
+class FaultRandomStreams:
     """A random generator of its own for each fault: switching one off leaves the others alone."""
 
     noise: np.random.Generator
@@ -68,7 +68,9 @@ class Streams:
         return cls(*streams, *streams[-1].spawn(1))
 
 
-def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoints:
+def apply_faults(
+    hits: LaserRayHits, model: LaserModel, streams: FaultRandomStreams
+) -> SimulatedProfile:
     """Points that a sensor with these faults reports of what it sees.
 
     A ghost takes the place of the direct point, also of one that dropped out; a missing
@@ -76,39 +78,46 @@ def disturb(hits: RayHits, model: LaserModel, streams: Streams) -> SimulatedPoin
     """
     cosine = np.clip(hits.cosine, 0.0, 1.0)
     distance = np.where(hits.seen, hits.distance, np.nan)
-    kind = np.where(hits.seen, Kind.TRUE, Kind.MISSING).astype(np.int8)
+    kind = np.where(hits.seen, PointOrigin.TRUE, PointOrigin.MISSING).astype(np.int8)
     intensity = np.where(hits.seen, cosine, 0.0)
 
     flying = _flyers(hits, model, streams.flyers)
     flies = np.isfinite(flying)
     distance += _bias(cosine, model)
     distance -= _interreflection(hits, model)
-    distance[flies], kind[flies] = flying[flies], Kind.FLYER
-    kind[_dropped(cosine, model, streams.dropout)] = Kind.MISSING
+    distance[flies], kind[flies] = flying[flies], PointOrigin.FLYER
+    kind[_dropped(cosine, model, streams.dropout)] = PointOrigin.MISSING
 
     ghosts = _ghosts(hits, model, streams.ghosts)
-    distance[ghosts], kind[ghosts] = hits.ghost[ghosts], Kind.GHOST
+    distance[ghosts], kind[ghosts] = hits.ghost[ghosts], PointOrigin.GHOST
     intensity[ghosts] *= model.ghost_intensity
 
     strays, offsets = _strays(hits, model, streams.strays)
-    strays, offsets = strays[kind[strays] == Kind.TRUE], offsets[kind[strays] == Kind.TRUE]
+    strays, offsets = (
+        strays[kind[strays] == PointOrigin.TRUE],
+        offsets[kind[strays] == PointOrigin.TRUE],
+    )
     distance[strays] += offsets
-    kind[strays] = Kind.STRAY
+    kind[strays] = PointOrigin.STRAY
 
     count = _whole(model.missing * model.columns, streams.missing)
     everywhere = np.arange(model.columns)
-    kind[scatter_runs(streams.missing, everywhere, count, model.missing_run)] = Kind.MISSING
+    kind[choose_column_runs(streams.missing, everywhere, count, model.missing_run)] = (
+        PointOrigin.MISSING
+    )
 
-    distance += speckle(streams.noise, model.columns, model.noise, model.noise_correlation)
+    distance += correlated_noise(streams.noise, model.columns, model.noise, model.noise_correlation)
     x_s = _quantised(distance * hits.directions_s[:, 0], model.step)
     z_s = _quantised(model.emitter_z + distance * hits.directions_s[:, 2], model.step)
-    kind[~((z_s >= model.near) & (z_s <= model.far))] = Kind.MISSING
-    gone = kind == Kind.MISSING
+    kind[~((z_s >= model.near) & (z_s <= model.far))] = PointOrigin.MISSING
+    gone = kind == PointOrigin.MISSING
     x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0
-    return SimulatedPoints(x_s, z_s, intensity, kind)
+    return SimulatedProfile(x_s, z_s, intensity, kind)
 
 
-def speckle(rng: np.random.Generator, count: int, sigma: float, correlation: float) -> Array:
+def correlated_noise(
+    rng: np.random.Generator, count: int, sigma: float, correlation: float
+) -> Array:
     """Stationary Gaussian noise, shape (count,): each value has standard deviation `sigma`.
 
     White noise through a Gaussian window of unit energy. Two values k apart correlate by
@@ -123,7 +132,7 @@ def speckle(rng: np.random.Generator, count: int, sigma: float, correlation: flo
     return np.asarray(np.convolve(white, sigma / np.linalg.norm(window) * window, mode="valid"))
 
 
-def scatter_runs(
+def choose_column_runs(
     rng: np.random.Generator,
     eligible: NDArray[np.intp],
     count: int,
@@ -176,17 +185,17 @@ def _dropped(cosine: Array, model: LaserModel, rng: np.random.Generator) -> NDAr
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
 
 
-def _ghosts(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
+def _ghosts(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
     """Columns that show the mirror image instead of the face."""
     if model.ghosts == 0:
         return np.empty(0, dtype=np.intp)
     possible = np.flatnonzero(np.isfinite(hits.ghost))
     wanted = model.ghosts * np.count_nonzero(hits.seen)
     count = _whole(min(wanted, model.ghost_share * len(possible)), rng)
-    return scatter_runs(rng, possible, count, model.ghost_run)
+    return choose_column_runs(rng, possible, count, model.ghost_run)
 
 
-def _flyers(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> Array:
+def _flyers(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> Array:
     """Distances of the points that fly, NaN where none does, shape (n,).
 
     They lie somewhere between the two sides of an edge, and miss that span at random.
@@ -206,19 +215,19 @@ def _flyers(hits: RayHits, model: LaserModel, rng: np.random.Generator) -> Array
 
 
 def _strays(
-    hits: RayHits, model: LaserModel, rng: np.random.Generator
+    hits: LaserRayHits, model: LaserModel, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], Array]:
     """Columns that stray, rising, and how far along their rays; one distance for each run."""
     possible = np.flatnonzero(hits.seen)
     count = _whole(model.strays * len(possible), rng)
-    strays = scatter_runs(rng, possible, count, model.stray_run)
+    strays = choose_column_runs(rng, possible, count, model.stray_run)
     run = np.cumsum(np.diff(strays, prepend=-2) > 1) - 1
     runs = int(run[-1]) + 1 if len(run) else 0
     offsets = rng.choice((-1.0, 1.0), runs) * rng.uniform(*model.stray_offset, runs)
     return strays, np.asarray(offsets[run])
 
 
-def _interreflection(hits: RayHits, model: LaserModel) -> Array:
+def _interreflection(hits: LaserRayHits, model: LaserModel) -> Array:
     """How far each point is pulled towards the sensor, shape (n,).
 
     Light that one face throws onto the other fills a notch. The pull is largest at the notch
@@ -239,7 +248,7 @@ def _interreflection(hits: RayHits, model: LaserModel) -> Array:
     return np.where(hit, pull, 0.0)
 
 
-def _edges(hits: RayHits, model: LaserModel) -> NDArray[np.bool_]:
+def _edges(hits: LaserRayHits, model: LaserModel) -> NDArray[np.bool_]:
     """Whether a crease or a jump lies between each column and the next, shape (n - 1,)."""
     hit = np.isfinite(hits.distance)
     points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s

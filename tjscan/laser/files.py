@@ -12,38 +12,38 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError, nearest
-from tjscan.core.files import check_size
+from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
-from tjscan.laser.gocator import is_gocator, read_gocator
+from tjscan.laser.gocator import is_gocator_export, read_gocator_profiles
 from tjscan.laser.profile import Profile
-from tjscan.laser.text import TextTable, is_count, read_text
+from tjscan.laser.text import TextTable, is_column_numbering, read_text_table
 
-UNITS: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
+METRES_PER_UNIT: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 """Metres in each unit of length."""
 
-GROUPS: Final = ("profile", "frame", "index")
+GROUP_COLUMNS: Final = ("profile", "frame", "index")
 """Names of a column that separates the profiles of one table."""
 
-SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
+PROFILE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
 """Files of a folder that are read."""
 
 MOST_BYTES: Final = 100_000_000
 """A larger file is no profile; it would fill the memory."""
 
-SMALLEST, LARGEST = 2e-4, 10.0
+SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
 """Metres that a profile spans: less or more is a mistaken unit."""
 
-STEEPEST: Final = 5.0
+MOST_HEIGHT_OVER_WIDTH: Final = 5.0
 """Range of heights over width of a profile: more is a mistaken scale or pitch."""
 
-PLANE: Final = 1e-6
+OFF_PLANE_TOLERANCE: Final = 1e-6
 """Metres that a point of a profile may lie off the laser plane."""
 
-MIDDLE: Final = 0.240
+ASSUMED_MID_RANGE: Final = 0.240
 """Distance of mid-range from the sensor where nothing is stated, in metres (assumption)."""
 
-MANY_ZEROS: Final = 0.02
+NOTED_ZERO_SHARE: Final = 0.02
 """Share of heights that are exactly zero, among others near it, that is worth a note."""
 
 
@@ -54,7 +54,7 @@ class ProfileFormat:
     Parameters
     ----------
     unit : str, optional
-        One of `UNITS`, where the names of the columns don't state it.
+        One of `METRES_PER_UNIT`, where the names of the columns don't state it.
     pitch : float, optional
         Distance of neighbouring columns of a matrix, or of points without an x, in that unit.
     invalid : tuple of float
@@ -65,7 +65,7 @@ class ProfileFormat:
         sensor.
     z_offset : float, optional
         Distance from the sensor, in that unit, where the file's height is zero. Without it
-        heights of either sign count from `MIDDLE`.
+        heights of either sign count from `ASSUMED_MID_RANGE`.
     """
 
     unit: str | None = None
@@ -76,7 +76,7 @@ class ProfileFormat:
 
 
 @dataclass(slots=True)
-class ProfileTable:
+class FileProfiles:
     """What a file holds.
 
     Parameters
@@ -95,7 +95,7 @@ class ProfileTable:
     notes: list[str] = field(default_factory=list)
 
 
-def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
+def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
     """Read every profile in a file, or in the files of a folder; what is bad is named.
 
     Parameters
@@ -114,8 +114,8 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
         If the file is missing, too large, not text, or lacks a unit, a pitch or a column; or if
         its numbers can only be of another unit.
     """
-    if form.unit is not None and form.unit not in UNITS:
-        known = ", ".join(UNITS)
+    if form.unit is not None and form.unit not in METRES_PER_UNIT:
+        known = ", ".join(METRES_PER_UNIT)
         raise ConfigurationError(f"unknown unit {form.unit!r}; one of {known}", key="units")
     for key, value in (("--z-scale", form.z_scale), ("--z-offset", form.z_offset or 0.0)):
         if not math.isfinite(value) or (key == "--z-scale" and value == 0):
@@ -128,17 +128,17 @@ def read_profiles(file: Path, form: ProfileFormat) -> ProfileTable:
     return table
 
 
-def upside_down(profile: Profile) -> Profile:
+def flip_heights(profile: Profile) -> Profile:
     """The profile that heights of the other sign would have given, as far from the sensor."""
     low, high = np.nanmin(profile.z_s), np.nanmax(profile.z_s)
     return Profile(profile.x_s, low + high - profile.z_s, profile.intensity, profile.time)
 
 
-def _read_folder(folder: Path, form: ProfileFormat) -> ProfileTable:
+def _read_folder(folder: Path, form: ProfileFormat) -> FileProfiles:
     """The profiles of all files in a folder, by name."""
-    together = ProfileTable()
+    together = FileProfiles()
     for file in sorted(folder.iterdir()):
-        if file.suffix.lower() not in SUFFIXES:
+        if file.suffix.lower() not in PROFILE_SUFFIXES:
             continue
         try:
             table = read_profiles(file, form)
@@ -151,15 +151,15 @@ def _read_folder(folder: Path, form: ProfileFormat) -> ProfileTable:
         together.bad += [f"{file.name}: {bad}" for bad in table.bad]
         together.notes += [note for note in table.notes if note not in together.notes]
     if not together.profiles:
-        known = ", ".join(SUFFIXES)
+        known = ", ".join(PROFILE_SUFFIXES)
         why = f" ({together.bad[0]})" if together.bad else ""
         raise ConfigurationError(f"holds no profile in a file {known}{why}", file=folder)
     return together
 
 
-def _read_file(file: Path, form: ProfileFormat) -> ProfileTable:
+def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
     try:
-        check_size(file, MOST_BYTES, "profiles")
+        check_file_size(file, MOST_BYTES, "profiles")
         suffix = file.suffix.lower()
         if suffix == ".mcap":
             raise ConfigurationError(
@@ -171,9 +171,9 @@ def _read_file(file: Path, form: ProfileFormat) -> ProfileTable:
             return _read_ply(file, form)
         if suffix == ".npy":
             return _read_npy(file, form)
-        return _read_text(file, read_text(file), form)
+        return _read_text(file, read_text_table(file), form)
     except FileNotFoundError:
-        near = nearest(file.name, [f.name for f in file.parent.glob("*")][:1000])
+        near = nearest_word(file.name, [f.name for f in file.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
@@ -181,10 +181,10 @@ def _read_file(file: Path, form: ProfileFormat) -> ProfileTable:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
 
 
-def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
+def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
     if not text.rows:
         raise ConfigurationError("is empty", file=file)
-    if is_gocator(text):
+    if is_gocator_export(text):
         return _read_gocator(text, form)
     first = text.numbers(text.rows[0][1])
     if None not in first:
@@ -192,32 +192,36 @@ def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable
     return _read_columns(file, text, form)
 
 
-def _read_gocator(text: TextTable, form: ProfileFormat) -> ProfileTable:
+def _read_gocator(text: TextTable, form: ProfileFormat) -> FileProfiles:
     """Z grows towards the sensor, from mid-range, in millimetres, unless the options differ."""
-    found, bad = read_gocator(text)
-    offset = MIDDLE if form.z_offset is None else form.z_offset * UNITS[form.unit or "mm"]
+    found, bad = read_gocator_profiles(text)
+    offset = (
+        ASSUMED_MID_RANGE
+        if form.z_offset is None
+        else form.z_offset * METRES_PER_UNIT[form.unit or "mm"]
+    )
     sign = -form.z_scale
     profiles = {
         name: _profile(x, offset + sign * _without(height, form.invalid))
         for name, (x, height) in found.items()
     }
-    return ProfileTable(profiles, bad, [] if form.z_offset is not None else [_MIDDLE_TAKEN])
+    return FileProfiles(profiles, bad, [] if form.z_offset is not None else [_MIDDLE_TAKEN])
 
 
 _MIDDLE_TAKEN: Final = (
-    f"heights count from mid-range, which is taken to be {1e3 * MIDDLE:g} mm from the sensor; "
-    "--z-offset states it"
+    f"heights count from mid-range, which is taken to be {1e3 * ASSUMED_MID_RANGE:g} mm "
+    "from the sensor; --z-offset states it"
 )
 
 
-def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
+def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
     """A profile per row, below a line of column numbers or none."""
     first = text.numbers(text.rows[0][1])
-    indexed = len(first) > 2 and math.isnan(first[0] or 0.0) and is_count(first[1:])
-    counted = indexed or (len(text.rows) > 1 and is_count(first))
+    indexed = len(first) > 2 and math.isnan(first[0] or 0.0) and is_column_numbering(first[1:])
+    counted = indexed or (len(text.rows) > 1 and is_column_numbering(first))
     rows = text.rows[1:] if counted else text.rows
     start, width = rows[0][0], len(text.rows[0][1])
-    table, names, heights = ProfileTable(), list[str](), list[list[float]]()
+    table, names, heights = FileProfiles(), list[str](), list[list[float]]()
     for line, row in rows:
         name = f"row {line - start + 1}"
         values = text.numbers(row)
@@ -234,7 +238,7 @@ def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable
 
 
 def _add_matrix(
-    file: Path, table: ProfileTable, names: Sequence[str], heights: Array, form: ProfileFormat
+    file: Path, table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
 ) -> None:
     """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle."""
     scale = _scale(file, form.unit, "a matrix of profiles")
@@ -257,8 +261,8 @@ def _pitched(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
     return np.asarray(form.pitch * (np.arange(count) - (count - 1) / 2))
 
 
-def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTable:
-    """A point per row, in columns x and z; a column `GROUPS` separates the profiles."""
+def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
+    """A point per row, in columns x and z; a column `GROUP_COLUMNS` separates the profiles."""
     (header, first), *rows = text.rows
     names = [cell.lower() for cell in first]
     z_at, z_unit = _column(file, names, "z")
@@ -268,8 +272,8 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTa
         _scale(file, unit or form.unit, "a column without a unit in its name")
         for unit in (x_unit, z_unit)
     )
-    group_at = next((names.index(name) for name in GROUPS if name in names), None)
-    table, points = ProfileTable(), dict[str, list[tuple[float, float]]]()
+    group_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
+    table, points = FileProfiles(), dict[str, list[tuple[float, float]]]()
     for line, row in rows:
         name = f"row {line - header + 1}"
         if len(row) != len(names):
@@ -296,7 +300,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> ProfileTa
     return table
 
 
-def _read_npy(file: Path, form: ProfileFormat) -> ProfileTable:
+def _read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     """Heights, shape (n,) or (m, n), or points x and z, shape (n, 2) or (m, n, 2)."""
     try:
         found = np.load(file, allow_pickle=False)
@@ -304,7 +308,7 @@ def _read_npy(file: Path, form: ProfileFormat) -> ProfileTable:
         raise ConfigurationError(f"is no array of numbers: {error}", file=file) from None
     if not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf" or found.size == 0:
         raise ConfigurationError("is no array of numbers", file=file)
-    values, table = found.astype(float), ProfileTable()
+    values, table = found.astype(float), FileProfiles()
     values[np.isinf(values)] = np.nan
     names = [f"row {i + 1}" for i in range(len(values))]
     if values.ndim == 1:
@@ -323,7 +327,7 @@ def _read_npy(file: Path, form: ProfileFormat) -> ProfileTable:
     return table
 
 
-def _read_ply(file: Path, form: ProfileFormat) -> ProfileTable:
+def _read_ply(file: Path, form: ProfileFormat) -> FileProfiles:
     import trimesh
 
     scale = _scale(file, form.unit, "a PLY")
@@ -331,11 +335,11 @@ def _read_ply(file: Path, form: ProfileFormat) -> ProfileTable:
         points = np.asarray(trimesh.load(file, process=False).vertices, dtype=float)
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
-    if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= PLANE:
+    if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:
         raise ConfigurationError(
             "its points lie off the plane y = 0, so it is no profile in a sensor's frame", file=file
         )
-    table = ProfileTable()
+    table = FileProfiles()
     z_s = _heights(points[:, 2], scale, form, table)
     table.profiles[file.name] = _profile(scale * points[:, 0], z_s)
     return table
@@ -347,7 +351,7 @@ def _profile(x_s: Array, z_s: Array) -> Profile:
     return Profile(np.where(gone, np.nan, x_s), np.where(gone, np.nan, z_s))
 
 
-def _heights(values: Array, scale: float, form: ProfileFormat, table: ProfileTable) -> Array:
+def _heights(values: Array, scale: float, form: ProfileFormat, table: FileProfiles) -> Array:
     """Distances from the sensor in metres of a file's numbers, NaN for no point.
 
     Heights of either sign count from mid-range. A zero among them is a height; far from all
@@ -358,7 +362,7 @@ def _heights(values: Array, scale: float, form: ProfileFormat, table: ProfileTab
     others = z[~zero & np.isfinite(z)]
     if _is_apart(others):
         z = np.where(zero, np.nan, z)
-    elif zero.mean() > MANY_ZEROS:
+    elif zero.mean() > NOTED_ZERO_SHARE:
         table.notes.append(
             f"{100 * zero.mean():.0f} % of the heights are exactly 0; if that means no point, "
             "state --invalid 0"
@@ -370,7 +374,7 @@ def _heights(values: Array, scale: float, form: ProfileFormat, table: ProfileTab
         return z
     table.notes.append(_MIDDLE_TAKEN)
     # Nothing lies behind the sensor, however long its range.
-    return np.asarray(z + max(MIDDLE, -1.2 * float(np.nanmin(z))))
+    return np.asarray(z + max(ASSUMED_MID_RANGE, -1.2 * float(np.nanmin(z))))
 
 
 def _is_apart(others: Array) -> bool:
@@ -392,14 +396,14 @@ def _column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | Non
 
 
 def _is_axis(name: str, axis: str) -> re.Match[str] | None:
-    units = "|".join(UNITS)
+    units = "|".join(METRES_PER_UNIT)
     return re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
 
 
 def _check_unit(file: Path, profiles: Iterable[Profile]) -> None:
     """Refuse profiles of a size that only a mistaken unit explains."""
     spans = [np.ptp(p.points_s[:, [0, 2]], axis=0).max() for p in profiles if p.valid.any()]
-    if spans and not SMALLEST <= (span := float(np.median(spans))) <= LARGEST:
+    if spans and not SMALLEST_SPAN <= (span := float(np.median(spans))) <= LARGEST_SPAN:
         raise ConfigurationError(
             f"its profiles span {1e3 * span:.3g} mm: is the unit right? It is stated in the names "
             "of the columns (x_mm, x_um, x_m) or with --units",
@@ -415,7 +419,7 @@ def _check_scale(file: Path, profiles: Iterable[Profile]) -> None:
         if len(points) > 2:
             low, high = np.percentile(points[:, 2], (5, 95))
             steep.append((high - low) / max(np.ptp(points[:, 0]), 1e-12))
-    if steep and (ratio := float(np.median(steep))) > STEEPEST:
+    if steep and (ratio := float(np.median(steep))) > MOST_HEIGHT_OVER_WIDTH:
         raise ConfigurationError(
             f"heights span {ratio:.3g} times the width of the profiles: are their units the "
             "same? --pitch states the distance of columns, --z-scale what one of the heights' "
@@ -427,7 +431,7 @@ def _check_scale(file: Path, profiles: Iterable[Profile]) -> None:
 def _scale(file: Path, unit: str | None, what: str) -> float:
     if unit is None:
         raise ConfigurationError(f"{what} needs its unit: --units mm, um or m", file=file)
-    return UNITS[unit]
+    return METRES_PER_UNIT[unit]
 
 
 def _without(values: Array, invalid: Sequence[float]) -> Array:

@@ -15,18 +15,18 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.laser.text import TextTable
 
-SECTIONS = {"profile": False, "rawprofile": True}
+PROFILE_SECTIONS = {"profile": False, "rawprofile": True}
 """Sections that hold profiles, and whether their X values stand in rows."""
 
-MM = 1e-3
+METRES_PER_MM = 1e-3
 
 
-def is_gocator(table: TextTable) -> bool:
+def is_gocator_export(table: TextTable) -> bool:
     """Whether a table is such an export."""
-    return any(_title(row) in SECTIONS for _, row in table.rows)
+    return any(_title(row) in PROFILE_SECTIONS for _, row in table.rows)
 
 
-def read_gocator(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list[str]]:
+def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list[str]]:
     """X and height of each profile in metres by name, and what could not be read.
 
     Parameters
@@ -41,8 +41,8 @@ def read_gocator(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list
     header: list[float | None] = []
     for number, row in table.rows:
         title = _title(row)
-        if title in SECTIONS:
-            raw, names = SECTIONS[title], None
+        if title in PROFILE_SECTIONS:
+            raw, names = PROFILE_SECTIONS[title], None
         elif len([cell for cell in row if cell]) == 1 and table.number(row[0]) is None:
             raw = None  # another section
         elif raw is not None and "axis" in (low := [cell.lower() for cell in row]):
@@ -60,10 +60,10 @@ def read_gocator(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list
             frame = f"frame {row[names.index('frame')]}" if "frame" in names else f"line {number}"
             if "source" in names and row[names.index("source")] not in ("", "0"):
                 frame += f", source {row[names.index('source')]}"
-            ranges.setdefault(frame, {})[axis] = MM * np.array(values, dtype=float)
+            ranges.setdefault(frame, {})[axis] = METRES_PER_MM * np.array(values, dtype=float)
             if not raw:
                 x = [math.nan if value is None else value for value in header]
-                ranges[frame]["x"] = MM * np.array(x)
+                ranges[frame]["x"] = METRES_PER_MM * np.array(x)
     for frame, axes in ranges.items():
         if axes.keys() >= {"x", "z"}:
             found[frame] = (axes["x"], axes["z"])

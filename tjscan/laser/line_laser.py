@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Protocol, Self
 
-from tjscan.core.devices import Identity, Listener
+from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.laser.profile import Profile
 
 
@@ -26,11 +26,11 @@ class LineLaser(Protocol):
         ...
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> DeviceIdentity:
         """Which laser it is; known while connected."""
         ...
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: EventListener) -> None:
         """Report events to a listener from now on."""
         ...
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Self
 from annotated_types import Ge, Le
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.units import INTERNAL, MM, POINTS, Settings
+from tjscan.core.units import MM, NOT_IN_FILE, POINTS, Settings
 
 STANDARD_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
@@ -119,37 +119,37 @@ class LaserModel(Settings):
         If a value can't be; its `key` names the field.
     """
 
-    columns: Annotated[int, INTERNAL] = 640
-    near: Annotated[float, INTERNAL] = STANDARD_RANGE[0]
-    far: Annotated[float, INTERNAL] = STANDARD_RANGE[1]
-    emitter_z: Annotated[float, INTERNAL] = _APEX_Z
-    half_angle: Annotated[float, INTERNAL] = math.atan(_SLOPE)
-    detector_y: Annotated[float, INTERNAL] = 0.080
-    detector_z: Annotated[float, INTERNAL] = _APEX_Z
+    columns: Annotated[int, NOT_IN_FILE] = 640
+    near: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[0]
+    far: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[1]
+    emitter_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
+    half_angle: Annotated[float, NOT_IN_FILE] = math.atan(_SLOPE)
+    detector_y: Annotated[float, NOT_IN_FILE] = 0.080
+    detector_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
     noise: Annotated[float, Ge(0), Le(5), MM] = 30e-6
     noise_correlation: Annotated[float, Ge(0), Le(100), POINTS] = 4.0
     bias: Annotated[float, Ge(0), Le(5), MM] = 20e-6
-    bias_limit: Annotated[float, INTERNAL] = 100e-6
+    bias_limit: Annotated[float, NOT_IN_FILE] = 100e-6
     dropout: Fraction = 1.0
-    dropout_start: Annotated[float, INTERNAL] = math.radians(60)
-    dropout_end: Annotated[float, INTERNAL] = math.radians(80)
+    dropout_start: Annotated[float, NOT_IN_FILE] = math.radians(60)
+    dropout_end: Annotated[float, NOT_IN_FILE] = math.radians(80)
     missing: Fraction = 0.02
-    missing_run: Annotated[tuple[int, int], INTERNAL] = (1, 4)
+    missing_run: Annotated[tuple[int, int], NOT_IN_FILE] = (1, 4)
     ghosts: Fraction = 0.065
-    ghost_share: Annotated[float, INTERNAL] = 0.6
-    ghost_run: Annotated[tuple[int, int], INTERNAL] = (4, 30)
-    ghost_intensity: Annotated[float, INTERNAL] = 0.3
+    ghost_share: Annotated[float, NOT_IN_FILE] = 0.6
+    ghost_run: Annotated[tuple[int, int], NOT_IN_FILE] = (4, 30)
+    ghost_intensity: Annotated[float, NOT_IN_FILE] = 0.3
     flyers: Fraction = 0.3
-    flyer_overshoot: Annotated[float, INTERNAL] = 0.5e-3
-    flyer_crease: Annotated[float, INTERNAL] = math.radians(20)
-    flyer_jump: Annotated[float, INTERNAL] = 0.5e-3
+    flyer_overshoot: Annotated[float, NOT_IN_FILE] = 0.5e-3
+    flyer_crease: Annotated[float, NOT_IN_FILE] = math.radians(20)
+    flyer_jump: Annotated[float, NOT_IN_FILE] = 0.5e-3
     strays: Fraction = 0.0
-    stray_run: Annotated[tuple[int, int], INTERNAL] = (8, 40)
-    stray_offset: Annotated[tuple[float, float], INTERNAL] = (0.8e-3, 8e-3)
+    stray_run: Annotated[tuple[int, int], NOT_IN_FILE] = (8, 40)
+    stray_offset: Annotated[tuple[float, float], NOT_IN_FILE] = (0.8e-3, 8e-3)
     interreflection: Annotated[float, Ge(0), Le(5), MM] = 0.0
-    interreflection_reach: Annotated[float, INTERNAL] = 4e-3
-    notch: Annotated[float, INTERNAL] = math.radians(20)
-    step: Annotated[float, Ge(0), Le(1), MM.keyed("resolution_mm")] = 5e-6
+    interreflection_reach: Annotated[float, NOT_IN_FILE] = 4e-3
+    notch: Annotated[float, NOT_IN_FILE] = math.radians(20)
+    step: Annotated[float, Ge(0), Le(1), MM.with_key("resolution_mm")] = 5e-6
     occlusion: bool = True
 
     def __post_init__(self) -> None:

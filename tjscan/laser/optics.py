@@ -10,19 +10,19 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.laser.model import LaserModel
 
-LIFT: Final = 10e-6
+RAY_START_OFFSET: Final = 10e-6
 """Secondary rays start this far above the face, in metres: float32 is good to about 0.1 µm."""
 
-GRAZING: Final = 1e-3
+LEAST_PLANE_COSINE: Final = 1e-3
 """Cosine of incidence below which a plane is too nearly parallel to be met again in float64."""
 
-LEAST_COSINE: Final = 0.2
+LEAST_RELIEF_COSINE: Final = 0.2
 """Rays that graze more than this shift over a relief as if they did not."""
 
-MELT: Final = 0.5e-3
+LEAST_GHOST_DISTANCE: Final = 0.5e-3
 """A mirror image nearer to the direct point than this melts into it, in metres (assumption)."""
 
 
@@ -42,7 +42,7 @@ class FirstHits:
     normals: Array
 
 
-class Surface:
+class RaycastSurface:
     """Triangles that light can hit. They may form a solid, or just lie about.
 
     Parameters
@@ -109,7 +109,7 @@ class Surface:
         normals = np.where(hit[:, None], self._normals[face], 0.0)
         cosine = np.einsum("ij,ij->i", normals, directions)
         height = self._offsets[face] - np.einsum("ij,ij->i", normals, o)
-        np.divide(height, cosine, out=distance, where=np.abs(cosine) > GRAZING)
+        np.divide(height, cosine, out=distance, where=np.abs(cosine) > LEAST_PLANE_COSINE)
         return FirstHits(distance, np.where(cosine[:, None] > 0, -normals, normals))
 
     def blocks(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
@@ -122,7 +122,7 @@ class Surface:
         eye : ndarray, shape (3,)
             In frame j.
         """
-        start = points + LIFT * normals
+        start = points + RAY_START_OFFSET * normals
         way = eye - start
         taken = self._scene.test_occlusions(
             _rays(start - self._centre, way), tnear=0.0, tfar=1.0, nthreads=1
@@ -132,7 +132,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RayHits:
+class LaserRayHits:
     """What the rays of a laser hit, before any fault: one entry per column.
 
     Parameters
@@ -162,7 +162,7 @@ class RayHits:
         return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
 
 
-def fan(model: LaserModel) -> Array:
+def laser_ray_directions(model: LaserModel) -> Array:
     """Unit rays of the columns in frame s, shape (n, 3), by rising x.
 
     Their tangents are equally spaced: the columns of a pinhole detector whose rows run along
@@ -171,10 +171,12 @@ def fan(model: LaserModel) -> Array:
     edge = np.tan(model.half_angle)
     tangent = np.linspace(-edge, edge, model.columns)
     rays = np.column_stack((tangent, np.zeros_like(tangent), np.ones_like(tangent)))
-    return readonly(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    return readonly_copy(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Array) -> RayHits:
+def trace_laser_rays(
+    surface: RaycastSurface, T_j_s: Array, model: LaserModel, directions_s: Array
+) -> LaserRayHits:
     """Trace every column's light to the surface and to the detector.
 
     Parameters
@@ -186,10 +188,10 @@ def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Arr
     model : LaserModel
         Its optics.
     directions_s : ndarray, shape (n, 3)
-        What `fan` gives for `model`.
+        What `laser_ray_directions` gives for `model`.
     """
     R = T_j_s[:3, :3]
-    emitter = transform(T_j_s, (0.0, 0.0, model.emitter_z))
+    emitter = transform_points(T_j_s, (0.0, 0.0, model.emitter_z))
     rays = directions_s @ R.T
     hits = surface.cast(np.broadcast_to(emitter, rays.shape), rays)
     seen = _in_range(hits.distance, directions_s, model)
@@ -201,18 +203,18 @@ def raycast(surface: Surface, T_j_s: Array, model: LaserModel, directions_s: Arr
     if surface.relief is not None and index.size:
         square = -np.einsum("ij,ij->i", rays[index], hits.normals[index])
         distance = distance.copy()
-        distance[index] -= surface.relief(points) / np.maximum(square, LEAST_COSINE)
+        distance[index] -= surface.relief(points) / np.maximum(square, LEAST_RELIEF_COSINE)
     if model.occlusion and (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
-        detector = transform(T_j_s, (0.0, model.detector_y, model.detector_z))
+        detector = transform_points(T_j_s, (0.0, model.detector_y, model.detector_z))
         seen[index] = ~surface.blocks(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:
         ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
         ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
-    return RayHits(directions_s, distance, hits.normals @ R, seen, ghost)
+    return LaserRayHits(directions_s, distance, hits.normals @ R, seen, ghost)
 
 
 def _mirror_images(
-    surface: Surface, points: Array, rays: Array, hits: FirstHits, index: NDArray[np.intp]
+    surface: RaycastSurface, points: Array, rays: Array, hits: FirstHits, index: NDArray[np.intp]
 ) -> Array:
     """Distances at which faces show the image of what their mirrored rays hit; NaN for nothing.
 
@@ -224,10 +226,12 @@ def _mirror_images(
     normals = hits.normals[index]
     turned = rays - 2.0 * np.einsum("ij,ij->i", rays, normals)[:, None] * normals
     # Start where the ray has risen LIFT above the face it left.
-    start = LIFT / np.maximum(np.einsum("ij,ij->i", turned, normals), GRAZING)
+    start = RAY_START_OFFSET / np.maximum(
+        np.einsum("ij,ij->i", turned, normals), LEAST_PLANE_COSINE
+    )
     second = start + surface.cast(points + start[:, None] * turned, turned).distance
     image = hits.distance[index] + second
-    return np.where(np.isfinite(second) & (second > MELT), image, np.nan)
+    return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)
 
 
 def _in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +33,7 @@ class Profile:
     def __post_init__(self) -> None:
         for name in ("x_s", "z_s", "intensity"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, readonly(getattr(self, name)))
+                object.__setattr__(self, name, readonly_copy(getattr(self, name)))
         if self.x_s.ndim != 1 or self.x_s.shape != self.z_s.shape:
             raise ValueError(f"x_s {self.x_s.shape} and z_s {self.z_s.shape} are not two columns")
 

@@ -9,12 +9,12 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import LaserFault, ViewNotRecorded
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
-SAME: Final = 1e-6
+SAME_POSE_TOLERANCE: Final = 1e-6
 """Metres and radians: poses nearer to each other are one pose."""
 
 
@@ -99,14 +99,14 @@ class RecordedPoses:
     def _find(self, T_b_f: Array, start: int) -> int:
         """First view from `start` on that was recorded from a pose."""
         gaps = _gaps(self._poses[start:], T_b_f)
-        for limits in ((SAME, SAME), (self._distance, self._angle)):
+        for limits in ((SAME_POSE_TOLERANCE, SAME_POSE_TOLERANCE), (self._distance, self._angle)):
             near = np.flatnonzero((gaps <= limits).all(axis=1))
             if len(near):
                 return start + int(near[0])
         raise ViewNotRecorded(_what_is_near(gaps), T_b_f)
 
 
-class ReplayedLaser(Device):
+class ReplayedLaser(DeviceBase):
     """The laser of a recording, behind the `LineLaser` protocol.
 
     Parameters

@@ -8,16 +8,16 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
-from tjscan.laser.faults import SimulatedPoints, Streams, disturb
+from tjscan.laser.faults import FaultRandomStreams, SimulatedProfile, apply_faults
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import Surface, fan, raycast
+from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays
 from tjscan.laser.profile import Profile
 
 
-class SimulatedLaser(Device):
+class SimulatedLaser(DeviceBase):
     """A `LineLaser` on a simulated arm.
 
     Parameters
@@ -37,7 +37,7 @@ class SimulatedLaser(Device):
 
     def __init__(
         self,
-        surface: Surface,
+        surface: RaycastSurface,
         pose: Callable[[], Array],
         *,
         model: LaserModel,
@@ -47,7 +47,7 @@ class SimulatedLaser(Device):
         self.model = model
         self._surface, self._pose, self._clock = surface, pose, clock
         self._rng = rng
-        self._directions_s = fan(model)
+        self._directions_s = laser_ray_directions(model)
         self._connected = False
 
     def __enter__(self) -> Self:
@@ -73,12 +73,12 @@ class SimulatedLaser(Device):
         points = self.observe()
         return Profile(points.x_s, points.z_s, points.intensity, self._clock())
 
-    def observe(self) -> SimulatedPoints:
+    def observe(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""
         if not self._connected:
             raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
         T_j_s = np.asarray(self._pose(), dtype=np.float64)
         if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
             raise LaserFault(f"the simulated laser was put at a pose that is not one: {T_j_s}")
-        hits = raycast(self._surface, T_j_s, self.model, self._directions_s)
-        return disturb(hits, self.model, Streams.spawn(self._rng))
+        hits = trace_laser_rays(self._surface, T_j_s, self.model, self._directions_s)
+        return apply_faults(hits, self.model, FaultRandomStreams.spawn(self._rng))

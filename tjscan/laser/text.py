@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-COMMENT: Final = "#"
+COMMENT_MARK: Final = "#"
 
-SAMPLE: Final = 50
+SEPARATOR_SAMPLE_LINES: Final = 50
 """Lines that the separator is found from."""
 
-FEWEST_FROM_ONE: Final = 5
+FEWEST_COLUMN_NUMBERS: Final = 5
 """Shorter rows 1, 2, 3 are heights."""
 
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -51,7 +51,7 @@ class TextTable:
         return [self.number(cell) for cell in cells]
 
 
-def read_text(file: Path) -> TextTable:
+def read_text_table(file: Path) -> TextTable:
     """Read a table: cells between commas, semicolons, tabs or blanks; ``#`` begins a comment.
 
     Raises
@@ -60,15 +60,15 @@ def read_text(file: Path) -> TextTable:
         If it is no text, or can't be read.
     """
     lines = [
-        (number, line.split(COMMENT, 1)[0])
+        (number, line.split(COMMENT_MARK, 1)[0])
         for number, line in enumerate(file.read_text(encoding="utf-8-sig").splitlines(), start=1)
-        if not line.lstrip().startswith(COMMENT)
+        if not line.lstrip().startswith(COMMENT_MARK)
     ]
     lines = [(number, line) for number, line in lines if line.strip(" ")]
-    separator = _separator([line for _, line in lines[:SAMPLE]])
+    separator = _separator([line for _, line in lines[:SEPARATOR_SAMPLE_LINES]])
     rows = tuple(_cells(lines, separator))
     commas = separator != "," and any(
-        _DECIMAL_COMMA.fullmatch(cell) for _, row in rows[:SAMPLE] for cell in row
+        _DECIMAL_COMMA.fullmatch(cell) for _, row in rows[:SEPARATOR_SAMPLE_LINES] for cell in row
     )
     return TextTable(rows, commas)
 
@@ -98,8 +98,8 @@ def _cells(lines: list[tuple[int, str]], separator: str | None) -> Iterator[tupl
             yield number, [cell.strip() for cell in row]
 
 
-def is_count(values: list[float | None]) -> bool:
+def is_column_numbering(values: list[float | None]) -> bool:
     """Whether numbers count columns: 0, 1, 2 … or 1, 2, 3 …, which a few heights may, too."""
     from_zero = values == [float(i) for i in range(len(values))]
     from_one = values == [float(i) for i in range(1, len(values) + 1)]
-    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_FROM_ONE)
+    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_COLUMN_NUMBERS)

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 LARGEST_NUMBER: Final = 1e9
 """Metres, radians or seconds: what is larger was not measured."""
@@ -33,7 +33,7 @@ def pose_from_list(values: Any) -> Array:
     numbers = to_finite_floats(values)
     if len(numbers) != 16:
         raise ValueError(f"a pose has 16 numbers, not {len(numbers)}")
-    T = readonly(np.reshape(numbers, (4, 4)))
+    T = readonly_copy(np.reshape(numbers, (4, 4)))
     if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMALITY_TOLERANCE):
         raise ValueError("a pose has axes of length one, square to each other")
     if not np.array_equal(T[3], (0.0, 0.0, 0.0, 1.0)):

@@ -11,7 +11,7 @@ from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.records import Header as McapHeader
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_size
+from tjscan.core.files import check_file_size
 from tjscan.recording.header import (
     FORMAT_VERSION,
     HEADER_RECORD,
@@ -137,7 +137,7 @@ def _before_messages(file: Path) -> Iterator[McapRecord]:
 def _records(file: Path) -> Iterator[McapRecord]:
     """The records of a recording of this program, none newer than it can read."""
     try:
-        check_size(file, MAX_FILE_BYTES, "a recording")
+        check_file_size(file, MAX_FILE_BYTES, "a recording")
         with file.open("rb") as stream:
             for record in read_mcap_records(stream):
                 if isinstance(record, McapHeader):

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.files import check_inside
+from tjscan.core.files import refuse_links_outside
 from tjscan.recording.header import HEADER_RECORD, JOB_RECORD, PROGRAM_NAME, Header, JobSnapshot
 from tjscan.recording.topic import Topic
 
@@ -39,7 +39,7 @@ def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
     """
     others = (directory / f"{kind}-{number}.mcap" for number in count(2))
     found = [directory / f"{kind}.mcap", *takewhile(os.path.lexists, others)]
-    check_inside(directory, *(file.name for file in found))
+    refuse_links_outside(directory, *(file.name for file in found))
     return found
 
 

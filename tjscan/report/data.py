@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.compare import Align, Comparison, check_tolerance, compare
+from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
 from tjscan.comparison.shapes import Shape
-from tjscan.comparison.sidecar import ShapeOptions
+from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.registry import TASKS
@@ -134,7 +134,7 @@ def read_report_data(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    options: ShapeOptions | None = None,
+    options: StatedUnitAndFrame | None = None,
 ) -> ReportData:
     """Read a finished run.
 
@@ -191,8 +191,8 @@ def _compared(
 ) -> tuple[Comparison | None, tuple[str, ...]]:
     """The comparison, or why there is none."""
     if other is not None:
-        same = shape.stated.frame == other.stated.frame and not shape.in_own_joint
-        return compare(shape, other, "none" if same else "joint", tolerance), ()
+        same = shape.stated.frame == other.stated.frame and not shape.is_in_joint_frame
+        return compare_shapes(shape, other, "none" if same else "joint", tolerance), ()
     if joint is None and tolerance is not None:
         raise ConfigurationError(
             "there is nothing to compare with: name a --reference", key="tolerance-mm"
@@ -200,9 +200,9 @@ def _compared(
     if joint is None:
         return None, ()
     # A stitched run's frame j is made of its own tubes: which way x points may be left to choose.
-    align: Align = "joint" if shape.in_own_joint else "none"
+    align: AlignmentMethod = "joint" if shape.is_in_joint_frame else "none"
     try:
-        return compare(shape, read_shape(joint), align, tolerance), ()
+        return compare_shapes(shape, read_shape(joint), align, tolerance), ()
     except (ComparisonRefused, ConfigurationError) as error:
         return None, (f"It was not compared with the joint that the job names: {error}",)
 

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, inverse, transform, unit
+from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
-from tjscan.joint.geometry import radial
+from tjscan.joint.geometry import radial_direction
 
 NEAR: Final = 30e-3
 """Metres from a measured corner within which its designed one is sought."""
@@ -40,7 +40,7 @@ def designed_measures(sections: Sequence[MeasuredSection], joint: JointDefinitio
 def _measures(
     section: MeasuredSection, lines: Sequence[ClosedPolyline], joint: JointDefinition
 ) -> Array:
-    T_g_j = inverse(section.T_r_g)
+    T_g_j = inverse_pose(section.T_r_g)
     corners = [
         _cut(line, T_g_j, corner) for line, corner in zip(lines, section.points[1:4], strict=True)
     ]
@@ -48,9 +48,9 @@ def _measures(
         return np.full(4, np.nan)
     p2, p3, p4 = (corner for corner in corners if corner is not None)
     across = T_g_j[:3, :3]
-    wall = _in_plane(across @ radial(np.arctan2(p2[1], p2[0])))
+    wall = _in_plane(across @ radial_direction(np.arctan2(p2[1], p2[0])))
     leg = _in_plane(across @ joint.leg.normal(p4))
-    points_g = transform(T_g_j, [p2, p3, p4])
+    points_g = transform_points(T_g_j, [p2, p3, p4])
     # As frame s sees it: x up the wall, z from the sensor into the joint.
     points = np.zeros((5, 3))
     points[1:4, 0], points[1:4, 2] = points_g[:, 1], -points_g[:, 2]
@@ -65,7 +65,7 @@ def _measures(
 
 def _in_plane(normal_g: Array) -> Array:
     """Where a surface of that normal goes in the section's plane, up or outwards, in g."""
-    direction = unit(np.cross((1.0, 0.0, 0.0), normal_g))
+    direction = unit_vector(np.cross((1.0, 0.0, 0.0), normal_g))
     return np.asarray(direction * np.sign(direction[1] + direction[2]))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tjscan.comparison.maps import draw_map
+from tjscan.comparison.maps import deviation_map_figure
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure
 
@@ -15,7 +15,7 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     kind = comparison.deviations[0]
     sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
     return inline_figure(
-        draw_map(comparison),
+        deviation_map_figure(comparison),
         "Deviation from the reference, unwrapped over the azimuth",
         f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
         f"{sign}; cells show medians, grey ones were not seen, and small saturated patches are "

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.provenance import FRAME_MEANING
+from tjscan.core.provenance import FRAME_DESCRIPTIONS
 from tjscan.joint.definition import JointDefinition
 from tjscan.report.data import ReportData
 from tjscan.report.findings import describe_coverage
@@ -29,7 +29,7 @@ def scan_rows(data: ReportData) -> Iterator[tuple[str, str]]:
     yield "covered", describe_coverage(data)
     yield "sections", f"{summary.sections} from {summary.scans} profiles"
     yield "ended", summary.detail
-    words = FRAME_MEANING.get(summary.frame, "")
+    words = FRAME_DESCRIPTIONS.get(summary.frame, "")
     yield "coordinates", f"millimetres in frame {summary.frame}{words and ': ' + words}"
     for name in dict.fromkeys(name for place in data.places for name in place.facts):
         values = {place.name: place.facts.get(name, "") for place in data.places}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tjscan.comparison.sidecar import ShapeOptions
+from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.files import atomic_directory
 from tjscan.report.data import read_report_data
 from tjscan.report.page import render_page
@@ -17,7 +17,7 @@ def write_run_report(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    options: ShapeOptions | None = None,
+    options: StatedUnitAndFrame | None = None,
 ) -> Path:
     """Write ``report.html`` into a run directory, and return it.
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.groove.measured import MeasuredSection
 
 WINDOW: Final = 60e-3
@@ -54,7 +54,7 @@ class SectionDirections:
 
     def __post_init__(self) -> None:
         for name in ("tangent", "wall", "bevel", "leg"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, create_model
 from pydantic import Field as Described
 
 from tjscan.core.config import FileModel
-from tjscan.core.provenance import Length, Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import FIELDS, SectionQuantity
 
@@ -98,7 +98,9 @@ def sections_document(
     )
 
 
-def _values(field: SectionQuantity, sections: Sequence[MeasuredSection], unit: Length) -> list[Any]:
+def _values(
+    field: SectionQuantity, sections: Sequence[MeasuredSection], unit: LengthUnit
+) -> list[Any]:
     """A field's value of each section, to the digits that tables print."""
     cells = field.printed_columns(sections, unit)
     if field.name == "station":

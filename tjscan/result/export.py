@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import atomic_directory
-from tjscan.core.provenance import Length, Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS, job_label_of_run
 from tjscan.result.document import sections_to_json
@@ -24,7 +24,9 @@ STEM: Final = "export"
 """Name of the file in the run directory, where none is given."""
 
 
-def export_run(directory: Path, to: Format, units: Length = "mm", out: Path | None = None) -> Path:
+def export_run(
+    directory: Path, to: Format, units: LengthUnit = "mm", out: Path | None = None
+) -> Path:
     """Write a run's sections for another tool, and return the file.
 
     Parameters
@@ -54,7 +56,7 @@ def export_run(directory: Path, to: Format, units: Length = "mm", out: Path | No
             file=directory / SECTIONS,
         )
     run, calibration = directory.resolve().name, summary.calibration
-    provenance = Provenance.now(job_label_of_run(directory), summary.frame, units)
+    provenance = Provenance.written_now(job_label_of_run(directory), summary.frame, units)
     file = out or directory / f"{STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.core.frames import Array, inverse
+from tjscan.core.frames import Array, inverse_pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,4 +29,4 @@ class JointOrBaseFrame:
     @property
     def T_r_b(self) -> Array:
         """Pose of the base frame in it, shape (4, 4)."""
-        return np.eye(4) if self.T_b_j is None else inverse(self.T_b_j)
+        return np.eye(4) if self.T_b_j is None else inverse_pose(self.T_b_j)

@@ -14,13 +14,13 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array, pose
-from tjscan.core.provenance import Length
-from tjscan.core.units import DEG, MM, MM2, Unit
+from tjscan.core.provenance import LengthUnit
+from tjscan.core.units import DEG, MM, MM2, FileUnit
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directions import section_directions
 
-NONE: Final = Unit("")
-IN_METRES: Final = {MM: Unit("m"), MM2: Unit("m2")}
+NONE: Final = FileUnit("")
+IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 """What lengths and areas are given in where a file is in metres."""
 
 SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
@@ -58,7 +58,7 @@ class SectionQuantity:
 
     name: str
     meaning: str
-    unit: Unit
+    unit: FileUnit
     take: Callable[[Sequence[MeasuredSection]], Any]
     labels: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
@@ -81,11 +81,11 @@ class SectionQuantity:
         symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
         return f"{self.name_in_words}{symbol and f' / {symbol}'}"
 
-    def unit_for_lengths(self, length: Length) -> Unit:
+    def unit_for_lengths(self, length: LengthUnit) -> FileUnit:
         """Its unit in a file whose lengths are in mm or m."""
         return self.unit if length == "mm" else IN_METRES.get(self.unit, self.unit)
 
-    def column_names(self, length: Length = "mm") -> tuple[str, ...]:
+    def column_names(self, length: LengthUnit = "mm") -> tuple[str, ...]:
         """Names of its columns, which end in its unit."""
         suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
@@ -95,7 +95,7 @@ class SectionQuantity:
         return np.asarray(self.take(sections) / self.unit.factor)
 
     def printed_columns(
-        self, sections: Sequence[MeasuredSection], length: Length = "mm"
+        self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
     ) -> list[list[str]]:
         """The printed numbers of each section, in the order of the columns; empty where unknown."""
         unit = self.unit_for_lengths(length)

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.clouds import read_shape as read_file
-from tjscan.comparison.shapes import Shape, Stated
-from tjscan.comparison.sidecar import ShapeOptions
+from tjscan.comparison.shapes import Shape, UnitAndFrame
+from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_inside
-from tjscan.core.frames import readonly
+from tjscan.core.files import refuse_links_outside
+from tjscan.core.frames import readonly_copy
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.result.table import read_sections_csv
 
 
-def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
+def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
 
     Parameters
@@ -37,8 +37,8 @@ def read_shape(path: Path, options: ShapeOptions | None = None) -> Shape:
         return read_run_shape(path)
     if path.name == CLOUD and (path.parent / SUMMARY).is_file():
         frame = read_summary(path.parent / SUMMARY).frame
-        shape = read_file(path, ShapeOptions("mm", frame))
-        return replace(shape, stated=Stated("mm", f"the {SUMMARY} beside it", frame))
+        shape = read_file(path, StatedUnitAndFrame("mm", frame))
+        return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY} beside it", frame))
     return read_file(path, options)
 
 
@@ -50,7 +50,7 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     ConfigurationError
         If the directory holds no finished run, or files that lead out of it.
     """
-    check_inside(directory, SUMMARY, SECTIONS, CLOUD)
+    refuse_links_outside(directory, SUMMARY, SECTIONS, CLOUD)
     if not (directory / SUMMARY).is_file():
         hint = ""
         if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
@@ -72,13 +72,13 @@ def read_run_shape(directory: Path) -> Shape:
     sections = read_sections_csv(directory / SECTIONS)
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS)
-    cloud = read_file(directory / CLOUD, ShapeOptions("mm", frame))
+    cloud = read_file(directory / CLOUD, StatedUnitAndFrame("mm", frame))
     return Shape(
         directory.resolve().name,
-        Stated("mm", "the run", frame),
+        UnitAndFrame("mm", "the run", frame),
         cloud.points,
-        readonly(np.array([section.points for section in sections])),
+        readonly_copy(np.array([section.points for section in sections])),
         dropped=cloud.dropped,
         # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
-        in_own_joint=frame == "j" and bool(summary.stations),
+        is_in_joint_frame=frame == "j" and bool(summary.stations),
     )

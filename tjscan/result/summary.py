@@ -13,7 +13,7 @@ from pydantic_core import to_json as to_json_bytes
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_size
+from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
@@ -184,7 +184,9 @@ def summarise_stations(
         frame=frame,
         groove_length_mm=float(steps.sum()),
         step_mm=StepStatistics.from_steps(all_parts[0].step_mm.nominal, steps),
-        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
+        corner_error_mm=None
+        if corner_error is None
+        else DistanceStatistics.from_distances(corner_error),
         calibration=_each_once(part.calibration for part in all_parts),
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
@@ -224,7 +226,7 @@ def read_summary(file: Path) -> ScanSummary:
         If it is missing, or is no summary.
     """
     try:
-        check_size(file, MOST_BYTES, "a summary")
+        check_file_size(file, MOST_BYTES, "a summary")
         return TypeAdapter(ScanSummary).validate_json(file.read_bytes())
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None

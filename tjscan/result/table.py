@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_size
+from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
@@ -82,7 +82,7 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
         If it is missing, lacks a column or holds what is no section; with line and column.
     """
     try:
-        check_size(file, MOST_BYTES, "sections")
+        check_file_size(file, MOST_BYTES, "sections")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             above = 0
             while (line := stream.readline()).startswith(MARK):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import from_rounded, inverse, transform
+from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.document import sections_document
@@ -53,11 +53,11 @@ def write_weldx(
     root = ROOTS.get(provenance.frame, provenance.frame)
     frames = weldx.CoordinateSystemManager(root, "groove")
     for k, section in enumerate(sections):
-        T = from_rounded(section.T_r_g)  # weldx is strict about rotations
+        T = pose_from_rounded_matrix(section.T_r_g)  # weldx is strict about rotations
         name = f"section {k}"
         where = weldx.LocalCoordinateSystem(T[:3, :3], weldx.Q_(per_metre * T[:3, 3], unit))
         frames.add_cs(name, root, where)
-        points = per_metre * transform(inverse(T), section.points)
+        points = per_metre * transform_points(inverse_pose(T), section.points)
         frames.assign_data(weldx.SpatialData(weldx.Q_(points, unit)), f"points of {name}", name)
     groove = sections_document(sections, provenance, run, calibration).model_dump(mode="json")
     with weldx.WeldxFile(tree={"groove": groove, "coordinate_systems": frames}, mode="rw") as made:

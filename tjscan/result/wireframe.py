@@ -7,7 +7,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 
 GENERATRICES = 24
 """Straight lines along each tube."""
@@ -31,10 +31,10 @@ def joint_wireframe(joint: JointDefinition) -> list[Array]:
     turn = np.linspace(0, 2 * np.pi, 181)
     foot = joint.leg.height(turn, joint.brace_radius)
     top = min(joint.brace_length, float(foot.max()) + 0.5 * joint.brace_radius)
-    lines.append(in_j(turn, joint.brace_radius, np.full_like(turn, top)))
+    lines.append(cylindrical_to_j(turn, joint.brace_radius, np.full_like(turn, top)))
     for phi in np.linspace(0, 2 * np.pi, GENERATRICES, endpoint=False):
         start = float(joint.leg.height(phi, joint.brace_radius))
-        lines.append(in_j(np.full(2, phi), joint.brace_radius, np.array((start, top))))
+        lines.append(cylindrical_to_j(np.full(2, phi), joint.brace_radius, np.array((start, top))))
     return lines + _leg_lines(joint)
 
 

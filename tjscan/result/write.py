@@ -53,7 +53,7 @@ def write_run_results(
     RecordingError
         If a file can't be written.
     """
-    provenance = Provenance.now(job, summary.frame)
+    provenance = Provenance.written_now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
     with atomic_directory(directory, last=SUMMARY) as draft:
         write_sections_csv(draft / SECTIONS, sections, provenance)

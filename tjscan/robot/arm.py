@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
-from tjscan.core.devices import Identity, Listener
-from tjscan.core.frames import Array, readonly
+from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.frames import Array, readonly_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +30,8 @@ class ArmState:
     time: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", readonly(self.q))
-        object.__setattr__(self, "T_b_f", readonly(self.T_b_f))
+        object.__setattr__(self, "q", readonly_copy(self.q))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 class Arm(Protocol):
@@ -51,11 +51,11 @@ class Arm(Protocol):
         ...
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> DeviceIdentity:
         """Which arm it is; known while connected."""
         ...
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: EventListener) -> None:
         """Report events, such as a detour, to a listener from now on, each before it begins."""
         ...
 

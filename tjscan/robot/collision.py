@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Chain, Kinematics
 from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
@@ -196,7 +196,7 @@ def check_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> Non
     """
     known = (*kinematics.link_names, TOOL)
     for name in (name for pair in pairs for name in pair if name not in known):
-        raise ConfigurationError(f"no link {name!r}; did you mean: {nearest(name, known)}?")
+        raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
 
 def _links(kinematics: Kinematics) -> list[_Body]:

@@ -11,7 +11,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.devices import Identity, Listener
+from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm, ArmState
@@ -112,7 +112,7 @@ class CollisionCheckedArm:
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
-        self._report: Listener = _ignore
+        self._report: EventListener = _ignore
         self._latch = StopLatch()
 
     def __enter__(self) -> Self:
@@ -136,11 +136,11 @@ class CollisionCheckedArm:
         return self._arm.state()
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> DeviceIdentity:
         """Which arm it is; known while connected."""
         return self._arm.identity
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: EventListener) -> None:
         """Report detours, and the arm's own events, to a listener from now on."""
         self._report = listener
         self._arm.listen(listener)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from tjscan.core.config import naming
-from tjscan.core.devices import Driver, Kind, NoSettings
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import Driver, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.robot.arm import Arm, ArmState
@@ -77,7 +77,7 @@ def _simulated(context: ArmContext, settings: NoSettings) -> SimulatedArm:
         raise ConfigurationError(
             "a simulated arm needs a [simulation.arm] table", key="simulation.arm"
         )
-    with naming(key="simulation.arm.home_deg"):
+    with add_file_to_errors(key="simulation.arm.home_deg"):
         return SimulatedArm(
             context.kinematics,
             np.array(world.home if left is None else left.q),
@@ -96,8 +96,10 @@ def _replayed(context: ArmContext, settings: NoSettings) -> ReplayedArm:
     return ReplayedArm(*context.recording())
 
 
-SIMULATED: Final = ArmDriver(_simulated, kind=Kind.SIMULATED, truth=lambda arm: arm.true_T_b_f)
-REPLAYED: Final = ArmDriver(_replayed, kind=Kind.REPLAYED)
+SIMULATED: Final = ArmDriver(
+    _simulated, kind=DriverKind.SIMULATED, truth=lambda arm: arm.true_T_b_f
+)
+REPLAYED: Final = ArmDriver(_replayed, kind=DriverKind.REPLAYED)
 
 ARMS: Final[Registry[ArmDriver]] = Registry(
     "arm",

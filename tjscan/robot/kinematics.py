@@ -20,9 +20,9 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
-from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest
-from tjscan.core.files import check_size
-from tjscan.core.frames import Array, from_rounded, inverse, readonly
+from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
+from tjscan.core.files import check_file_size
+from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import UrGeometry, configurations
 from tjscan.robot.models.generate import ARMS
 
@@ -148,16 +148,16 @@ class Kinematics:
         links = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
         self._links = [i for i in links if i != self._flange] + [self._flange]
         self.link_names = tuple(str(model.frames[i].name) for i in self._links)
-        self.lower = readonly(model.lowerPositionLimit)
-        self.upper = readonly(model.upperPositionLimit)
-        self.velocity = readonly(model.velocityLimit)
-        self._T_b_root = inverse(model.frames[self._base].placement.homogeneous)
+        self.lower = readonly_copy(model.lowerPositionLimit)
+        self.upper = readonly_copy(model.upperPositionLimit)
+        self.velocity = readonly_copy(model.velocityLimit)
+        self._T_b_root = inverse_pose(model.frames[self._base].placement.homogeneous)
         self._geometry = _ur_geometry(model)
 
     @property
     def chain(self) -> Chain:
         """What a collision model is built on."""
-        return Chain(self._model, self._flange, inverse(self._T_b_root))
+        return Chain(self._model, self._flange, inverse_pose(self._T_b_root))
 
     @classmethod
     def load(cls, model: str | Path) -> Kinematics:
@@ -174,8 +174,8 @@ class Kinematics:
         if Path(model).exists() or Path(model).suffix:
             return cls(Path(model))
         raise ConfigurationError(
-            f"there is no arm model {str(model)!r}; did you mean: {nearest(str(model), MODELS)}? "
-            "Any other arm is given by the path of its URDF."
+            f"there is no arm model {str(model)!r}; did you mean: "
+            f"{nearest_word(str(model), MODELS)}? Any other arm is given by the path of its URDF."
         )
 
     def forward(self, q: Array) -> Array:
@@ -271,7 +271,7 @@ class Kinematics:
     def _target(self, T_b_f: Array) -> Any:
         """Pose of f in the root of the URDF, its rotation freed from rounding."""
         try:
-            return pin.SE3(inverse(self._T_b_root) @ from_rounded(T_b_f))
+            return pin.SE3(inverse_pose(self._T_b_root) @ pose_from_rounded_matrix(T_b_f))
         except ValueError as error:
             raise PoseUnreachable(f"it is no pose: {error}", T_b_f) from None
 
@@ -352,10 +352,10 @@ class Kinematics:
 
 def _read(urdf: Path) -> Any:
     if not urdf.exists():
-        known = nearest(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
+        known = nearest_word(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
     try:
-        check_size(urdf, MOST_BYTES, "a URDF")
+        check_file_size(urdf, MOST_BYTES, "a URDF")
         return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}", file=urdf) from None

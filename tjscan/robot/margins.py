@@ -7,7 +7,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import MM, Key, Settings
+from tjscan.core.units import MM, FileKey, Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +28,6 @@ class Margins(Settings):
     The defaults are assumptions about a cell that was measured with a tape.
     """
 
-    solids: Annotated[float, Ge(0), Le(500), MM.keyed("margin_mm")] = 0.01
-    own: Annotated[float, Ge(0), Le(500), MM.keyed("self_margin_mm")] = 0.005
-    singular: Annotated[float, Ge(0), Le(1), Key("smallest_singular_value")] = 0.02
+    solids: Annotated[float, Ge(0), Le(500), MM.with_key("margin_mm")] = 0.01
+    own: Annotated[float, Ge(0), Le(500), MM.with_key("self_margin_mm")] = 0.005
+    singular: Annotated[float, Ge(0), Le(1), FileKey("smallest_singular_value")] = 0.02

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 SAMPLES_PER_WAYPOINT: Final = 4
 """Between waypoints the derivatives of the spline are looked at this often."""
@@ -80,7 +80,7 @@ class JointPath:
     ramp: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", readonly(self.q))
+        object.__setattr__(self, "q", readonly_copy(self.q))
 
     def at(self, time: float | Array) -> Array:
         """Joint angles in radians, shape (..., n), at times in seconds from the start.

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
-from tjscan.core.frames import Array, rotation_angle
+from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
 from tjscan.robot.motion import JointPath, MotionLimits, timed
 
@@ -109,12 +109,12 @@ def joint_waypoints(q: Array, goal: Array) -> Array:
 def _line(T_start: Array, T_end: Array) -> Array:
     """Poses on a line, shape (m, 4, 4)."""
     length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
-    angle = rotation_angle(T_start, T_end)
+    angle = rotation_angle_between(T_start, T_end)
     pieces = max(FEWEST, ceil(length / SPACING), ceil(angle / TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)[:, None]
-    turn = lie.so3_log(T_start[:3, :3].T @ T_end[:3, :3])
+    turn = pose_vector.rotation_to_vector(T_start[:3, :3].T @ T_end[:3, :3])
     poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
-    poses[:, :3, :3] = T_start[:3, :3] @ lie.so3_exp(u * turn)
+    poses[:, :3, :3] = T_start[:3, :3] @ pose_vector.rotation_from_vector(u * turn)
     poses[:, :3, 3] = (1 - u) * T_start[:3, 3] + u * T_end[:3, 3]
     return poses
 

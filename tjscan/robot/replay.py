@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import ArmState
 
 
-class ReplayedArm(Device):
+class ReplayedArm(DeviceBase):
     """The arm of a recording, behind the `Arm` protocol.
 
     It answers a move with the state that was recorded, so the scan goes on from where the arm

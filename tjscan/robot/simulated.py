@@ -11,9 +11,9 @@ from typing import Final, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError
-from tjscan.core.frames import Array, pose, readonly
+from tjscan.core.frames import Array, pose, readonly_copy
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.latch import StopLatch
@@ -30,7 +30,7 @@ TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
-class SimulatedArm(Device):
+class SimulatedArm(DeviceBase):
     """An arm without hardware, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
@@ -79,7 +79,7 @@ class SimulatedArm(Device):
         self.realtime = realtime
         self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
-        self._now = (readonly(q), time)
+        self._now = (readonly_copy(q), time)
         self._error = self._draw_error()
         self._connected = False
         self._latch = StopLatch()
@@ -154,7 +154,7 @@ class SimulatedArm(Device):
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
                 passed = self._wait(path, start)
-            self._now = (readonly(path.at(passed)), start + passed)
+            self._now = (readonly_copy(path.at(passed)), start + passed)
             self._error = self._draw_error()
         if passed < path.duration:
             raise ArmFault(
@@ -167,7 +167,7 @@ class SimulatedArm(Device):
         """Let a move take its time, and return the seconds of it that passed."""
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
-            self._now = (readonly(path.at(passed)), start + passed)
+            self._now = (readonly_copy(path.at(passed)), start + passed)
             if self._latch.wait(min(TICK, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration

@@ -32,7 +32,7 @@ class ArmSimulation(Settings):
 
     home: JointAngles
     repeatability: Annotated[float, Ge(0), Le(5), MM] = 5e-5
-    angular_repeatability: Annotated[float, Ge(0), Le(5), DEG.keyed("repeatability_deg")] = radians(
-        0.006
+    angular_repeatability: Annotated[float, Ge(0), Le(5), DEG.with_key("repeatability_deg")] = (
+        radians(0.006)
     )
     realtime: bool = False

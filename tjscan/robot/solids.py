@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,4 +72,4 @@ class Solid:
     T: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T", readonly(self.T))
+        object.__setattr__(self, "T", readonly_copy(self.T))

@@ -18,12 +18,12 @@ from tjscan.calibration.simulated import SimulatedProbe
 from tjscan.calibration.topics import CALIBRATION_RECORDING
 from tjscan.calibration.window import Window
 from tjscan.calibration.wizard import Wizard
-from tjscan.core.devices import Kind
+from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import sole_writer
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import pose_to_rows
+from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import (
     CalibrationJob,
     CalibrationSettings,
@@ -31,8 +31,8 @@ from tjscan.job import (
     read_calibration_job,
 )
 from tjscan.job.cell import Cell, laser_model_of_job, make_cell, sensor_mount_of_job
-from tjscan.laser.drivers import Scene
-from tjscan.laser.optics import Surface
+from tjscan.laser.drivers import SimulatedScene
+from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.runs.directory import make_run_directory
 
@@ -62,7 +62,7 @@ def start_calibration(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
     # The directory keeps the guess itself: the file it may come from is not its own result.
-    guess = CalibrationSettings(T_f_s_mm=pose_to_rows(sensor_mount_of_job(job, job_file).T_f_s))
+    guess = CalibrationSettings(T_f_s_mm=pose_to_rows_mm(sensor_mount_of_job(job, job_file).T_f_s))
     alone = job.model_copy(update={"calibration": guess, "joint": None, "scan": None})
     make_run_directory(directory, alone, job_file)
     return resume_calibration(directory, operator)
@@ -80,7 +80,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
             "finish this calibration, or start a new one",
             file=directory / OLD,
         )
-    if not operator.present and {job.arm.kind, job.laser.kind} != {Kind.SIMULATED}:
+    if not operator.present and {job.arm.kind, job.laser.kind} != {DriverKind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
     cell, probe = make_board_cell(job, T_f_s)
@@ -98,7 +98,7 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         date=begun,
         verification=outcome.verification,
     )
-    write_calibration(file, found, Provenance.now(job_label_of_run(directory), "f"))
+    write_calibration(file, found, Provenance.written_now(job_label_of_run(directory), "f"))
     return Calibrated(file, found, outcome.result.caveats)
 
 
@@ -118,7 +118,7 @@ def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         As `make_cell` does.
     """
     simulation, board = job.simulation, job.board
-    if job.laser.kind is Kind.REPLAYED:
+    if job.laser.kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a calibration touches its board: recorded profiles go in with --lines and --poses",
             key="laser.driver",
@@ -128,7 +128,7 @@ def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
     truth = simulation.board or SimulatedBoardSettings(
         position=board.position, euler_zyx=board.euler_zyx
     )
-    cell = make_cell(job, T_f_s, lambda: Scene(_board_surface(board.size), truth.T))
+    cell = make_cell(job, T_f_s, lambda: SimulatedScene(_board_surface(board.size), truth.T))
     probe = SimulatedProbe(
         cell.arm,
         np.array(board.probe_tip),
@@ -141,10 +141,10 @@ def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
     return cell, probe
 
 
-def _board_surface(size: tuple[float, float]) -> Surface:
+def _board_surface(size: tuple[float, float]) -> RaycastSurface:
     """A plate whose upper face is the plane z = 0 of its frame."""
     plate = trimesh.creation.box((*size, BOARD_THICKNESS))
-    return Surface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
+    return RaycastSurface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
 
 
 def calibration_task(job: CalibrationJob, T_f_s: Array) -> Task:

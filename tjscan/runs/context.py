@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
@@ -101,14 +101,14 @@ class RunContext:
         ConfigurationError
             If the job, or a file that it names, is wrong.
         """
-        with naming(self.job_file):
+        with add_file_to_errors(self.job_file):
             joint = self.joint
             state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
             return make_scan_cell(self.job, self.mount.T_f_s, joint, state)
 
     def make_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
-        with naming(self.job_file):
+        with add_file_to_errors(self.job_file):
             make_run_directory(
                 directory,
                 self.job,

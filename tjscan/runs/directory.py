@@ -10,9 +10,9 @@ from typing import Final
 
 import tomli_w
 
-from tjscan.core.config import written
+from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import DRAFT, atomic_directory, locked
+from tjscan.core.files import DRAFT_PREFIX, atomic_directory, lock_directory
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
@@ -62,7 +62,7 @@ def make_run_directory(
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with locked(directory), atomic_directory(directory, last=JOB) as draft:
+    with lock_directory(directory), atomic_directory(directory, last=JOB) as draft:
         _check_empty(directory, draft)
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
@@ -72,7 +72,7 @@ def make_run_directory(
             shutil.copyfile(job.arm.model, draft / URDF)
         text = _text(job, draft)
         name = job_label(_first_name(job_file), text.encode())
-        head = Provenance.now(name, "w" if job.station else "b").lines("#")
+        head = Provenance.written_now(name, "w" if job.station else "b").lines("#")
         (draft / JOB).write_text(head + text, encoding="utf-8")
 
 
@@ -89,7 +89,7 @@ def _first_name(job_file: Path) -> str:
 def _check_empty(directory: Path, draft: Path) -> None:
     """Refuse a directory that holds anything but what one killed in the making of it left."""
     names = {file.name for file in directory.iterdir()} - {draft.name}
-    files = {name for name in names if not name.startswith(DRAFT)}
+    files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
     half_made = files < names and files <= {*COPIES} - {JOB}
     if files and not half_made:
         raise ConfigurationError(
@@ -99,7 +99,9 @@ def _check_empty(directory: Path, draft: Path) -> None:
 
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
-    return all(file.name in COPIES or file.name.startswith(DRAFT) for file in directory.iterdir())
+    return all(
+        file.name in COPIES or file.name.startswith(DRAFT_PREFIX) for file in directory.iterdir()
+    )
 
 
 def recording_origin(directory: Path, job: CellJob) -> JobSnapshot:
@@ -133,4 +135,4 @@ def _text(job: CellJob, directory: Path) -> str:
         job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION)})
     if (directory / URDF).is_file():
         job = job.model_copy(update={"arm": replace(job.arm, model=URDF)})
-    return tomli_w.dumps(written(job))
+    return tomli_w.dumps(table_to_dict(job))

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
@@ -75,7 +75,7 @@ def check_job_and_cell(
     jobs: list[ScanJob] = []
 
     def read() -> str:
-        with naming(job_file):
+        with add_file_to_errors(job_file):
             job = read_scan_job(job_file, overrides)
             jobs.extend(job.places if station is None else (job.at(station),))
         return f"{job_file} is sound"

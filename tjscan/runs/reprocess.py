@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
-from tjscan.core.files import atomic_directory, check_inside
+from tjscan.core.files import atomic_directory, refuse_links_outside
 from tjscan.core.frames import Array
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.writer import recording_files
@@ -112,7 +112,7 @@ def reprocess_run(
         If the stations can't be stitched any more.
     """
     job_file = directory / JOB
-    check_inside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIES)
     for key in overrides:
         if not key.startswith(REPROCESSABLE):
             raise ConfigurationError(
@@ -128,7 +128,7 @@ def reprocess_run(
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
         return ReprocessedRun(out, (_reprocess(replace(context, job=job.at()), out),))
-    check_inside(directory, *(station.name for station in job.station))
+    refuse_links_outside(directory, *(station.name for station in job.station))
     context.make_directory(out)
     stations = tuple(
         _reprocess(
@@ -147,8 +147,8 @@ def reprocess_run(
 def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     directory, job = context.job_file.parent, context.job
-    check_inside(directory, *COPIES)
-    with naming(context.job_file):
+    refuse_links_outside(directory, *COPIES)
+    with add_file_to_errors(context.job_file):
         T_f_s = context.mount.T_f_s
     recorded = read_recorded_scan(directory)
     lost: dict[int, GrooveNotFound] = {}

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.calibration.file import read_calibration
-from tjscan.comparison.distance import DistanceStatistics, corner_errors
-from tjscan.core.frames import Array, rotation_angle, transform
+from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
+from tjscan.core.frames import Array, rotation_angle_between, transform_points
 from tjscan.groove.measured import MeasuredSection, measure
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
@@ -61,7 +61,10 @@ def sections_in_result_frame(
 def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
     return np.concatenate(
-        [transform(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s) for scan in sections]
+        [
+            transform_points(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s)
+            for scan in sections
+        ]
     )
 
 
@@ -99,10 +102,12 @@ def summarise_scan(
         flange_travel_mm=1e3
         * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
         flange_rotation_deg=float(
-            np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops))
+            np.degrees(sum(rotation_angle_between(a.T_b_f, b.T_b_f) for a, b in hops))
         ),
         motion_time_s=views[-1].time - views[0].time,
-        corner_error_mm=None if corner_error is None else DistanceStatistics.of(corner_error),
+        corner_error_mm=None
+        if corner_error is None
+        else DistanceStatistics.from_distances(corner_error),
         calibration=calibration,
         scans_per_section=_scans_per_section(result),
         corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
@@ -145,7 +150,7 @@ def write_scan_results(
     sections = sections_in_result_frame(result.sections, frame, station)
     points = all_profile_points(result.sections, frame)
     corners = np.array([section.points for section in sections])
-    error = None if joint is None else corner_errors(corners, feature_edges(joint))
+    error = None if joint is None else corner_to_edge_distances(corners, feature_edges(joint))
     summary = summarise_scan(result, plan, frame, error, calibration_label(directory))
     middle = result.sections[len(result.sections) // 2]
     picture = draw_groove(
@@ -154,7 +159,7 @@ def write_scan_results(
         frame=frame.name,
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
-        paths=[transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
+        paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
         example=ProfileReading(
             f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
         ),

@@ -7,15 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import (
     ConfigurationError,
-    Interrupted,
     RecordingError,
+    ScanInterrupted,
     TjscanError,
-    message_of,
+    message_with_notes,
 )
-from tjscan.core.files import check_inside, sole_writer
+from tjscan.core.files import refuse_links_outside, sole_writer
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
 from tjscan.recording.header import JobSnapshot, job_changes
@@ -61,7 +61,7 @@ def check_scan_job(context: RunContext) -> None:
     PoseUnreachable
         If a taught pose is, or the way there is blocked.
     """
-    with naming(context.job_file):
+    with add_file_to_errors(context.job_file):
         places = context.job.places
     for place in places:
         with replace(context, job=place).cell() as cell:
@@ -91,9 +91,11 @@ def scan_in_cell(
             return scanner.run(first.T, second.T)
         except TjscanError as error:
             if stop.stop_now:
-                journal.record_event(ScanEvent.INTERRUPTED, f"by the operator: {message_of(error)}")
-                raise Interrupted from error
-            journal.record_event(ScanEvent.FAILED, message_of(error))
+                journal.record_event(
+                    ScanEvent.INTERRUPTED, f"by the operator: {message_with_notes(error)}"
+                )
+                raise ScanInterrupted from error
+            journal.record_event(ScanEvent.FAILED, message_with_notes(error))
             raise
 
 
@@ -120,7 +122,7 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
     TjscanError
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
-    with naming(context.job_file):
+    with add_file_to_errors(context.job_file):
         context = replace(context, job=context.job.at())
         cell = context.cell()
         context.make_directory(directory)
@@ -150,9 +152,9 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    check_inside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIES)
     check_keys_replaceable(overrides, context.job_file)
-    with naming(context.job_file), sole_writer(directory):
+    with add_file_to_errors(context.job_file), sole_writer(directory):
         context = replace(context, job=context.job.at())
         changed, done = [], None
         if not nothing_recorded_yet(directory):  # else it ended before it began to record

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.devices import Kind
+from tjscan.core.devices import DriverKind
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB, RECORDING, SUMMARY
@@ -68,11 +68,11 @@ def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
         times = "" if count == 1 else f", {count} times"
         yield f"An event was recorded: {name}{times}. See the events."
     kinds = {job.arm.kind, job.laser.kind}
-    if kinds == {Kind.REPLAYED}:
+    if kinds == {DriverKind.REPLAYED}:
         yield "Replayed from a recording: nothing moved."
-    elif Kind.REPLAYED in kinds:
+    elif DriverKind.REPLAYED in kinds:
         yield "The profiles were replayed from a recording while the arm moved."
-    elif Kind.SIMULATED in kinds:
+    elif DriverKind.SIMULATED in kinds:
         yield "Simulated: no real arm and laser saw this groove."
 
 

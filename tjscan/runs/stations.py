@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from tjscan.calibration.operator import Question
-from tjscan.core.config import naming
-from tjscan.core.devices import Kind
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
-from tjscan.core.files import check_inside, sole_writer
+from tjscan.core.files import refuse_links_outside, sole_writer
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
@@ -127,12 +127,12 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    check_inside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIES)
     check_keys_replaceable(overrides, job_file)
-    check_inside(directory, *job.stations)
+    refuse_links_outside(directory, *job.stations)
     _check(context)
     if only is not None:
-        with naming(job_file):
+        with add_file_to_errors(job_file):
             job.at(only)
     with sole_writer(directory):
         for name in job.stations if only is None else (only,):
@@ -181,7 +181,7 @@ def stitch_station_runs(
 def _check(context: RunContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     job = context.job
-    if job.laser.kind is Kind.REPLAYED:
+    if job.laser.kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
             file=context.job_file,
@@ -223,7 +223,7 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
     if file.is_file():
         begun = not nothing_recorded_yet(station.directory)
         if begun and len(read_recorded_scan(station.directory).sections) >= 2:
-            check_inside(station.directory, JOB)
+            refuse_links_outside(station.directory, JOB)
             job = read_scan_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)
             return

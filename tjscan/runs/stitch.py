@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.distance import corner_errors
-from tjscan.core.config import naming
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import atomic_directory
-from tjscan.core.frames import inverse, transform
+from tjscan.core.frames import inverse_pose, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
@@ -166,7 +166,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
-    with naming(job_file):
+    with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)
         read = groove_reader(job)
@@ -232,11 +232,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
         stitched.sections,
         "j",
-        None if joint is None else corner_errors(corners, feature_edges(joint)),
+        None if joint is None else corner_to_edge_distances(corners, feature_edges(joint)),
         closed=stitched.closed,
     )
     report = stitching_report(stitched, {one.station.name: _folder(directory, one) for one in read})
-    frames = [JointOrBaseFrame(inverse(one.T_j_b)) for one in stitched.stations]
+    frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
     points = np.concatenate(
         [
             all_profile_points(one.station.sections, frame)
@@ -251,14 +251,14 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         f"{report.covered_deg:.0f}° covered",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[
-            transform(
+            transform_points(
                 one.T_j_b, [view.T_b_f[:3, 3] for view in (s.view for s in one.station.sections)]
             )
             for one in stitched.stations
         ],
     )
     job = job_label_of_run(directory, *(one.directory for one in read))
-    provenance = Provenance.now(job, "j")
+    provenance = Provenance.written_now(job, "j")
     report = replace(report, provenance=provenance)
     with atomic_directory(directory) as draft:
         write_stitching_report(draft / STATIONS, report)

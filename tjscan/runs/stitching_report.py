@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tjscan.core.frames import inverse, rotation_angle, to_euler_zyx
+from tjscan.core.frames import inverse_pose, pose_to_euler_zyx, rotation_angle_between
 from tjscan.result.stitching import OverlapReport, StationReport, StitchingReport, Triple
 from tjscan.stitching.registration import StationRegistration, point_covariance_from_pose
 from tjscan.stitching.stitch import PlacedStation, StitchedGroove
@@ -64,10 +64,10 @@ def _triple(values: np.ndarray) -> Triple:
 def _station(
     one: PlacedStation, first: PlacedStation, middle: np.ndarray, source: str
 ) -> StationReport:
-    position, angles = to_euler_zyx(one.T_j_b)
+    position, angles = pose_to_euler_zyx(one.T_j_b)
     spread = np.sqrt(np.diag(one.covariance))
-    meant = inverse(first.station.T_w_b) @ one.station.T_w_b
-    found = inverse(first.T_j_b) @ one.T_j_b
+    meant = inverse_pose(first.station.T_w_b) @ one.station.T_w_b
+    found = inverse_pose(first.T_j_b) @ one.T_j_b
     at_groove = point_covariance_from_pose(one.covariance, middle)
     return StationReport(
         name=one.station.name,
@@ -81,7 +81,7 @@ def _station(
         sections=len(one.station.sections),
         views=one.views,
         nominal_off_mm=float(1e3 * np.linalg.norm(found[:3, 3] - meant[:3, 3])),
-        nominal_off_deg=float(np.degrees(rotation_angle(found, meant))),
+        nominal_off_deg=float(np.degrees(rotation_angle_between(found, meant))),
         walls_rms_mm=1e3 * one.tubes_rms,
         walls_misfit=one.tubes_reduced_chi2,
     )

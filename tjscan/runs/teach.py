@@ -14,7 +14,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, StartSeesNoGroove
 from tjscan.core.files import atomic_directory
-from tjscan.core.frames import Array, to_euler_zyx
+from tjscan.core.frames import Array, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.robot.rest import await_rest, check_still
@@ -93,7 +93,7 @@ def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
 
 def pose_for_job_file(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
-    position, angles = to_euler_zyx(T_b_f)
+    position, angles = pose_to_euler_zyx(T_b_f)
     position_mm = np.round(1e3 * position, MM_DECIMALS) + 0.0  # no minus zero
     euler_zyx_deg = np.round(np.degrees(angles), DEG_DECIMALS) + 0.0
     return tuple(position_mm.tolist()), tuple(euler_zyx_deg.tolist())

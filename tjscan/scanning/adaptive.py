@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.gp import Matern52, OrdinaryKriging
+from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
 from tjscan.core.units import DEG, MM, MM2, Settings
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE

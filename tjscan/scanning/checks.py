@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound, SetPointRefused
-from tjscan.core.frames import Array, inverse, rotation_angle, unit
+from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ScannedSection, Substep
@@ -91,8 +91,8 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
             f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
         )
-    T_b_s = to.T_b_t @ inverse(to.T_s_t)
-    turn = rotation_angle(step.last.view.T_b_s, T_b_s)
+    T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
+    turn = rotation_angle_between(step.last.view.T_b_s, T_b_s)
     if turn > step.largest_turn:
         raise SetPointRefused(
             f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
@@ -133,7 +133,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made",
         )
-    turn = rotation_angle(step.last.T_b_g, found.T_b_g)
+    turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
     if turn > step.largest_turn:
         raise GrooveNotFound(
             "implausible",
@@ -216,10 +216,13 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     """
     if step.predicted is None:
         return
-    step_b = unit(found.T_b_g[:3, 3] - step.start_b)
+    step_b = unit_vector(found.T_b_g[:3, 3] - step.start_b)
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
-    same = SAME + SAME_TURNED * rotation_angle(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    same = (
+        SAME
+        + SAME_TURNED * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    )
     allowed = np.maximum(same, doubt(found.groove, step.predicted.groove))
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, pose, unit
+from tjscan.core.frames import Array, cross, pose, unit_vector
 
 
 def correction_target_pose(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
@@ -27,7 +27,7 @@ def correction_target_pose(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
     Cibicik et al. 2022, eq. (12)-(13). It holds for both directions: x follows the motion,
     so z points out of the joint counterclockwise and into it clockwise.
     """
-    x_b = unit(T_b_g_predicted[:3, 3] - T_b_g_last[:3, 3])
-    y_b = unit(cross(cross(x_b, T_b_g_predicted[:3, 1]), x_b))
+    x_b = unit_vector(T_b_g_predicted[:3, 3] - T_b_g_last[:3, 3])
+    y_b = unit_vector(cross(cross(x_b, T_b_g_predicted[:3, 1]), x_b))
     z_b = cross(x_b, y_b)
     return pose(np.column_stack((x_b, y_b, z_b)), T_b_g_predicted[:3, 3])

@@ -9,8 +9,8 @@ from typing import Annotated, Final
 import numpy as np
 from annotated_types import Gt, Le
 
-from tjscan.core import lie
-from tjscan.core.frames import Array, inverse
+from tjscan.core import pose_vector
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import DEG, MM, Settings
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.section import ScannedSection
@@ -84,8 +84,8 @@ def view_deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
         Position and rotation vector in frame t, metres and radians. The rotation about x counts
         the work angle with it.
     """
-    T_t_ideal_t_taken = inverse(ideal.T_b_t) @ taken.view.T_b_s @ ideal.T_s_t
-    return lie.log(T_t_ideal_t_taken)
+    T_t_ideal_t_taken = inverse_pose(ideal.T_b_t) @ taken.view.T_b_s @ ideal.T_s_t
+    return pose_vector.pose_to_vector(T_t_ideal_t_taken)
 
 
 def view_deviation_sigmas(

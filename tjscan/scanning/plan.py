@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import AS_WRITTEN, DEG, MM, Key, PoseTable, Settings
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileKey, PoseSettings, Settings
 from tjscan.scanning.adaptive import AdaptiveStepSettings
 from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.prediction import SMOOTH
@@ -48,21 +48,21 @@ class ScanPlan(Settings):
         The taught poses of the flange in frame b; each station has its own.
     """
 
-    direction: Annotated[ScanDirection, AS_WRITTEN] = ScanDirection.COUNTERCLOCKWISE
+    direction: Annotated[ScanDirection, LIST_OR_WORD_IN_FILE] = ScanDirection.COUNTERCLOCKWISE
     step: Annotated[float, Ge(5), Le(300), MM] = 0.04
-    prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], Key("prediction_case")] = 3
+    prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], FileKey("prediction_case")] = 3
     pull_angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
     standoff: Annotated[float, Ge(10), Le(2000), MM] = 0.23
-    offset: Annotated[float, Ge(-500), Le(500), MM.keyed("view_offset_mm")] = -0.015
+    offset: Annotated[float, Ge(-500), Le(500), MM.with_key("view_offset_mm")] = -0.015
     length: Annotated[float | None, Gt(0), MM] = None
     sections: Annotated[int | None, Ge(3)] = None
-    return_tolerance: Annotated[float, Gt(0), Le(50), MM.keyed("resume_tolerance_mm")] = 0.5e-3
-    criterion: Annotated[CorrectionCriterion, Key("skip")] = field(
+    return_tolerance: Annotated[float, Gt(0), Le(50), MM.with_key("resume_tolerance_mm")] = 0.5e-3
+    criterion: Annotated[CorrectionCriterion, FileKey("skip")] = field(
         default_factory=CorrectionCriterion
     )
     adaptive: AdaptiveStepSettings | None = None
-    first: PoseTable | None = None
-    second: PoseTable | None = None
+    first: PoseSettings | None = None
+    second: PoseSettings | None = None
 
     @property
     def skip(self) -> CorrectionCriterion | None:

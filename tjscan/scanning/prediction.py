@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from tjscan.core.frames import Array, pose, unit
+from tjscan.core.frames import Array, pose, unit_vector
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint, SetPointPredictor
 from tjscan.scanning.target import R_REVERSED, ScanDirection
@@ -73,7 +73,7 @@ def predicted_target_pose(
     Cibicik et al. 2022, eq. (7)-(11), and (27) for the clockwise scan.
     """
     R_before, R_last = T_b_g_before[:3, :3], T_b_g_last[:3, :3]
-    v_b = step * unit(T_b_g_last[:3, 3] - T_b_g_before[:3, 3])  # (11)
+    v_b = step * unit_vector(T_b_g_last[:3, 3] - T_b_g_before[:3, 3])  # (11)
     p_b = R_last @ R_before.T @ v_b if prediction.turns_step else v_b  # (10)
     T_I = pose(p=p_b)  # (8)
     if not prediction.turns_frame:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import LaserFault, PoseUnreachable
-from tjscan.core.frames import Array, inverse, readonly
+from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
@@ -49,7 +49,7 @@ class ScanSetup:
     read: Callable[[Profile], GrooveSection]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly(self.T_f_s))
+        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
 
 
 class ProfileTaker:
@@ -94,7 +94,7 @@ class ProfileTaker:
         ArmFault
             If the arm stopped on the way.
         """
-        T_b_f = to.T_b_t @ inverse(self._setup.T_f_s @ to.T_s_t)
+        T_b_f = to.T_b_t @ inverse_pose(self._setup.T_f_s @ to.T_s_t)
         if not to.straight:
             try:
                 # In the present configuration or not at all: the arm never changes sides on its

@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import GrooveNotFound, SetPointRefused
-from tjscan.core.frames import Array, inverse, pose, rot_x
+from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.section import ScannedSection
@@ -205,7 +205,7 @@ def fallback_set_points(
     correction is made, then none of it. A prediction that was refused has no others.
     """
     if (predicted := step.predicted) is not None:
-        T_b_s = to.T_b_t @ inverse(to.T_s_t)
+        T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
         half = _halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
         yield "half of the correction", replace(to, T_b_t=half)
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
@@ -216,8 +216,8 @@ def fallback_set_points(
 
 def _halfway(T_1: Array, T_2: Array) -> Array:
     """The pose in the middle of two."""
-    turn = lie.so3_log(T_1[:3, :3].T @ T_2[:3, :3])
-    R = T_1[:3, :3] @ lie.so3_exp(0.5 * turn)
+    turn = pose_vector.rotation_to_vector(T_1[:3, :3].T @ T_2[:3, :3])
+    R = T_1[:3, :3] @ pose_vector.rotation_from_vector(0.5 * turn)
     return pose(R, 0.5 * (T_1[:3, 3] + T_2[:3, 3]))
 
 

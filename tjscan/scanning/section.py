@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.frames import Array, readonly, transform
+from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -49,7 +49,7 @@ class View:
 
     def __post_init__(self) -> None:
         for name in ("T_b_f", "T_b_s", "q"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ class ScannedSection:
     T_s_t: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_s_t", readonly(self.T_s_t))
+        object.__setattr__(self, "T_s_t", readonly_copy(self.T_s_t))
 
     @property
     def T_b_g(self) -> Array:
@@ -86,4 +86,4 @@ class ScannedSection:
     @property
     def points_b(self) -> Array:
         """The five points in the base frame, eq. (4), shape (5, 3), metres."""
-        return transform(self.view.T_b_s, self.groove.points_s)
+        return transform_points(self.view.T_b_s, self.groove.points_s)

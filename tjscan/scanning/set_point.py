@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.scanning.section import ScannedSection, Substep
 
 TIGHTEST_BEND: Final = 0.04
@@ -52,7 +52,7 @@ class SetPoint:
     def __post_init__(self) -> None:
         for name in ("T_b_t", "T_s_t", "covariance"):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, readonly(value))
+                object.__setattr__(self, name, readonly_copy(value))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class StepRequest:
     predicted: ScannedSection | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "p_b_ahead", readonly(self.p_b_ahead))
+        object.__setattr__(self, "p_b_ahead", readonly_copy(self.p_b_ahead))
 
     @property
     def direction_b(self) -> Array:

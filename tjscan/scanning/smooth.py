@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks import check_set_point
@@ -109,11 +109,11 @@ def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Ar
     """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
     if max(slack) == 0:
         return np.eye(3)
-    back = lie.so3_log(R_b_t_ideal.T @ R_b_t_now)
+    back = pose_vector.rotation_to_vector(R_b_t_ideal.T @ R_b_t_now)
     for part, most in ((back[:1], slack[0]), (back[1:], slack[1])):
         angle = float(np.linalg.norm(part))
         part *= min(1.0, most / angle) if angle > 0 else 1.0
-    return lie.so3_exp(back)
+    return pose_vector.rotation_from_vector(back)
 
 
 def _slack(

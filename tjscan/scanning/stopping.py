@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from tjscan.core.errors import Interrupted
+from tjscan.core.errors import ScanInterrupted
 
 
 class StopRequest:
@@ -49,7 +49,7 @@ class StopRequest:
             If it was.
         """
         if self._at_once:
-            raise Interrupted
+            raise ScanInterrupted
 
     @contextmanager
     def halt_arm_on_stop_now(self, halt: Callable[[], None]) -> Iterator[None]:

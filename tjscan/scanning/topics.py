@@ -23,7 +23,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.frames import Array, inverse, readonly
+from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import (
     frame_transforms_message,
@@ -119,7 +119,7 @@ def _to_section(fields: dict[str, Any]) -> SectionRecord:
         parse_section_number(fields["index"]),
         pose_from_list(fields["T_s_t"]),
         pose_from_list(fields["T_b_g"]),
-        readonly(np.reshape(to_finite_floats(fields["points_b"]), (CORNERS, 3))),
+        readonly_copy(np.reshape(to_finite_floats(fields["points_b"]), (CORNERS, 3))),
     )
 
 
@@ -204,7 +204,7 @@ class RecordingJournal:
         if self._arm_start is None:  # a real arm's clock began when it was switched on
             self._arm_start = view.time
         now = self._now = self._start + round(1e9 * (view.time - self._arm_start))
-        T_f_s = inverse(view.T_b_f) @ view.T_b_s
+        T_f_s = inverse_pose(view.T_b_f) @ view.T_b_s
         names = self._joint_names or [f"joint {i + 1}" for i in range(len(view.q))]
         self._recording.write(
             now,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.frames import Array, inverse, pose
+from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.laser.profile import Profile
 from tjscan.recording.json_numbers import to_finite_floats
 from tjscan.recording.reader import read_messages
@@ -90,7 +90,7 @@ def _section(view: View | None, message: dict[str, Any]) -> RecordedSection:
     points_b = np.array(
         [to_finite_floats(point[axis] for axis in "xyz") for point in message["points"]]
     )
-    return RecordedSection(view, inverse(view.T_b_s) @ T_b_t, T_b_g, points_b)
+    return RecordedSection(view, inverse_pose(view.T_b_s) @ T_b_t, T_b_g, points_b)
 
 
 def _pose(message: dict[str, dict[str, float]]) -> Array:

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, pose, rot_z, transform
-from tjscan.core.gp import PeriodicKernel, SimpleKriging
+from tjscan.core.frames import Array, pose, rot_z, transform_points
+from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
 from tjscan.groove.measured import MeasuredSection, measure
-from tjscan.joint.geometry import LegSurface, in_j
-from tjscan.joint.tubes.frame import JointShape
-from tjscan.joint.tubes.walls import Repeatability
+from tjscan.joint.geometry import LegSurface, cylindrical_to_j
+from tjscan.joint.tubes.frame import TubeDimensions
+from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.stitching.overlaps import TURN
 from tjscan.stitching.registration import SMOOTH, point_covariance_from_pose
 from tjscan.stitching.stations import Station
@@ -53,7 +53,7 @@ class UnrolledSection:
 
 
 def sections_in_joint_frame(
-    station: Station, T_j_b: Array, covariance: Array, repeatability: Repeatability
+    station: Station, T_j_b: Array, covariance: Array, repeatability: ArmRepeatability
 ) -> tuple[MeasuredSection, ...]:
     """Sections of a station in frame j.
 
@@ -76,7 +76,7 @@ def sections_in_joint_frame(
         T_j_s = T_j_b @ scan.view.T_b_s
         section = measure(scan.groove, T_j_s, "j", index=scan.view.index, station=station.name)
         corners = section.points[CORNERS]
-        flange = transform(T_j_b, scan.view.T_b_f[:3, 3])
+        flange = transform_points(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + point_covariance_from_pose(covariance, corners)
         whole = whole + point_covariance_from_pose(repeatability.covariance, corners - flange)
         sections.append(replace(section, covariances=whole))
@@ -84,7 +84,7 @@ def sections_in_joint_frame(
 
 
 def fuse_sections(
-    stations: Sequence[Sequence[MeasuredSection]], shape: JointShape
+    stations: Sequence[Sequence[MeasuredSection]], shape: TubeDimensions
 ) -> tuple[MeasuredSection, ...]:
     """All sections by azimuth, those that several stations have of one place made one.
 
@@ -167,7 +167,7 @@ def _curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 
-def _unroll(section: MeasuredSection, shape: JointShape) -> UnrolledSection:
+def _unroll(section: MeasuredSection, shape: TubeDimensions) -> UnrolledSection:
     points = np.vstack((section.points, section.T_r_g[:3, 3]))
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     azimuth = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
@@ -175,7 +175,7 @@ def _unroll(section: MeasuredSection, shape: JointShape) -> UnrolledSection:
     return UnrolledSection(section, azimuth, out, points[:, 2] - _height(azimuth, out, shape))
 
 
-def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
+def _height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
     surface = LegSurface(shape.leg_radius, shape.angle)
     return surface.height(azimuth, np.minimum(out, WIDEST * shape.leg_radius))
 
@@ -183,7 +183,7 @@ def _height(azimuth: Array, out: Array, shape: JointShape) -> Array:
 def _one(
     members: Sequence[tuple[float, UnrolledSection]],
     curves: Sequence[SimpleKriging],
-    shape: JointShape,
+    shape: TubeDimensions,
 ) -> MeasuredSection:
     """One section of several, each carried along the groove to their middle."""
     middle = float(np.mean([azimuth for azimuth, _ in members]))
@@ -199,7 +199,7 @@ def _one(
         out, up = one.out.copy(), one.up.copy()
         out[CORNERS] += grown[:3]
         up[CORNERS] += grown[3:6]
-        carried = in_j(places, out, _height(places, out, shape) + up)
+        carried = cylindrical_to_j(places, out, _height(places, out, shape) + up)
         turn = rot_z(middle - azimuth)
         points.append(carried[:5])
         frames.append(pose(turn @ one.section.T_r_g[:3, :3], carried[5]))

@@ -16,9 +16,9 @@ from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from tjscan.core import lie
-from tjscan.core.frames import Array, inverse, readonly, transform
-from tjscan.joint.tubes.frame import JointFrame, JointShape
+from tjscan.core import pose_vector
+from tjscan.core.frames import Array, inverse_pose, readonly_copy, transform_points
+from tjscan.joint.tubes.frame import JointFrame, TubeDimensions
 from tjscan.stitching.registration import StationRegistration
 
 
@@ -42,13 +42,13 @@ class StationPoses:
 
     T: Array
     covariance: Array
-    shape: JointShape
+    shape: TubeDimensions
     shape_covariance: Array
     reduced_chi2: float
 
     def __post_init__(self) -> None:
         for name in ("T", "covariance", "shape_covariance"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def solve_station_poses(
@@ -69,15 +69,23 @@ def solve_station_poses(
     origin = np.mean([frame.shape.array for frame in frames], axis=0)
 
     def residuals(x: Array) -> Array:
-        T, shape = [lie.exp(v) for v in x[: 6 * k].reshape(k, 6)], x[6 * k :] + origin
+        T, shape = (
+            [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)],
+            x[6 * k :] + origin,
+        )
         white = [
             # The station takes its own frame for j: it finds j at the identity.
-            W @ np.concatenate((lie.log(inverse(T_own)), shape - frame.shape.array))
+            W
+            @ np.concatenate(
+                (pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.array)
+            )
             for W, T_own, frame in zip(by_frame, T, frames, strict=True)
         ]
         for W, edge in zip(by_overlap, registrations, strict=True):
-            between = inverse(T[edge.overlap.first]) @ T[edge.overlap.second]
-            white.append(W @ (lie.log(between) - lie.log(edge.T)))
+            between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
+            white.append(
+                W @ (pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
+            )
         return np.concatenate(white)
 
     found = least_squares(
@@ -87,9 +95,9 @@ def solve_station_poses(
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
     blocks = [covariance[i : i + 6, i : i + 6] for i in range(0, 6 * k, 6)]
     return StationPoses(
-        np.array([lie.exp(v) for v in found.x[: 6 * k].reshape(k, 6)]),
+        np.array([pose_vector.pose_from_vector(v) for v in found.x[: 6 * k].reshape(k, 6)]),
         np.array(blocks),
-        JointShape(*(found.x[6 * k :] + origin).tolist()),
+        TubeDimensions(*(found.x[6 * k :] + origin).tolist()),
         covariance[6 * k :, 6 * k :],
         2 * float(found.cost) / (len(found.fun) - found.x.size),
     )
@@ -109,7 +117,7 @@ def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:
     """
     first, second = T[edge.overlap.first], T[edge.overlap.second]
     # By the overlap, edge.T @ p of the second is what the first sees.
-    expected = transform(edge.T @ inverse(second) @ first, edge.centre)
+    expected = transform_points(edge.T @ inverse_pose(second) @ first, edge.centre)
     return float(np.linalg.norm(np.cross(expected - edge.centre, edge.along)))
 
 
@@ -145,7 +153,7 @@ def spanning_tree_poses(
         a = int(predecessors[b])
         edge = surest[min(a, b), max(a, b)]
         used.add(id(edge))
-        T[b] = T[a] @ (edge.T if edge.overlap.first == a else inverse(edge.T))
+        T[b] = T[a] @ (edge.T if edge.overlap.first == a else inverse_pose(edge.T))
     return T, [edge for edge in by_sigma if id(edge) not in used]
 
 

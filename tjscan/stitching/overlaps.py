@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, inverse, transform
+from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.stitching.stations import StationTubeFit
 
 TURN: Final = 2 * pi
@@ -73,9 +73,9 @@ class StationOverlap:
 
 def section_azimuths(fit: StationTubeFit) -> Array:
     """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
-    T_j_b = inverse(fit.frame.T)
+    T_j_b = inverse_pose(fit.frame.T)
     middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in fit.station.sections])
-    x, y, _ = transform(T_j_b, middle).T
+    x, y, _ = transform_points(T_j_b, middle).T
     return np.unwrap(np.arctan2(y, x))
 
 

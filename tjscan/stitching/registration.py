@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from tjscan.core import lie
-from tjscan.core.frames import Array, readonly, skew, unit
-from tjscan.core.gp import PeriodicKernel
+from tjscan.core import pose_vector
+from tjscan.core.frames import Array, readonly_copy, skew_matrix, unit_vector
+from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.overlaps import StationOverlap
 from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES, UnrolledViews
@@ -82,7 +82,7 @@ class StationRegistration:
 
     def __post_init__(self) -> None:
         for name in ("T", "covariance", "centre", "along", "azimuth", "residual"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def rms(self) -> float:
@@ -117,7 +117,7 @@ def point_covariance_from_pose(covariance: Array, points: Array) -> Array:
         In the outer frame of that pose, metres.
     """
     p = np.asarray(points, dtype=float)
-    turned = -skew(p)  # a rotation vector r moves p by r × p
+    turned = -skew_matrix(p)  # a rotation vector r moves p by r × p
     by_pose = np.concatenate((np.broadcast_to(np.eye(3), turned.shape), turned), axis=-1)
     return np.asarray(by_pose @ covariance @ by_pose.swapaxes(-1, -2))
 
@@ -173,7 +173,7 @@ def align_second_to_first(
     reduced_chi2 = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
     return StationRegistration(
         overlap,
-        lie.exp(motion),
+        pose_vector.pose_from_vector(motion),
         max(1.0, reduced_chi2) * spread,
         *_middle_of(overlap, first),
         reduced_chi2,
@@ -206,7 +206,7 @@ def _middle_of(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Arr
     centre = seen.middle[order[0]]
     # Prediction and correction views show nearly one place: the direction comes from another.
     far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
-    return centre, unit(seen.middle[order[np.argmax(far)]] - centre)
+    return centre, unit_vector(seen.middle[order[np.argmax(far)]] - centre)
 
 
 def _near(

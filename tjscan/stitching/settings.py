@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import radians
 
-from tjscan.joint.tubes.walls import Repeatability
+from tjscan.joint.tubes.walls import ArmRepeatability
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class StitchSettings:
         Share of the overlap's views to which the robust kernel must give weight.
     """
 
-    repeatability: Repeatability = field(default_factory=Repeatability)
+    repeatability: ArmRepeatability = field(default_factory=ArmRepeatability)
     out_of_round: float = 2e-5
     most_out_of_round: float = 4e-3
     least_overlap: float = radians(10.0)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from tjscan.core.frames import Array, transform
+from tjscan.core.frames import Array, transform_points
 from tjscan.joint.tubes.walls import WallPoints
 from tjscan.scanning.section import ScannedSection
 
@@ -54,7 +54,7 @@ def wall_points(sections: Sequence[ScannedSection]) -> WallPoints:
     points, on_brace, sigma, view = [], [], [], []
     for number, section in enumerate(sections):
         for is_brace, (nodes_s, spread) in zip((True, False), side_nodes(section), strict=True):
-            points.append(transform(section.view.T_b_s, nodes_s))
+            points.append(transform_points(section.view.T_b_s, nodes_s))
             on_brace.append(np.full(len(spread), is_brace))
             sigma.append(spread)
             view.append(np.full(len(spread), number))

@@ -9,18 +9,18 @@ from math import radians
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.core.frames import Array, readonly, rotation_angle, unit
+from tjscan.core.frames import Array, readonly_copy, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import cylinder_through
-from tjscan.joint.tubes.fit import Tubes, fit_tubes
-from tjscan.joint.tubes.frame import JointFrame, joint_frame
+from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
+from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
+from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection, View
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import wall_points
 
-SIDE_W = unit(np.array((4.0, 2.0, 1.0)))
+SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
 along ±x, else +y, else +z."""
 
@@ -57,7 +57,7 @@ class Station:
     all_sections: tuple[ScannedSection, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_w_b", readonly(self.T_w_b))
+        object.__setattr__(self, "T_w_b", readonly_copy(self.T_w_b))
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""
@@ -119,7 +119,7 @@ class StationTubeFit:
     """
 
     station: Station
-    tubes: Tubes
+    tubes: FittedTubes
     frame: JointFrame
 
 
@@ -145,8 +145,10 @@ def fit_tubes_to_stations(
     for station in stations:
         try:
             brace, leg = _start(station)
-            tubes = fit_tubes(wall_points(station.all_sections), settings.repeatability, brace, leg)
-            found = joint_frame(tubes, station.T_w_b[:3, :3].T @ side_w)
+            tubes = fit_tubes_to_walls(
+                wall_points(station.all_sections), settings.repeatability, brace, leg
+            )
+            found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
             raise StitchingRefused(
                 "joint not found",
@@ -162,7 +164,7 @@ def fit_tubes_to_stations(
 def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
-    if (turned := rotation_angle(a, b)) > MOST_TURNED:
+    if (turned := rotation_angle_between(a, b)) > MOST_TURNED:
         raise StitchingRefused(
             "nominal poses disagree",
             f"by where their bases were meant to stand, stations {first.station.name} and "
@@ -185,7 +187,7 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
         across = np.array([s.view.T_b_s[:3, :3] @ getattr(s.groove, name) for s in sections[1:-1]])
         normals = np.cross(along[:, k], across)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        cylinders.append(cylinder_through(corners[1:-1, k], normals))
+        cylinders.append(cylinder_from_normals(corners[1:-1, k], normals))
     brace, leg = cylinders
     return brace, leg
 

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, inverse, readonly
+from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.tubes.frame import JointShape
+from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
@@ -85,7 +85,7 @@ class PlacedStation:
 
     def __post_init__(self) -> None:
         for name in ("T_j_b", "covariance"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ class StitchedGroove:
     """
 
     stations: tuple[PlacedStation, ...]
-    shape: JointShape
+    shape: TubeDimensions
     shape_sigma: Array
     registrations: tuple[StationRegistration, ...]
     gaps: tuple[float, ...]
@@ -128,7 +128,7 @@ class StitchedGroove:
     draft: StitchingDraft
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape_sigma", readonly(self.shape_sigma))
+        object.__setattr__(self, "shape_sigma", readonly_copy(self.shape_sigma))
 
     @property
     def closed(self) -> bool:
@@ -212,11 +212,11 @@ def register_overlaps(
     settings : StitchSettings
         Gives the arms' repeatability.
     """
-    shape = JointShape(*np.mean([one.frame.shape.array for one in fits], axis=0).tolist())
+    shape = TubeDimensions(*np.mean([one.frame.shape.array for one in fits], axis=0).tolist())
 
     def seen(k: int, T: Array) -> UnrolledViews:
         """What a station saw, its own frame j moved by T."""
-        T_j_b = T @ inverse(fits[k].frame.T)
+        T_j_b = T @ inverse_pose(fits[k].frame.T)
         return unroll_views(fits[k].station.all_sections, T_j_b, shape, settings.repeatability)
 
     own = [seen(k, np.eye(4)) for k in range(len(fits))]
@@ -226,7 +226,7 @@ def register_overlaps(
         for _ in range(ROUNDS):
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
-            moved = float(np.abs(lie.log(edge.T)).max())
+            moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
             if moved < STILL or moved > FAR:
                 break
             second = seen(overlap.second, T)
@@ -369,7 +369,7 @@ def _check_placement(
 def _placed(fit: StationTubeFit, placement: StationPoses, k: int, azimuths: Array) -> PlacedStation:
     return PlacedStation(
         fit.station,
-        placement.T[k] @ inverse(fit.frame.T),
+        placement.T[k] @ inverse_pose(fit.frame.T),
         placement.covariance[k],
         AzimuthArc(float(azimuths.min()), float(azimuths.max())),
         len(fit.station.all_sections),

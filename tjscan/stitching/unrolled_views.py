@@ -15,12 +15,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
-from tjscan.core.frames import Array, pose, readonly, transform
+from tjscan.core.frames import Array, pose, readonly_copy, transform_points
 from tjscan.joint.geometry import LegSurface
-from tjscan.joint.tubes.frame import JointShape
-from tjscan.joint.tubes.walls import Repeatability
+from tjscan.joint.tubes.frame import TubeDimensions
+from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
 
@@ -67,7 +67,7 @@ class UnrolledViews:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def __len__(self) -> int:
         return len(self.place)
@@ -87,8 +87,8 @@ class UnrolledViews:
 def unroll_views(
     sections: Sequence[ScannedSection],
     T_j_b: Array,
-    shape: JointShape,
-    repeatability: Repeatability,
+    shape: TubeDimensions,
+    repeatability: ArmRepeatability,
 ) -> UnrolledViews:
     """Unroll the sections read in views; those that show too little of a wall are left out.
 
@@ -116,7 +116,7 @@ def unroll_views(
 
 
 def _unroll(
-    section: ScannedSection, T_j_b: Array, shape: JointShape, repeatability: Repeatability
+    section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> tuple[Array, Array, Array, Array, Array, float, Array] | None:
     """The attributes of `UnrolledViews` of one view; None where a wall shows too little."""
     sides = side_nodes(section)
@@ -124,11 +124,16 @@ def _unroll(
         return None
     (brace, brace_sigma), (leg, leg_sigma) = sides
     T_j_s = T_j_b @ section.view.T_b_s
-    points = transform(T_j_s, np.concatenate((section.groove.points_s[1:4], brace, leg)))
+    points = transform_points(T_j_s, np.concatenate((section.groove.points_s[1:4], brace, leg)))
     split = (3, 3 + len(brace))
     step = 1e-6  # deep in the linear range
     moves = np.array(
-        [np.eye(4)] + [lie.exp(sign * step * np.eye(6)[k]) for sign in (1, -1) for k in range(6)]
+        [np.eye(4)]
+        + [
+            pose_vector.pose_from_vector(sign * step * np.eye(6)[k])
+            for sign in (1, -1)
+            for k in range(6)
+        ]
     )
     moved = points @ np.swapaxes(moves[:, :3, :3], 1, 2) + moves[:, None, :3, 3]
     azimuth, value, walls = _unrolled(moved, split, shape)
@@ -136,8 +141,8 @@ def _unroll(
     slope = (azimuth[1:7] - azimuth[7:]).T / (2 * step)
 
     # The arm's error turns the view about its flange.
-    lever = transform(T_j_b, section.view.T_b_f[:3, 3])
-    arm = by_pose @ lie.adjoint(pose(p=lever))
+    lever = transform_points(T_j_b, section.view.T_b_f[:3, 3])
+    arm = by_pose @ pose_vector.adjoint(pose(p=lever))
     covariance = arm @ repeatability.covariance @ arm.T
     covariance[:6, :6] += _corner_covariance(section, T_j_s, points[:3], shape)
     for at, response, sigma in ((6, walls[0], brace_sigma), (8, walls[1], leg_sigma)):
@@ -148,7 +153,7 @@ def _unroll(
 
 
 def _unrolled(
-    points: Array, split: tuple[int, int], shape: JointShape
+    points: Array, split: tuple[int, int], shape: TubeDimensions
 ) -> tuple[Array, Array, tuple[Array, Array]]:
     """Azimuths and values, each (k, 10), of k poses of a view's points (k, m, 3).
 
@@ -181,7 +186,7 @@ def _unrolled(
 
 
 def _corner_covariance(
-    section: ScannedSection, T_j_s: Array, corners: Array, shape: JointShape
+    section: ScannedSection, T_j_s: Array, corners: Array, shape: TubeDimensions
 ) -> Array:
     """Covariance of the corners' six values that the laser's noise makes, shape (6, 6)."""
     surface = LegSurface(shape.leg_radius, shape.angle)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from tjscan.core.config import FileModel, read_toml, validate
+from tjscan.core.config import FileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.study.kind import study_kind_of_task
 
@@ -83,7 +83,7 @@ def read_study_file(file: Path) -> StudyFile:
     ConfigurationError
         If it can't be read, or a key is unknown, missing or of a wrong type or value.
     """
-    study = validate(StudyFile, read_toml(file), file)
+    study = validate_table(StudyFile, read_toml(file), file)
     try:
         study.axes()
     except ConfigurationError as error:

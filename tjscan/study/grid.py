@@ -8,7 +8,7 @@ from math import prod
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.study.file import StudyFile
 from tjscan.study.kind import study_kind_of_task
@@ -45,7 +45,7 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
         varied: dict[str, Any] = {}
         for setting in settings:
             varied |= setting
-        with naming(study_file):
+        with add_file_to_errors(study_file):
             resolved = kind.resolve(job, study.fixed_keys | varied)
         named = {"job": job.stem} if len(jobs) > 1 else {}
         inputs = _cells(named | varied | dict(resolved.followed))

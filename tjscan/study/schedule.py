@@ -11,7 +11,7 @@ from itertools import islice
 from logging import CRITICAL
 from typing import Any, Final, Generic, Protocol, TypeVar
 
-from tjscan.core.errors import ClusterFault, ConfigurationError
+from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.core.version import VERSION
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial
@@ -140,7 +140,7 @@ def _run(
         if isinstance(fault, KilledWorker):
             over: FinishedTask[T, R] | LostTask[T] = LostTask(task, "every worker that ran it died")
         elif fault is not None:
-            raise ClusterFault(f"a worker failed: {fault!r}")
+            raise ComputeClusterFault(f"a worker failed: {fault!r}")
         else:
             over = FinishedTask(task, future.result())
         future.release()
@@ -155,8 +155,8 @@ def _threads(client: Any) -> int:
         raise _gone() from None
 
 
-def _gone() -> ClusterFault:
-    return ClusterFault("the scheduler is gone; start one again, and go on with --resume")
+def _gone() -> ComputeClusterFault:
+    return ComputeClusterFault("the scheduler is gone; start one again, and go on with --resume")
 
 
 @contextmanager
@@ -214,14 +214,14 @@ def _check_workers(client: Any) -> None:
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
-        raise ClusterFault(
+        raise ComputeClusterFault(
             f"no worker has joined the scheduler within {PATIENCE:g} s; start one with `dask "
             "worker ADDRESS --nthreads 1`, and go on with --resume"
         ) from None
     for worker, found in client.run(installed, "tjscan", on_error="return").items():
         if found != VERSION:
             other = found if isinstance(found, str) else "not at all"
-            raise ClusterFault(
+            raise ComputeClusterFault(
                 f"the worker {worker} has tjscan {other}, this machine {VERSION}: the same "
                 "version everywhere makes the same rows; then go on with --resume"
             )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import atomic_directory, check_size
+from tjscan.core.files import atomic_directory, check_file_size
 from tjscan.study.kind import study_kind_of_task
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial
@@ -59,7 +59,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
     """
     file = directory / PLAN
     try:
-        check_size(file, MOST_BYTES, "a plan")
+        check_file_size(file, MOST_BYTES, "a plan")
         return tuple(Trial.from_json(line) for line in file.read_text("utf-8").splitlines())
     except OSError:
         raise ConfigurationError("there is no study", file=directory) from None
@@ -89,7 +89,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     if not trials or not file.exists():
         return rows
     try:
-        check_size(file, MOST_BYTES, "the rows of a study")
+        check_file_size(file, MOST_BYTES, "the rows of a study")
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error

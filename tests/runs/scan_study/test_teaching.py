@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from studies import ANY_JOINT, Expand, expand_in, settings_of
 
-from tjscan.core.frames import rotation_angle
+from tjscan.core.frames import rotation_angle_between
 from tjscan.runs.scan_study.teaching import azimuth_further_along, ideal_sensor_pose
 
 
@@ -48,7 +48,7 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
         off = (T_j_s @ T_s_t)[:3, 3] - (ideal @ T_s_t)[:3, 3]
         # Uniform on each of three axes: the corner of the cube is the furthest.
         assert np.linalg.norm(off) < np.sqrt(3) * 3e-3
-        assert rotation_angle(T_j_s, ideal) < np.radians(np.sqrt(3) * 5.0)
+        assert rotation_angle_between(T_j_s, ideal) < np.radians(np.sqrt(3) * 5.0)
     assert abs(azimuth_further_along(joint, azimuths[1], 0.0, plan.direction) - azimuths[1]) < 1e-9
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly, transform, unit
+from tjscan.core.frames import Array, readonly_copy, transform_points, unit_vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +28,10 @@ class Cylinder:
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", readonly(self.point))
-        object.__setattr__(self, "axis", readonly(unit(np.asarray(self.axis, dtype=float))))
+        object.__setattr__(self, "point", readonly_copy(self.point))
+        object.__setattr__(
+            self, "axis", readonly_copy(unit_vector(np.asarray(self.axis, dtype=float)))
+        )
 
     def distance(self, points: Array) -> Array:
         """How far points, shape (..., 3), lie outside it, in metres."""
@@ -42,7 +44,7 @@ class Cylinder:
 
     def moved(self, T: Array) -> Cylinder:
         """The same cylinder in the outer frame of `T`, shape (4, 4)."""
-        return Cylinder(transform(T, self.point), T[:3, :3] @ self.axis, self.radius)
+        return Cylinder(transform_points(T, self.point), T[:3, :3] @ self.axis, self.radius)
 
     def beside(self, points: Array) -> Cylinder:
         """The same cylinder, its `point` beside the middle of points, shape (n, 3)."""
@@ -58,14 +60,14 @@ class Cylinder:
             Shift along two directions square to the axis (metres), tilt of the axis towards
             these (radians), growth of the radius (metres).
         """
-        across = square_to(self.axis)
+        across = perpendicular_pair(self.axis)
         return Cylinder(
             self.point + step[:2] @ across, self.axis + step[2:4] @ across, self.radius + step[4]
         )
 
     def jacobian(self, points: Array) -> Array:
         """Derivatives of `distance` by `boxplus`'s numbers, shape (n, 5)."""
-        sideways = self.normals(points) @ square_to(self.axis).T
+        sideways = self.normals(points) @ perpendicular_pair(self.axis).T
         along = (points - self.point) @ self.axis
         return -np.column_stack((sideways, along[:, None] * sideways, np.ones(len(points))))
 
@@ -74,7 +76,7 @@ class Cylinder:
         return np.asarray(q - (q @ self.axis)[..., None] * self.axis)
 
 
-def square_to(axis: Array) -> Array:
+def perpendicular_pair(axis: Array) -> Array:
     """Two unit vectors, rows of shape (2, 3), square to each other and to a unit vector."""
-    first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    first = unit_vector(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
     return np.array((first, np.cross(axis, first)))

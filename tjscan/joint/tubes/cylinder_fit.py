@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
 from tjscan.core.robust import mad_sigma, tukey_root_weights
-from tjscan.joint.tubes.cylinder import Cylinder, square_to
+from tjscan.joint.tubes.cylinder import Cylinder, perpendicular_pair
 
 START: Final = 3e-3
 """Metres from a rough cylinder within which its points are sought at first."""
@@ -33,7 +33,7 @@ FEWEST: Final = 12
 """Points that a cylinder is fitted to."""
 
 
-def cylinder_through(points: Array, normals: Array) -> Cylinder:
+def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     """Rough cylinder of points and normals, to start a fit from.
 
     The axis is what all normals are square to; seen along it, ``p = centre + radius n`` is
@@ -58,7 +58,7 @@ def cylinder_through(points: Array, normals: Array) -> Cylinder:
             "scan farther round"
         )
     axis = rows[2]
-    plane = square_to(axis)
+    plane = perpendicular_pair(axis)
     p, n = points @ plane.T, normals @ plane.T
     system = np.concatenate(
         [np.column_stack((np.tile(np.eye(2)[k], (len(p), 1)), n[:, k])) for k in (0, 1)]
@@ -110,7 +110,7 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
     return tube.boxplus(found.x).beside(points), bool(found.success)
 
 
-def refine_robust(tube: Cylinder, points: Array) -> Cylinder:
+def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
     """Least squares with Tukey's kernel, whose width follows the points' own spread.
 
     However the search began, it ends at the same cylinder: a wall holds far more points than

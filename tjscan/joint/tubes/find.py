@@ -17,9 +17,9 @@ from scipy.spatial import KDTree
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import fit_cylinder, refine_robust
-from tjscan.joint.tubes.fit import Tubes
-from tjscan.joint.tubes.frame import LEAST_ANGLE
+from tjscan.joint.tubes.cylinder_fit import fit_cylinder, refine_cylinder
+from tjscan.joint.tubes.fit import FittedTubes
+from tjscan.joint.tubes.frame import LEAST_AXES_ANGLE
 
 VOXELS: Final = 70
 """Voxels along the cloud's diagonal, of each of which one point is used."""
@@ -49,7 +49,7 @@ MOST_RADIUS: Final = 5.0
 """Metres."""
 
 
-def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
+def find_tubes(points: Array, *, seed: int = 0) -> FittedTubes:
     """Find brace and leg in a cloud.
 
     Parameters
@@ -63,7 +63,7 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     -------
     Tubes
         The leg is the tube of the larger radius. The covariance takes the points for independent,
-        which those of a scan are not: for these see `fit_tubes`.
+        which those of a scan are not: for these see `fit_tubes_to_walls`.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def find_tubes(points: Array, *, seed: int = 0) -> Tubes:
     first, _ = fit_cylinder(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)], SCALE)
     second, _ = fit_cylinder(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)], SCALE)
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
-    first, second = refine_robust(first, chosen), refine_robust(second, chosen)
+    first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE:
         raise TubesNotFound(
@@ -167,10 +167,10 @@ def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Arra
 
 def _cross(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
     """Whether axes, shape (..., 3), are far from parallel to that of another tube."""
-    return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_ANGLE))
+    return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 
 
-def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
+def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTubes:
     """Both tubes with the covariance that independent points give."""
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):
@@ -180,4 +180,4 @@ def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> Tubes:
         square = float(off[on] @ off[on])
         covariance[at, at] = np.linalg.inv(jacobian.T @ jacobian) * square / max(on.sum() - 5, 1)
         total, count = total + square, count + int(on.sum())
-    return Tubes(brace, leg, covariance, 1.0, float(np.sqrt(total / count)))
+    return FittedTubes(brace, leg, covariance, 1.0, float(np.sqrt(total / count)))

@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.walls import Repeatability, WallPoints
+from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
 
 MOST_ROUNDS: Final = 60
 STILL: Final = 1e-9
@@ -28,7 +28,7 @@ FEWEST_VIEWS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tubes:
+class FittedTubes:
     """Brace and leg.
 
     Parameters
@@ -52,12 +52,12 @@ class Tubes:
     rms: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "covariance", readonly(self.covariance))
+        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
 
 
-def fit_tubes(
-    walls: WallPoints, repeatability: Repeatability, brace: Cylinder, leg: Cylinder
-) -> Tubes:
+def fit_tubes_to_walls(
+    walls: WallPoints, repeatability: ArmRepeatability, brace: Cylinder, leg: Cylinder
+) -> FittedTubes:
     """Fit leg and brace to wall points; Gauss–Newton, reweighted with Tukey's kernel.
 
     Parameters
@@ -74,7 +74,7 @@ def fit_tubes(
     TubesNotFound
         If the points don't hold both cylinders.
     """
-    if len(views := walls.by_view()) < FEWEST_VIEWS:
+    if len(views := walls.indices_by_view()) < FEWEST_VIEWS:
         raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
     common = repeatability.covariance
     brace, leg = (
@@ -103,7 +103,7 @@ def fit_tubes(
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
     spread = np.asarray(np.linalg.inv(white[:, :-1].T @ white[:, :-1]), dtype=float)
     rms = float(np.sqrt(np.mean(residuals[counted] ** 2)))
-    return Tubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms)
+    return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms)
 
 
 def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:

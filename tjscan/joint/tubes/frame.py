@@ -8,21 +8,21 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, inverse, pose, readonly, unit
+from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, unit_vector
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.fit import Tubes
+from tjscan.joint.tubes.fit import FittedTubes
 
-UPRIGHT: Final = radians(2.0)
+MOST_UPRIGHT_TILT: Final = radians(2.0)
 """A brace that leans less has no heel: x may point either way along the leg."""
 
-LEAST_ANGLE: Final = radians(15.0)
+LEAST_AXES_ANGLE: Final = radians(15.0)
 """Tubes nearer to parallel than this make no joint."""
 
 
 @dataclass(frozen=True, slots=True)
-class JointShape:
+class TubeDimensions:
     """What two tubes are to each other.
 
     Parameters
@@ -62,15 +62,15 @@ class JointFrame:
     """
 
     T: Array
-    shape: JointShape
+    shape: TubeDimensions
     covariance: Array
 
     def __post_init__(self) -> None:
         for name in ("T", "covariance"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
-def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
+def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
     """Frame j of two tubes, with its covariance.
 
     Parameters
@@ -86,22 +86,24 @@ def joint_frame(tubes: Tubes, towards: Array) -> JointFrame:
     TubesNotFound
         If the tubes are all but parallel.
     """
-    T, shape = place(tubes.brace, tubes.leg, towards)
+    T, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, towards)
     step = 1e-6  # a micrometre, a microradian: deep in the linear range
 
     def around(k: int, sign: int) -> Array:
         moved = np.zeros(10)
         moved[k] = sign * step
-        T_moved, there = place(
+        T_moved, there = joint_pose_from_cylinders(
             tubes.brace.boxplus(moved[:5]), tubes.leg.boxplus(moved[5:]), T[:3, 0]
         )
-        return np.concatenate((lie.log(inverse(T) @ T_moved), there.array))
+        return np.concatenate((pose_vector.pose_to_vector(inverse_pose(T) @ T_moved), there.array))
 
     jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
     return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T)
 
 
-def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointShape]:
+def joint_pose_from_cylinders(
+    brace: Cylinder, leg: Cylinder, towards: Array
+) -> tuple[Array, TubeDimensions]:
     """Frame j of two cylinders.
 
     Parameters
@@ -109,7 +111,7 @@ def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointS
     brace, leg : Cylinder
         In one frame; the brace's `point` lies on the brace's side of the leg.
     towards : ndarray, shape (3,)
-        The side that x points to where the brace is upright, see `joint_frame`.
+        The side that x points to where the brace is upright, see `joint_frame_from_tubes`.
 
     Returns
     -------
@@ -119,7 +121,7 @@ def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointS
         Radii, angle and offset of the tubes.
     """
     cosine = float(brace.axis @ leg.axis)
-    if 1 - cosine * cosine < np.sin(LEAST_ANGLE) ** 2:
+    if 1 - cosine * cosine < np.sin(LEAST_AXES_ANGLE) ** 2:
         raise TubesNotFound(
             "the two tubes that were found are all but parallel: they make no joint"
         )
@@ -128,10 +130,10 @@ def place(brace: Cylinder, leg: Cylinder, towards: Array) -> tuple[Array, JointS
     along = (between @ brace.axis - cosine * (between @ leg.axis)) / (1 - cosine * cosine)
     origin = brace.point + along * brace.axis
     z = -np.sign(along) * brace.axis
-    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > UPRIGHT
+    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > MOST_UPRIGHT_TILT
     to_heel = leg.axis * (np.sign(leg.axis @ z) if leaning else np.sign(leg.axis @ towards) or 1.0)
-    x = unit(to_heel - (to_heel @ z) * z)
+    x = unit_vector(to_heel - (to_heel @ z) * z)
     y = np.cross(z, x)
     angle = float(np.arctan2(to_heel @ x, to_heel @ z))
-    shape = JointShape(brace.radius, leg.radius, angle, float((leg.point - origin) @ y))
+    shape = TubeDimensions(brace.radius, leg.radius, angle, float((leg.point - origin) @ y))
     return pose(np.column_stack((x, y, z)), origin), shape

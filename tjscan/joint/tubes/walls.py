@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 
 @dataclass(frozen=True, slots=True)
-class Repeatability:
+class ArmRepeatability:
     """How exactly an arm reports where it stands; all points of a view share that error.
 
     The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
@@ -58,12 +58,12 @@ class WallPoints:
 
     def __post_init__(self) -> None:
         for name in ("points", "sigma", "pivots"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def __len__(self) -> int:
         return len(self.points)
 
-    def by_view(self) -> list[NDArray[np.intp]]:
+    def indices_by_view(self) -> list[NDArray[np.intp]]:
         """Indices of the points of each view that has any."""
         order = np.argsort(self.view, kind="stable")
         return np.split(order, np.flatnonzero(np.diff(self.view[order])) + 1)

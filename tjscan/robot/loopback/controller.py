@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import Fault, Order
@@ -189,8 +189,8 @@ class Controller:
 
     def tcp_pose(self) -> list[float]:
         """Position in metres and rotation vector of the active TCP in frame b."""
-        T_b_tcp = self.kinematics.forward(self.q) @ lie.exp(self.tcp)
-        return [float(value) for value in lie.log(T_b_tcp)]
+        T_b_tcp = self.kinematics.forward(self.q) @ pose_vector.pose_from_vector(self.tcp)
+        return [float(value) for value in pose_vector.pose_to_vector(T_b_tcp)]
 
     # What the program asks of it
 

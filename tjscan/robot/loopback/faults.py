@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.errors import ConfigurationError, nearest_word
 
 
 class Fault(StrEnum):
@@ -51,7 +51,7 @@ def parse_order(line: str) -> Order:
     """
     word, _, when = line.strip().partition(" ")
     if word not in list(Fault):
-        close = nearest(word, list(Fault))
+        close = nearest_word(word, list(Fault))
         raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
     if not when:
         return Order(Fault(word))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Self
 
-from tjscan.core.errors import ArmNotReached, ArmSilent
+from tjscan.core.errors import ArmNotConnected, ArmNotResponding
 
 PATIENCE: Final = 60.0
 """Seconds to wait for a line; a busy machine takes its time."""
@@ -84,9 +84,9 @@ class LoopbackProcess:
             try:
                 line = self._lines.get(timeout=PATIENCE)
             except queue.Empty:
-                raise ArmSilent(f"the loopback controller does not say {wanted}") from None
+                raise ArmNotResponding(f"the loopback controller does not say {wanted}") from None
             if line is None:
-                raise ArmNotReached(f"the loopback controller on {self.host} has ended")
+                raise ArmNotConnected(f"the loopback controller on {self.host} has ended")
             if line.startswith(wanted):
                 return line
 

@@ -11,9 +11,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
-from tjscan.core.frames import Array, inverse
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.motion import (
     Motion,
@@ -160,10 +160,16 @@ class Program:
             near = self._six(6) if command == HAS_INVERSE_NEAR else None
             self._answer(self._inverse(self._six(0), near) is not None)
         elif command == FORWARD:
-            self._give(lie.log(controller.kinematics.forward(controller.q) @ self._T_f_tcp))
+            self._give(
+                pose_vector.pose_to_vector(
+                    controller.kinematics.forward(controller.q) @ self._T_f_tcp
+                )
+            )
         elif command == FORWARD_OF:
             T_b_f = controller.kinematics.forward(self._six(0))
-            self._give(lie.log(T_b_f @ lie.exp(self._six(6))))
+            self._give(
+                pose_vector.pose_to_vector(T_b_f @ pose_vector.pose_from_vector(self._six(6)))
+            )
         elif command == WATCHDOG:
             controller.patience = 1 / max(self._double(0), 1e-3)
         elif command == STEADY:
@@ -187,7 +193,7 @@ class Program:
             T_b_f = (
                 controller.kinematics.forward(target)
                 if command == MOVE_L_FK
-                else lie.exp(target) @ inverse(self._T_f_tcp)
+                else pose_vector.pose_from_vector(target) @ inverse_pose(self._T_f_tcp)
             )
             try:
                 return linear_motion(
@@ -227,11 +233,11 @@ class Program:
 
     @property
     def _T_f_tcp(self) -> Array:
-        return lie.exp(self._controller.tcp)
+        return pose_vector.pose_from_vector(self._controller.tcp)
 
     def _inverse(self, target: Array, near: Array | None = None) -> Array | None:
         controller = self._controller
-        T_b_f = lie.exp(target) @ inverse(self._T_f_tcp)
+        T_b_f = pose_vector.pose_from_vector(target) @ inverse_pose(self._T_f_tcp)
         try:
             return controller.kinematics.inverse(T_b_f, controller.q if near is None else near)
         except PoseUnreachable:

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from tjscan.core.config import naming
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import Controller
@@ -32,7 +32,7 @@ def serve(
     check_address(host)
     if not 1 <= hz <= 1000:
         raise ConfigurationError(f"it ticks 1 to 1000 times a second (found {hz:g})", key="hz")
-    with naming(key="model"):
+    with add_file_to_errors(key="model"):
         kinematics = Kinematics.load(model)
     q = np.radians(home_deg)
     stands = q.shape == kinematics.lower.shape and np.all(

@@ -14,7 +14,7 @@ from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
 
-from tjscan.core.devices import Device
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
@@ -30,7 +30,7 @@ from tjscan.robot.ur.session import Session
 from tjscan.robot.ur.settings import UrSettings
 
 
-class UrArm(Device):
+class UrArm(DeviceBase):
     """A real arm, or the loopback controller.
 
     Parameters

@@ -9,16 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
+from tjscan.core import pose_vector
 from tjscan.core.errors import (
     ArmBusy,
     ArmFault,
-    ArmNotReached,
+    ArmNotConnected,
     ConfigurationError,
     ProgramStopped,
     RegistersInUse,
 )
-from tjscan.core.frames import Array, inverse
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import fault_of, start_fault
@@ -65,7 +65,7 @@ def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Sessi
     try:
         _begin(session, settings, kinematics, pause)
     except BaseException as error:
-        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotReached)):
+        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotConnected)):
             session.stop_program(error)  # ours runs, or may
         session.close()
         raise
@@ -113,7 +113,7 @@ def _set_tcp(session: Session) -> None:
     if len(offset) != 6 or np.abs(offset).max() > SAME:
         session.look()  # the true reason, if the arm is not well
         raise _disobeyed("TCP", "zero", offset)
-    session.T_tcp_f = inverse(lie.exp(offset))
+    session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
 
 
 def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:

@@ -9,7 +9,7 @@ import socket
 from types import TracebackType
 from typing import Final, Self
 
-from tjscan.core.errors import ArmFault, ArmNotReached, ArmSilent
+from tjscan.core.errors import ArmFault, ArmNotConnected, ArmNotResponding
 
 PORT: Final = 29999
 
@@ -38,11 +38,11 @@ class Dashboard:
 
     def __init__(self, host: str) -> None:
         self._host = host
-        self._silence: ArmSilent | None = None
+        self._silence: ArmNotResponding | None = None
         try:
             self._socket = socket.create_connection((host, PORT), LIMIT)
         except OSError as error:
-            raise ArmNotReached(
+            raise ArmNotConnected(
                 f"no controller answers at {host} (port {PORT}: {error.strerror or error}). See "
                 "that the arm is on, that [arm.ur] host is the address its pendant shows, and "
                 "that this machine is in the same network."
@@ -50,7 +50,7 @@ class Dashboard:
         self._lines = self._socket.makefile("rb")
         try:
             self._read()
-        except ArmSilent:
+        except ArmNotResponding:
             self.close()
             raise
 
@@ -116,8 +116,8 @@ class Dashboard:
             raise self._silent("it hung up")
         return line.decode(errors="replace").strip()
 
-    def _silent(self, why: str) -> ArmSilent:
-        self._silence = ArmSilent(
+    def _silent(self, why: str) -> ArmNotResponding:
+        self._silence = ArmNotResponding(
             f"the dashboard of the controller at {self._host} does not answer ({why}). Look at "
             "its pendant, restart the controller if it hangs, then start again."
         )

@@ -20,7 +20,7 @@ def _make(context: ArmContext, settings: UrSettings) -> UrArm:
 
     # The client library is loaded in a process of its own alone, so look whether it is there.
     if find_spec(CLIENT) is None:
-        raise ARMS.not_installed("ur", CLIENT)
+        raise ARMS.missing_package_error("ur", CLIENT)
     return UrArm(context.kinematics, settings, context.limits)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from tjscan.core.errors import (
+    ArmConnectionLost,
     ArmFault,
-    ArmLinkLost,
+    ArmNotConnected,
+    ArmNotInRemoteMode,
     ArmNotPowered,
-    ArmNotReached,
-    ArmNotRemote,
     EmergencyStop,
     ProgramStopped,
     ProtectiveStop,
@@ -66,7 +66,7 @@ def power_fault(mode: str) -> ArmFault | None:
 
 def remote_fault(answer: str) -> ArmFault | None:
     """What the dashboard's answer on remote control means; old controllers know no such thing."""
-    return ArmNotRemote(_REMOTE) if answer.lower() == "false" else None
+    return ArmNotInRemoteMode(_REMOTE) if answer.lower() == "false" else None
 
 
 def program_fault(running: str) -> ArmFault | None:
@@ -77,7 +77,7 @@ def program_fault(running: str) -> ArmFault | None:
 def fault_of(now: Snapshot) -> ArmFault | None:
     """What is wrong, as far as a snapshot shows, the cause before its consequences."""
     if not now.connected:
-        return ArmLinkLost(_LINK)
+        return ArmConnectionLost(_LINK)
     if (fault := safety_fault(_name(SafetyMode, now.safety_mode))) is not None:
         return fault
     if (fault := power_fault(_name(RobotMode, now.robot_mode))) is not None:
@@ -90,8 +90,8 @@ def start_fault(host: str, words: str) -> ArmFault:
     if "already in use" in words:
         return RegistersInUse(_REGISTERS)
     if "remote control" in words:
-        return ArmNotRemote(_REMOTE)
-    return ArmNotReached(
+        return ArmNotInRemoteMode(_REMOTE)
+    return ArmNotConnected(
         f"the controller at {host} does not take this program's commands ({words}). See that its "
         "network services RTDE, dashboard and the interfaces 30001 to 30004 are enabled."
     )

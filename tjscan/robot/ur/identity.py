@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tjscan.core.devices import Identity
+from tjscan.core.devices import DeviceIdentity
 from tjscan.robot.ur.dashboard import Dashboard
 
 
 @dataclass(frozen=True, slots=True)
-class UrIdentity(Identity):
+class UrIdentity(DeviceIdentity):
     """Which arm it is, as far as its controller reports it.
 
     Parameters

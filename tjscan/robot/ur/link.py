@@ -11,7 +11,7 @@ import time
 from multiprocessing.connection import Connection
 from typing import Final, TypeVar
 
-from tjscan.core.errors import ArmLinkLost, ArmSilent, MoveUnfollowed
+from tjscan.core.errors import ArmConnectionLost, ArmNotResponding, MoveSupervisionLost
 from tjscan.robot.ur.messages import HOST_GONE, Answer, Request
 
 QUICK: Final = 3.0
@@ -81,7 +81,7 @@ class Link:
         with self._asking:
             answer = self._exchange(name, arguments, limit)
         if answer.failure == HOST_GONE:
-            raise MoveUnfollowed(
+            raise MoveSupervisionLost(
                 "this program stood still while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "
                 "start again."
@@ -103,7 +103,7 @@ class Link:
 
     def _exchange(self, name: str, arguments: tuple[object, ...], limit: float) -> Answer:
         if not self._open:
-            raise ArmLinkLost("the client's process has ended. Connect again.")
+            raise ArmConnectionLost("the client's process has ended. Connect again.")
         self._number += 1
         until = time.monotonic() + limit
         try:
@@ -115,17 +115,17 @@ class Link:
         except (EOFError, OSError):
             raise self._died() from None
         self.close()
-        raise ArmSilent(
+        raise ArmNotResponding(
             f"the arm's controller did not answer within {limit:g} s ({name}). See that it is on "
             "and its network cable sits, then start again."
         )
 
-    def _died(self) -> ArmLinkLost:
+    def _died(self) -> ArmConnectionLost:
         self._words.seek(0)
         lines = self._words.read().decode(errors="replace").strip()[-QUOTED:]
         self.close()
         said = f" It said: {' / '.join(lines.splitlines())}." if lines else ""
-        return ArmLinkLost(
+        return ArmConnectionLost(
             f"the connection to the arm's controller broke.{said} See that the arm stands still "
             "and its network cable sits, then start again."
         )

@@ -7,8 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ArmFault, ArmSilent, PoseMissed, ProgramStopped, TargetRefused
-from tjscan.core.frames import Array, rotation_angle
+from tjscan.core.errors import (
+    ArmFault,
+    ArmNotResponding,
+    PoseNotReached,
+    ProgramStopped,
+    TargetRefused,
+)
+from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.arm import ArmState
 from tjscan.robot.latch import StopLatch
 from tjscan.robot.ur.commands import MoveCommand
@@ -98,7 +104,7 @@ def _follow(session: Session, latch: StopLatch, before: Snapshot) -> None:
             moved, last = moment, q
         if moment > moved + STALLED:
             raise session.end_with(
-                ArmSilent(
+                ArmNotResponding(
                     f"the arm stands still for {STALLED:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
                 )
@@ -121,13 +127,13 @@ def arrive(session: Session, latch: StopLatch, settings: UrSettings, T_b_f: Arra
         newer, state = now.time > first, session.state_of(now)
         rests = newer and np.abs(now.speed).max() < REST
         distance = float(np.linalg.norm(state.T_b_f[:3, 3] - T_b_f[:3, 3]))
-        angle = rotation_angle(state.T_b_f, T_b_f)
+        angle = rotation_angle_between(state.T_b_f, T_b_f)
         near = distance <= settings.position_tolerance and angle <= settings.rotation_tolerance
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
             raise session.end_with(
-                PoseMissed(
+                PoseNotReached(
                     f"it stands {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
                     "again.",

@@ -8,9 +8,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from tjscan.core import lie
-from tjscan.core.errors import ArmFault, ArmLinkLost, ArmSilent, ProgramStopped
-from tjscan.core.frames import Array, inverse
+from tjscan.core import pose_vector
+from tjscan.core.errors import ArmConnectionLost, ArmFault, ArmNotResponding, ProgramStopped
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState
 from tjscan.robot.ur.dashboard import Dashboard
 from tjscan.robot.ur.faults import (
@@ -73,11 +73,13 @@ class Session:
 
     def state_of(self, now: Snapshot) -> ArmState:
         """Joint angles, flange pose and time at one moment."""
-        return ArmState(np.array(now.q), lie.exp(now.tcp) @ self.T_tcp_f, now.time)
+        return ArmState(
+            np.array(now.q), pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f, now.time
+        )
 
     def tcp_at(self, T_b_f: Array) -> tuple[float, ...]:
         """The active TCP, as the controller takes it, where the flange has a pose."""
-        return tuple(lie.log(T_b_f @ inverse(self.T_tcp_f)).tolist())
+        return tuple(pose_vector.pose_to_vector(T_b_f @ inverse_pose(self.T_tcp_f)).tolist())
 
     def ask(self, kind: type[T], name: str, *arguments: object) -> T:
         """Let the client do something, see `Link.ask`; what it raises becomes the arm's fault."""
@@ -157,14 +159,14 @@ class Session:
         except ArmFault as found:
             fault = found
         except ClientFailed as failed:
-            fault = ArmLinkLost(f"the connection to the arm's controller broke ({failed}).")
+            fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
         if fault is not None:
             raise self.end_with(fault)
         return now
 
     def _cause(self, fault: ArmFault) -> ArmFault:
         """Why the program stopped or nobody answers, where the dashboard knows."""
-        if isinstance(fault, (ProgramStopped, ArmSilent)):
+        if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):
                 running = self.dashboard.value("running")
                 return unready(self.dashboard) or program_fault(running) or fault

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, MinLen
 
-from tjscan.core.units import DEG, KG, MM, SECONDS, Settings, Vector
+from tjscan.core.units import DEG, KG, MM, SECONDS, Position, Settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class UrSettings(Settings):
 
     host: Annotated[str, MinLen(1)]
     payload: Annotated[float | None, Ge(0), Le(50), KG] = None
-    payload_centre: Vector = (0.0, 0.0, 0.0)
+    payload_centre: Position = (0.0, 0.0, 0.0)
     position_tolerance: Annotated[float, Gt(0), Le(10), MM] = 5e-4
     rotation_tolerance: Annotated[float, Gt(0), Le(5), DEG] = radians(0.1)
-    connect_limit: Annotated[float, Ge(1), Le(120), SECONDS.keyed("connect_s")] = 15.0
-    silence_limit: Annotated[float, Ge(0.1), Le(60), SECONDS.keyed("silence_s")] = 1.0
+    connect_limit: Annotated[float, Ge(1), Le(120), SECONDS.with_key("connect_s")] = 15.0
+    silence_limit: Annotated[float, Ge(0.1), Le(60), SECONDS.with_key("silence_s")] = 1.0
 
     def __post_init__(self) -> None:
         if self.payload is None and any(self.payload_centre):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from tjscan.core.errors import ArmSilent
+from tjscan.core.errors import ArmNotResponding
 from tjscan.robot.ur.messages import Snapshot
 
 
@@ -31,7 +31,7 @@ class ClockWatch:
             self._time, self._since = now.time, moment
         self._seen = moment
         if moment - self._since > self._limit:
-            raise ArmSilent(
+            raise ArmNotResponding(
                 f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
                 "silent. Look at its pendant and cable, then start again."
             )

@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.core.config import read_toml, validate, written
-from tjscan.core.devices import Kind
-from tjscan.core.errors import ConfigurationError, nearest
+from tjscan.core.config import read_toml, table_to_dict, validate_table
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
-from tjscan.core.units import pose_to_rows
+from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import JointSettings, ScanJob, read_scan_job
 from tjscan.job.cell import sensor_mount_of_job
 from tjscan.joint.file import JointFile
@@ -50,7 +50,7 @@ class ScanStudy(StudyKind[ScanOutcome]):
         """Resolve and check one scan; see `StudyKind.resolve`."""
         job_keys, joint_keys, rules = _sorted_out(keys)
         job = _job(job_file, job_keys)
-        if job.joint is None or job.simulation is None or job.arm.kind is not Kind.SIMULATED:
+        if job.joint is None or job.simulation is None or job.arm.kind is not DriverKind.SIMULATED:
             raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
         if job.station:
             raise ConfigurationError("a study's jobs scan from one place", key="station")
@@ -58,9 +58,11 @@ class ScanStudy(StudyKind[ScanOutcome]):
         joint = _joint(job_file.parent / job.joint.file, joint_keys, rules)
         changed, followed = _followed(job, joint, rules, T_f_s)
         if job.calibration.file is not None:
-            changed["calibration"] = {"T_f_s_mm": pose_to_rows(T_f_s)}
-        data = written(job) | changed
-        return ResolvedRun(StudyScanSettings(validate(ScanJob, data), joint).to_json(), followed)
+            changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(T_f_s)}
+        data = table_to_dict(job) | changed
+        return ResolvedRun(
+            StudyScanSettings(validate_table(ScanJob, data), joint).to_json(), followed
+        )
 
     def run(self, settings: str) -> ScanOutcome:
         """Make one scan; see `StudyKind.run`."""
@@ -98,15 +100,15 @@ def _sorted_out(
             rule[key.removeprefix(RULE)] = value
         elif key.startswith(JOINT) and inner and table in JOINT_TABLES:
             joint[key.removeprefix(JOINT)] = value
-        elif key.startswith(JOINT) and table not in JointSettings.file_fields():
-            known = (*JOINT_TABLES, *JointSettings.file_fields())
+        elif key.startswith(JOINT) and table not in JointSettings.file_key_types():
+            known = (*JOINT_TABLES, *JointSettings.file_key_types())
             raise ConfigurationError(
-                f"unknown key; did you mean: {JOINT}{nearest(table, known)}?", key=key
+                f"unknown key; did you mean: {JOINT}{nearest_word(table, known)}?", key=key
             )
         else:
             job[key] = value
     with _below(RULE):
-        return job, joint, validate(DerivedKeySettings, rule)
+        return job, joint, validate_table(DerivedKeySettings, rule)
 
 
 def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> JointFile:
@@ -117,7 +119,7 @@ def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> Jo
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
     with _below(JOINT):
-        joint = joint_from_rules(validate(JointFile, data), rules)
+        joint = joint_from_rules(validate_table(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
 
@@ -126,7 +128,7 @@ def _followed(
     job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What rules make of a job: whole tables that they change, and cells that show it."""
-    tables: dict[str, Any] = {"scan": written(job.scan)}
+    tables: dict[str, Any] = {"scan": table_to_dict(job.scan)}
     cells: dict[str, Any] = {}
     if rules.leg_to_brace is not None:
         cells["joint.leg.outer_diameter_mm"] = joint.leg.outer_diameter_mm
@@ -134,7 +136,7 @@ def _followed(
         step = round(rules.step_to_brace * joint.brace.outer_diameter_mm, 1)
         tables["scan"]["step_mm"] = cells[STEP] = step
     if rules.start_azimuth_deg is not None:
-        started = validate(ScanJob, written(job) | tables)
+        started = validate_table(ScanJob, table_to_dict(job) | tables)
         azimuth, changed = teach_start_poses(started, joint, rules, T_f_s)
         tables["scan"] |= changed.pop("scan")
         tables |= changed

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from tjscan.core.config import FileModel
 from tjscan.joint.bevel import bevel_sections
-from tjscan.joint.checks import AZIMUTHS
+from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
-from tjscan.joint.geometry import in_j
+from tjscan.joint.geometry import cylindrical_to_j
 
 
 class DerivedKeySettings(FileModel):
@@ -107,7 +107,7 @@ def _with_room(joint: JointFile, room_mm: float) -> JointFile:
 
 def _extent(d: JointDefinition) -> tuple[float, float]:
     """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
-    s = bevel_sections(d, AZIMUTHS)
+    s = bevel_sections(d, CHECKED_AZIMUTHS)
     foot = d.leg.point(s.phi, d.brace_radius) @ d.leg.axis
-    root = in_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
     return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())

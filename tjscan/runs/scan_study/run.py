@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tjscan.comparison.distance import corner_errors
+from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, rotation_angle, transform
-from tjscan.core.units import rows_to_pose
+from tjscan.core.frames import Array, rotation_angle_between, transform_points
+from tjscan.core.units import pose_from_rows_mm
 from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
@@ -40,7 +40,7 @@ def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
     job, joint = settings.job, settings.joint.definition("joint")
     if job.joint is None or job.calibration.T_f_s_mm is None:
         raise ConfigurationError("a scan of a study holds its joint and its calibration")
-    cell = make_scan_cell(job, rows_to_pose(job.calibration.T_f_s_mm), joint)
+    cell = make_scan_cell(job, pose_from_rows_mm(job.calibration.T_f_s_mm), joint)
     result = scan_in_cell(cell, job, CombinedJournal())
     return _outcome(result, job.scan, JointOrBaseFrame(job.joint.T_w_j), joint)
 
@@ -48,8 +48,8 @@ def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
 def _outcome(
     result: ScanResult, plan: ScanPlan, frame: JointOrBaseFrame, joint: JointDefinition
 ) -> ScanOutcome:
-    corners = np.array([transform(frame.T_r_b, s.points_b) for s in result.sections])
-    summary = summarise_scan(result, plan, frame, corner_errors(corners, _edges(joint)))
+    corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
+    summary = summarise_scan(result, plan, frame, corner_to_edge_distances(corners, _edges(joint)))
     step, error = summary.step_mm, summary.corner_error_mm
     predicted, corrected = (
         _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)
@@ -89,12 +89,14 @@ def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
     """Millimetres and degrees that the flange moved into views of one kind."""
     hops = [(a, b) for a, b in pairwise(result.views) if b.substep is substep]
     travel = sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops)
-    return 1e3 * travel, float(np.degrees(sum(rotation_angle(a.T_b_f, b.T_b_f) for a, b in hops)))
+    return 1e3 * travel, float(
+        np.degrees(sum(rotation_angle_between(a.T_b_f, b.T_b_f) for a, b in hops))
+    )
 
 
 def _path(result: ScanResult, frame: JointOrBaseFrame) -> tuple[tuple[float, float, float], ...]:
     """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
-    flange = transform(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
+    flange = transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))
     distance = 1e3 * np.hypot(flange[:, 0], flange[:, 1])
     points: Array = np.round(np.column_stack((azimuth, distance, 1e3 * flange[:, 2])), 3)

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from typing import Self
 
-from tjscan.core.config import validate, written
+from tjscan.core.config import table_to_dict, validate_table
 from tjscan.job import ScanJob
 from tjscan.joint.file import JointFile
 from tjscan.study.trial import canonical_json
@@ -31,7 +31,7 @@ class StudyScanSettings:
         """Canonical JSON."""
         return canonical_json(
             {
-                "job": written(self.job),
+                "job": table_to_dict(self.job),
                 "joint": self.joint.model_dump(mode="json"),
             }
         )
@@ -40,4 +40,4 @@ class StudyScanSettings:
     def from_json(cls, text: str) -> Self:
         """What `to_json` wrote."""
         data = json.loads(text)
-        return cls(validate(ScanJob, data["job"]), validate(JointFile, data["joint"]))
+        return cls(validate_table(ScanJob, data["job"]), validate_table(JointFile, data["joint"]))

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, inverse, to_euler_zyx
-from tjscan.core.units import rows_to_pose
+from tjscan.core.frames import Array, inverse_pose, pose_to_euler_zyx
+from tjscan.core.units import pose_from_rows_mm
 from tjscan.job import ScanJob
 from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
@@ -71,7 +71,7 @@ def teach_start_poses(
             "standoff_mm": round(1e3 * plan.standoff, 1),
         }
     if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
-        T_f_s = rows_to_pose(job.simulation.T_f_s_mm)
+        T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
     error = TeachingError(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
     T_j_s = taught_sensor_poses(definition, azimuth, plan, error, random)
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
@@ -81,13 +81,13 @@ def teach_start_poses(
         T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
         T_b_j = joint_pose_for_carried_base(definition, azimuth, plan, T_b_s_home)
         changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
-    first, second = (_pose(T_b_j @ T @ inverse(T_f_s)) for T in T_j_s)
+    first, second = (_pose(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
     return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
 
 
 def _pose(T: Array) -> dict[str, Any]:
     """A pose as files write it, to a micrometre and a microdegree."""
-    position, angles = to_euler_zyx(T)
+    position, angles = pose_to_euler_zyx(T)
     return {
         "position_mm": np.round(1e3 * position, 3).tolist(),
         "euler_zyx_deg": np.round(np.degrees(angles), 6).tolist(),

@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, inverse, pose, transform, unit
+from tjscan.core.frames import Array, inverse_pose, pose, transform_points, unit_vector
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.geometry import in_j, tangential
+from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import ScanDirection
 
@@ -86,17 +86,17 @@ def ideal_sensor_pose(
     sections = bevel_sections(joint, phi)
     origin = joint.leg.point(phi, joint.brace_radius)[0]
     x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
-    y = unit(np.array([0.0, 0.0, 1.0]) - x[2] * x)
+    y = unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
     T_s_t = plan.target(_work_angle(joint, sections.bevel[0], azimuth, tangent))
-    return T_j_t @ (np.eye(4) if error is None else error) @ inverse(T_s_t)
+    return T_j_t @ (np.eye(4) if error is None else error) @ inverse_pose(T_s_t)
 
 
 def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: Array) -> float:
     """β from bevel and leg in the plane square to the groove, eq. (16), radians."""
-    y = unit(np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent)
+    y = unit_vector(np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent)
     z = np.cross(tangent, y)
-    around = tangential(azimuth)
+    around = tangential_direction(azimuth)
     outward = np.array([around[1], -around[0], 0.0])
     up = bevel[0] * outward + np.array([0.0, 0.0, bevel[1]])
     leg = np.cross(tangent, joint.leg.normal(joint.leg.point(azimuth, joint.brace_radius)))
@@ -202,7 +202,7 @@ def joint_pose_for_carried_base(
         T_b_j: at home the arm looks at the middle of the arc.
     """
     (middle,) = scan_azimuths(joint, azimuth, plan, [0.5])
-    return T_b_s_home @ inverse(ideal_sensor_pose(joint, middle, plan))
+    return T_b_s_home @ inverse_pose(ideal_sensor_pose(joint, middle, plan))
 
 
 def plan_with_centred_groove(
@@ -241,5 +241,5 @@ def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
     sections = bevel_sections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
-    T_s_j = inverse(ideal_sensor_pose(joint, azimuth, plan))
-    return transform(T_s_j, in_j(azimuth, rz[:, 0], rz[:, 1]))
+    T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
+    return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, readonly, unit
-from tjscan.core.gp import Matern52
+from tjscan.core.frames import Array, cross, readonly_copy, unit_vector
+from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.seam.track import RecentSections
 
 BRACE_RADIUS: Final = (0.2, 0.7)
@@ -143,7 +143,7 @@ class FittedTubes:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """The walls for parameters of shape (..., 10), the most likely ones where left out."""
@@ -154,7 +154,7 @@ class FittedTubes:
         walls = self.walls()
         n_1, n_2 = walls.normals
         along = cross(n_1, n_2)
-        t = unit(along)
+        t = unit_vector(along)
         # A normal turns as the tube's curvature and the way round it ask for.
         turns = walls.curvatures * (walls.across @ t)
         d_1, d_2 = turns[:, None] * walls.across
@@ -272,7 +272,7 @@ def _bases(track: RecentSections) -> Array:
     down, out = track.tangents[:, -1]
     bases = np.empty((2, 4, 3))
     for k, (along, outward) in enumerate(((down, out), (out, -down))):
-        normal = unit(cross(chord, along))
+        normal = unit_vector(cross(chord, along))
         normal = normal if normal @ outward > 0 else -normal
         bases[k] = track.points[k, -1], along, cross(normal, along), normal
     return bases

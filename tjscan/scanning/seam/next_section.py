@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import lie
-from tjscan.core.frames import Array, cross, inverse, unit
-from tjscan.core.gp import Matern52, OrdinaryKriging
+from tjscan.core import pose_vector
+from tjscan.core.frames import Array, cross, inverse_pose, unit_vector
+from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
 from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.seam.fit import FittedTubes, LocalWalls
 from tjscan.scanning.seam.track import RecentSections
@@ -96,7 +96,7 @@ class ExpectedSection:
             Orientation of the sensor.
         """
         forward = track.origins[-1] - track.origins[-2]
-        t = unit(cross(*self.seam.walls().normals))
+        t = unit_vector(cross(*self.seam.walls().normals))
         t = t if t @ forward > 0 else -t
         flat = track.tangents[:, -1] @ R_b_s
         return np.concatenate(
@@ -183,7 +183,7 @@ class ExpectedSection:
     def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
         """Position, rotation vector and work angle of another section's ideal in this one's t."""
         (T, _), (T_other, work_angle) = self.ideal(section, R_b_s), self.ideal(other, R_b_s)
-        return np.append(lie.log(inverse(T) @ T_other), work_angle)
+        return np.append(pose_vector.pose_to_vector(inverse_pose(T) @ T_other), work_angle)
 
 
 def _tangents(section: Array, R_b_s: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.scanning.section import ScannedSection
 
 MOST_SECTIONS: Final = 30
@@ -67,7 +67,7 @@ class RecentSections:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:

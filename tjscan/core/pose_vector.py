@@ -1,4 +1,4 @@
-"""Rotations and poses as vectors: exp, log and small steps.
+"""Rotations and poses as vectors: conversions and small steps.
 
 A pose counts as a position and a rotation side by side, the composite group R³ × SO(3) of
 [1]_, section IV: its vector is ``(x, y, z, rx, ry, rz)``, metres and a rotation vector in radians,
@@ -18,10 +18,10 @@ import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
 from pytransform3d.rotations import left_jacobian_SO3
 
-from tjscan.core.frames import Array, pose, skew
+from tjscan.core.frames import Array, pose, skew_matrix
 
 
-def so3_exp(rotation_vector: ArrayLike) -> Array:
+def rotation_from_vector(rotation_vector: ArrayLike) -> Array:
     """Rotation matrices of rotation vectors.
 
     Parameters
@@ -40,7 +40,7 @@ def so3_exp(rotation_vector: ArrayLike) -> Array:
     )
 
 
-def so3_log(R: ArrayLike) -> Array:
+def rotation_to_vector(R: ArrayLike) -> Array:
     """Rotation vectors, shape (..., 3), no longer than pi, of rotations, shape (..., 3, 3)."""
     return np.asarray(
         scipy.spatial.transform.Rotation.from_matrix(np.asarray(R, dtype=float)).as_rotvec()
@@ -50,7 +50,8 @@ def so3_log(R: ArrayLike) -> Array:
 def left_jacobian(rotation_vector: Array) -> Array:
     """Derivative of a rotation by its rotation vector, shape (3, 3).
 
-    ``so3_exp(w + dw) = so3_exp(left_jacobian(w) @ dw) @ so3_exp(w)`` for small dw ([1]_ eq. 145).
+    With R(w) for `rotation_from_vector`, ``R(w + dw) = R(left_jacobian(w) @ dw) @ R(w)`` for small
+    dw ([1]_ eq. 145).
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def left_jacobian(rotation_vector: Array) -> Array:
     return np.asarray(left_jacobian_SO3(rotation_vector))
 
 
-def exp(vector: ArrayLike) -> Array:
+def pose_from_vector(vector: ArrayLike) -> Array:
     """Pose, shape (4, 4), of a position and a rotation vector.
 
     Parameters
@@ -69,12 +70,12 @@ def exp(vector: ArrayLike) -> Array:
         Metres, then radians.
     """
     v = np.asarray(vector, dtype=float)
-    return pose(so3_exp(v[3:]), v[:3])
+    return pose(rotation_from_vector(v[3:]), v[:3])
 
 
-def log(T: Array) -> Array:
+def pose_to_vector(T: Array) -> Array:
     """Position (metres) and rotation vector (radians) of a pose, shape (6,)."""
-    return np.concatenate((T[:3, 3], so3_log(T[:3, :3])))
+    return np.concatenate((T[:3, 3], rotation_to_vector(T[:3, :3])))
 
 
 def boxplus(T: Array, step: Array) -> Array:
@@ -88,7 +89,7 @@ def boxplus(T: Array, step: Array) -> Array:
         Translation in metres, then the rotation vector of a turn about the inner frame's origin
         in radians; both in the outer frame's axes.
     """
-    return pose(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
+    return pose(rotation_from_vector(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
 
 
 def boxminus(T: Array, T_start: Array) -> Array:
@@ -99,7 +100,9 @@ def boxminus(T: Array, T_start: Array) -> Array:
     T, T_start : ndarray, shape (4, 4)
         Poses in the same outer frame.
     """
-    return np.concatenate((T[:3, 3] - T_start[:3, 3], so3_log(T[:3, :3] @ T_start[:3, :3].T)))
+    return np.concatenate(
+        (T[:3, 3] - T_start[:3, 3], rotation_to_vector(T[:3, :3] @ T_start[:3, :3].T))
+    )
 
 
 def adjoint(T: Array) -> Array:
@@ -116,4 +119,4 @@ def adjoint(T: Array) -> Array:
         For translations before rotations ([1]_ eq. 175).
     """
     R = T[:3, :3]
-    return np.block([[R, skew(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
+    return np.block([[R, skew_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])

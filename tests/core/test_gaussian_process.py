@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.core.gp import Kernel, Matern52, OrdinaryKriging, PeriodicKernel, SimpleKriging
+from tjscan.core.gaussian_process import (
+    Kernel,
+    Matern52,
+    OrdinaryKriging,
+    PeriodicKernel,
+    SimpleKriging,
+)
 
 X = np.linspace(-0.4, 0.0, 9)
 KERNELS = (Matern52(1.3, 0.15), PeriodicKernel(0.7, 0.5))

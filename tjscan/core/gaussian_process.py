@@ -18,7 +18,7 @@ from typing import Protocol, Self
 import numpy as np
 import scipy  # its parts are loaded at first use
 
-from tjscan.core.frames import Array, readonly
+from tjscan.core.frames import Array, readonly_copy
 
 
 class Kernel(Protocol):
@@ -102,7 +102,7 @@ class SimpleKriging:
 
     def __post_init__(self) -> None:
         for name in ("x", "alpha"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def fit(cls, kernel: Kernel, x: Array, y: Array, sigma_n: float) -> Self:
