@@ -174,3 +174,18 @@ def test_a_table_without_lines_above_it_is_read(tmp_path: Path) -> None:
     old.write_text("\r\n".join([*lines, ""]), encoding="utf-8", newline="")
     again = written(tmp_path / "again.csv", list(read_sections_csv(old)))
     assert again.read_bytes() == file.read_bytes()
+
+
+def test_a_table_of_an_earlier_version_lacks_what_was_found_about_the_groove(
+    tmp_path: Path,
+) -> None:
+    file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
+    for column in ("root_opening_mm", "absent", "conditions", "model"):
+        drop(column)(rows)
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        csv.writer(stream).writerows(rows)
+    for section in read_sections_csv(file):
+        assert (section.model, section.conditions, section.absent) == ("", (), ())
+        assert np.isnan(section.root_opening)

@@ -37,4 +37,8 @@ def a_section(seed: int, *, azimuth: float | None = None, sure: bool = False) ->
         * np.outer((1e-3, 2e-5, 3e-5, 5e-7), (1e-3, 2e-5, 3e-5, 5e-7)),
         work_angle=rng.uniform(-1, 1),
         rms=rng.uniform(0, 1e-4),
+        model="tee with two facets",
+        conditions=("open root", "seam weld beside") if seed % 2 else ("tack",),
+        absent=("p4",) if seed % 2 else ("p3", "p4"),
+        root_opening=rng.uniform(1e-3, 4e-3),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -37,6 +38,14 @@ class MeasuredSection:
         Radians.
     rms : float
         Of the points about the fitted sides, metres.
+    model : str
+        The form of groove that explains the points best; empty where this is not known.
+    conditions : tuple of str
+        What was found about the groove, such as ``tack`` or ``open root``.
+    absent : tuple of str
+        Corners, of ``p2``, ``p3`` and ``p4``, that are buried, not there or not seen.
+    root_opening : float
+        Distance of an open root's edge from the leg, metres; NaN where the root is not open.
     """
 
     index: int
@@ -49,6 +58,10 @@ class MeasuredSection:
     measure_covariance: Array
     work_angle: float
     rms: float
+    model: str = ""
+    conditions: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    root_opening: float = nan
 
     def __post_init__(self) -> None:
         for name in ("T_r_g", "points", "covariances", "measures", "measure_covariance"):
@@ -97,4 +110,8 @@ def measure(
         measure_covariance=groove.measure_covariance,
         work_angle=groove.work_angle,
         rms=groove.rms,
+        model=groove.model,
+        conditions=groove.conditions,
+        absent=groove.absent,
+        root_opening=groove.root_opening,
     )

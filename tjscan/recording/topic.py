@@ -18,6 +18,7 @@ INTEGER_SCHEMA: Final = {"type": "integer"}
 NUMBER_SCHEMA: Final = {"type": "number"}
 BOOLEAN_SCHEMA: Final = {"type": "boolean"}
 NUMBERS_SCHEMA: Final = {"type": "array", "items": NUMBER_SCHEMA}
+TEXTS_SCHEMA: Final = {"type": "array", "items": TEXT_SCHEMA}
 
 
 @dataclass(frozen=True, slots=True)

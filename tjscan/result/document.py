@@ -24,13 +24,13 @@ class SectionFieldDescription(FileModel):
 
 def _type(field: SectionQuantity) -> Any:
     """The type of a field's value in JSON."""
-    if field.name in ("index", "station"):
-        return int if field.name == "index" else str
+    if field.text or field.name == "index":
+        return str if field.text else int
     kind: Any = float
     for count in reversed(field.shape):
         numbers: Any = tuple.__class_getitem__((kind,) * count)
         kind = Annotated[numbers, Described(strict=False)]
-    return kind | None if field.name == "azimuth" else kind
+    return kind | None if field.blank else kind
 
 
 _VALUES: Final[dict[str, Any]] = {
@@ -103,7 +103,7 @@ def _values(
 ) -> list[Any]:
     """A field's value of each section, to the digits that tables print."""
     cells = field.printed_columns(sections, unit)
-    if field.name == "station":
+    if field.text:
         return [row[0] for row in cells]
     if not field.shape:
         kind = int if field.name == "index" else float

@@ -25,6 +25,9 @@ IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 
 SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
 CORNERS: Final = (2, 3, 4)
+JOIN: Final = "; "
+"""What stands between several words of one text."""
+
 _UPPER: Final = np.triu_indices(3)
 _PAIRS: Final = np.triu_indices(4, 1)
 
@@ -54,6 +57,12 @@ class SectionQuantity:
         Between which a file's value lies.
     derived : bool
         Whether it follows from the other fields.
+    text : bool
+        Whether its value is a text; several words of one are joined by ``; ``.
+    blank : bool
+        Whether it may be left empty.
+    later : bool
+        Whether files of earlier versions lack it: it counts as left empty there.
     """
 
     name: str
@@ -66,6 +75,9 @@ class SectionQuantity:
     least: float = -np.inf
     most: float = np.inf
     derived: bool = False
+    text: bool = False
+    blank: bool = False
+    later: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", self.labels or (self.name,))
@@ -155,7 +167,19 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         measure_covariance=correlation * np.outer(sigmas, sigmas),
         work_angle=float(values["work_angle"]),
         rms=float(values["rms"]),
+        model=str(values["model"]),
+        conditions=_words(values["conditions"]),
+        absent=_words(values["absent"]),
+        root_opening=float(values["root_opening"]),
     )
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(text.split(JOIN)) if text else ()
+
+
+def _joined(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
+    return lambda sections: np.array([JOIN.join(getattr(section, name)) for section in sections])
 
 
 def _each(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
@@ -236,7 +260,11 @@ FIELDS: Final = (
         "index", "number of the section in its scan", NONE, _each("index"), decimals=0, least=0
     ),
     SectionQuantity(
-        "station", "from where it was scanned; several joined by +", NONE, _each("station")
+        "station",
+        "from where it was scanned; several joined by +",
+        NONE,
+        _each("station"),
+        text=True,
     ),
     SectionQuantity(
         "azimuth",
@@ -245,6 +273,7 @@ FIELDS: Final = (
         _each("azimuth"),
         least=-360,
         most=360,
+        blank=True,
     ),
     SectionQuantity(
         "s",
@@ -329,6 +358,45 @@ FIELDS: Final = (
     _vector("wall_normal", "unit vector out of the brace's wall at p2", "wall"),
     _vector("bevel_normal", "unit vector out of the bevel between p2 and p3", "bevel"),
     _vector("leg_normal", "unit vector out of the leg at p4", "leg"),
+    SectionQuantity(
+        "model",
+        "form of groove that explains the profile best",
+        NONE,
+        _each("model"),
+        text=True,
+        blank=True,
+        later=True,
+    ),
+    SectionQuantity(
+        "conditions",
+        "what was found about the groove, such as tack, open root or seam weld beside; several "
+        f"joined by {JOIN.strip()}",
+        NONE,
+        _joined("conditions"),
+        text=True,
+        blank=True,
+        later=True,
+    ),
+    SectionQuantity(
+        "absent",
+        "corners that are buried, not there or not seen: what is given for them is where they may "
+        f"be; several joined by {JOIN.strip()}",
+        NONE,
+        _joined("absent"),
+        text=True,
+        blank=True,
+        later=True,
+    ),
+    SectionQuantity(
+        "root_opening",
+        "distance of an open root's edge from the leg, empty where the root is not open; its "
+        "standard deviation is sigma_root_width",
+        MM,
+        _each("root_opening"),
+        least=0,
+        blank=True,
+        later=True,
+    ),
 )
 """Every quantity of a section."""
 

@@ -27,6 +27,9 @@ IN_RUN: Final = tuple(field for field in FIELDS if field in MEASURED or field.na
 COLUMNS: Final = tuple(column for field in IN_RUN for column in field.column_names())
 """Columns of ``sections.csv``."""
 
+NEEDED: Final = tuple(column for f in IN_RUN if not f.later for column in f.column_names())
+"""Those without which a file holds no sections."""
+
 MOST_BYTES: Final = 50_000_000
 """A larger file holds no sections: each takes a kilobyte."""
 
@@ -113,9 +116,9 @@ class _Row:
         self._cells = dict(zip(head, cells, strict=True))
 
     def value(self, field: SectionQuantity) -> Array:
-        """A field's value in SI units, of its shape; NaN for an azimuth that is left empty."""
+        """A field's value in SI units, of its shape; NaN where it is left empty."""
         columns = field.column_names()
-        if field.name == "azimuth" and not self._cells[columns[0]].strip():
+        if field.blank and not self._cells.get(columns[0], "").strip():
             return np.array(np.nan)
         numbers = [self.number(c, least=field.least, most=field.most) for c in columns]
         return np.reshape(numbers, field.shape) * field.unit.factor
@@ -124,6 +127,11 @@ class _Row:
         """An error that says where."""
         where = f"line {self._line}" + ("" if column is None else f", column {column}")
         return ConfigurationError(message, file=self._file, key=where)
+
+    def words(self, field: SectionQuantity) -> str:
+        """The text of a field."""
+        (column,) = field.column_names()
+        return self._cells.get(column, "").strip() if field.blank else self.text(column)
 
     def text(self, column: str) -> str:
         """A cell's text, not empty."""
@@ -145,7 +153,7 @@ class _Row:
 
 def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
     """Refuse a head that does not name every column once."""
-    missing = [name for name in COLUMNS if name not in head]
+    missing = [name for name in NEEDED if name not in head]
     twice = sorted({name for name in head if head.count(name) > 1})
     if missing or twice:
         name = (missing or twice)[0]
@@ -160,7 +168,7 @@ def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
 def _section(row: _Row) -> MeasuredSection:
     """The section of a line, its numbers checked."""
     values: dict[str, Array | str] = {
-        field.name: row.value(field) for field in MEASURED if field.name != "station"
+        field.name: row.words(field) if field.text else row.value(field) for field in MEASURED
     }
     index = float(values["index"])
     if index != int(index):
@@ -173,4 +181,4 @@ def _section(row: _Row) -> MeasuredSection:
         corner, axis = bad[0]
         column = BY_NAME["covariances"].column_names()[6 * corner + _VARIANCES[axis]]
         raise row.wrong("a variance is not negative", column)
-    return section_from_values({**values, "station": row.text("station")})
+    return section_from_values(values)

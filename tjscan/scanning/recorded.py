@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from math import nan
 
 from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
@@ -44,12 +45,24 @@ class RecordedSection:
         Frame g in the base frame, as it was read during the scan.
     points_b : ndarray, shape (5, 3)
         The five points in the base frame, metres, as they were read during the scan.
+    model : str
+        The form of groove; empty where a file of an earlier version does not hold it.
+    conditions : tuple of str
+        What was found about the groove, such as ``tack``.
+    absent : tuple of str
+        Corners that are buried, not there or not seen.
+    root_opening : float
+        Distance of an open root's edge from the leg, metres; NaN where the root is not open.
     """
 
     view: View
     T_s_t: Array
     T_b_g: Array
     points_b: Array
+    model: str = ""
+    conditions: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    root_opening: float = nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import isnan, nan
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -41,6 +42,7 @@ from tjscan.recording.topic import (
     NUMBER_SCHEMA,
     NUMBERS_SCHEMA,
     TEXT_SCHEMA,
+    TEXTS_SCHEMA,
     Topic,
     make_json_topic,
     make_protobuf_topic,
@@ -73,12 +75,18 @@ class SectionRecord:
         Frame t in the sensor and frame g in the base frame.
     points_b : ndarray, shape (5, 3)
         The five points in the base frame, metres.
+    model, conditions, absent, root_opening
+        As of `RecordedSection`.
     """
 
     index: int
     T_s_t: Array
     T_b_g: Array
     points_b: Array
+    model: str = ""
+    conditions: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    root_opening: float = nan
 
 
 def _from_view(view: View) -> dict[str, Any]:
@@ -111,6 +119,10 @@ def _from_section(section: SectionRecord) -> dict[str, Any]:
         "T_s_t": pose_to_list(section.T_s_t),
         "T_b_g": pose_to_list(section.T_b_g),
         "points_b": section.points_b.ravel().tolist(),
+        "model": section.model,
+        "conditions": list(section.conditions),
+        "absent": list(section.absent),
+        "root_opening": [] if isnan(section.root_opening) else [section.root_opening],
     }
 
 
@@ -120,6 +132,11 @@ def _to_section(fields: dict[str, Any]) -> SectionRecord:
         pose_from_list(fields["T_s_t"]),
         pose_from_list(fields["T_b_g"]),
         readonly_copy(np.reshape(to_finite_floats(fields["points_b"]), (CORNERS, 3))),
+        # Files of earlier versions lack these.
+        str(fields.get("model", "")),
+        tuple(map(str, fields.get("conditions", ()))),
+        tuple(map(str, fields.get("absent", ()))),
+        next(iter(to_finite_floats(fields.get("root_opening", ()))), nan),
     )
 
 
@@ -154,6 +171,10 @@ SECTION: Final = make_json_topic(
         "T_s_t": NUMBERS_SCHEMA,
         "T_b_g": NUMBERS_SCHEMA,
         "points_b": NUMBERS_SCHEMA,
+        "model": TEXT_SCHEMA,
+        "conditions": TEXTS_SCHEMA,
+        "absent": TEXTS_SCHEMA,
+        "root_opening": NUMBERS_SCHEMA,
     },
     _from_section,
     _to_section,
@@ -219,12 +240,22 @@ class RecordingJournal:
 
     def record_section(self, scan: ScannedSection) -> None:
         """Write a finished section and bring all of it to the disk."""
-        now, points = self._now, scan.points_b
+        now, points, groove = self._now, scan.points_b, scan.groove
+        record = SectionRecord(
+            scan.view.index,
+            scan.T_s_t,
+            scan.T_b_g,
+            points,
+            groove.model,
+            groove.conditions,
+            groove.absent,
+            groove.root_opening,
+        )
         frames = {("s", "t"): scan.T_s_t, ("b", "g"): scan.T_b_g}
         surface = np.empty((0, 3, 3)) if self._last is None else _between(self._last, points)
         self._recording.write(
             now,
-            (SECTION, SectionRecord(scan.view.index, scan.T_s_t, scan.T_b_g, points)),
+            (SECTION, record),
             (TRANSFORMS, frame_transforms_message(now, frames)),
             (SCENE, scene_message(now, f"section {scan.view.index}", points, surface)),
         )
@@ -288,7 +319,19 @@ def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection 
             elif entry.topic is SECTION:
                 if view is None or view.index != message.index:
                     raise ValueError("a section without its view")
-                yield when, RecordedSection(view, message.T_s_t, message.T_b_g, message.points_b)
+                yield (
+                    when,
+                    RecordedSection(
+                        view,
+                        message.T_s_t,
+                        message.T_b_g,
+                        message.points_b,
+                        message.model,
+                        message.conditions,
+                        message.absent,
+                        message.root_opening,
+                    ),
+                )
             else:
                 yield when, RecordedEvent(when, message.name, message.message)
         except (KeyError, ValueError) as error:
