@@ -65,7 +65,9 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
 
 
 def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProfile]:
-    form = ProfileFormat(options.units, options.pitch, tuple(options.invalid or ()))
+    # Heights count as they stand: where the sensor's origin lies is what is calibrated.
+    invalid = tuple(options.invalid or ())
+    form = ProfileFormat(options.units, options.pitch, invalid, z_offset=0.0)
     table = read_profiles(lines, form)
     for bad in table.bad:
         print_message(f"{lines}: {bad}; left out")
