@@ -28,14 +28,14 @@ from typing import Annotated
 
 from annotated_types import Gt
 
-from tjscan.core.units import Settings, Unit
+from tjscan.core.units import FileUnit, Settings
 from tjscan.laser.drivers import LaserDriver
 
 
 @dataclass(frozen=True)
 class Acme(Settings):
     host: str
-    exposure: Annotated[float, Gt(0), Unit("us", 1e-6)] = 1e-4
+    exposure: Annotated[float, Gt(0), FileUnit("us", 1e-6)] = 1e-4
 
 
 def make(context, settings):

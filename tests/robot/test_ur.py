@@ -201,7 +201,7 @@ def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackPro
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(ArmNotConnected, match="orders"), arm_at(host):
+        with pytest.raises(ArmNotConnected, match="commands"), arm_at(host):
             pass
         thread.join()
 
@@ -271,7 +271,7 @@ def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
 DRIVER = """
 import sys
 sys.path.insert(0, sys.argv[2])
-from tjscan.core.errors import MoveUnfollowed
+from tjscan.core.errors import MoveSupervisionLost
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
@@ -281,7 +281,7 @@ with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as
         try:
             arm.move_joint(beside_home(0.3))
             print("arrived")
-        except MoveUnfollowed as fault:
+        except MoveSupervisionLost as fault:
             print("stopped", fault)
 """
 """A program that moves an arm, for six seconds if they are not shortened."""

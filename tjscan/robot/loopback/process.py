@@ -36,7 +36,7 @@ class LoopbackProcess:
 
         Raises
         ------
-        ArmNotReached
+        ArmNotConnected
             If it does not start.
         """
         command = (sys.executable, "-c", "from tjscan.cli import main; main()", "ur-loopback")
@@ -75,9 +75,9 @@ class LoopbackProcess:
 
         Raises
         ------
-        ArmNotReached
+        ArmNotConnected
             If it ended instead.
-        ArmSilent
+        ArmNotResponding
             If it says no such thing for a long time.
         """
         while True:
