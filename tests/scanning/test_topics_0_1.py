@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from command import tjscan
 
+from tjscan.core.frames import inverse_pose, transform_points
 from tjscan.groove.find import find_groove
+from tjscan.job import read_scan_job
 from tjscan.recording.reader import read_header
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -16,6 +18,8 @@ OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
 READERS = 1.5e-3
 """Metres: the reader of 0.1.0 placed corners, and the ends of the sides most of all, elsewhere."""
 READERS_MM = 1e3 * READERS
+IN_FILE_MM = 2e-4
+"""sections.csv has four decimals."""
 INTERRUPTED = 0.55
 """Share of the recording that a scan left behind which broke off after its second section."""
 
@@ -42,6 +46,14 @@ def test_it_is_read(old: Path) -> None:
     for section, again in zip(scan.sections.values(), scan.read_sections(find_groove), strict=True):
         np.testing.assert_allclose(again.points_b, section.points_b, atol=READERS)
         np.testing.assert_allclose(again.T_b_g, section.T_b_g, atol=READERS)
+
+
+def test_its_sections_are_those_that_it_wrote_beside_them(old: Path) -> None:
+    joint = read_scan_job(old / "job.toml").joint
+    assert joint is not None
+    points_b = [section.points_b for section in read_recorded_scan(old).sections.values()]
+    points_j = [transform_points(inverse_pose(joint.T_w_j), points) for points in points_b]
+    np.testing.assert_allclose(1e3 * np.reshape(points_j, (-1, 15)), corners(old), atol=IN_FILE_MM)
 
 
 def test_it_is_reprocessed(old: Path, tmp_path: Path) -> None:
