@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.calibration.hand_eye import HandEye, LineSample
+from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import Plane, transform_plane
-from tjscan.calibration.window import Window
+from tjscan.calibration.plucker import PluckerPlane, transform_plane
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise
@@ -37,8 +37,8 @@ class BoardSimulator:
     """
 
     T_f_s: Array
-    plane: Plane
-    window: Window
+    plane: PluckerPlane
+    window: MeasuringRange
     noise: NoiseModel | None = None
 
     def profile(self, T_b_f: Array, rng: np.random.Generator) -> Profile:
@@ -71,14 +71,14 @@ class BoardSimulator:
         return np.asarray(points + sigma * rng.standard_normal(points.shape))
 
 
-def points_rms(result: HandEye, samples: Sequence[LineSample]) -> float:
+def points_rms(result: HandEyeCalibration, samples: Sequence[LineSample]) -> float:
     """RMS distance from the plane of all line points that the result rests on, in metres.
 
     The figure that others state for their calibrations.
 
     Parameters
     ----------
-    result : HandEye
+    result : HandEyeCalibration
         From lines on a plane.
     samples : sequence of LineSample
         The lines that it was found from.

@@ -15,21 +15,21 @@ from _board import BoardSimulator, points_rms
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.advice import Board
-from tjscan.calibration.closed_form import bundle, solve_closed_form
-from tjscan.calibration.design import Uncertainty, expected
+from tjscan.calibration.advice import BoardRectangle
+from tjscan.calibration.closed_form import solve_closed_form, stack_lines
+from tjscan.calibration.design import HandEyeUncertainty, predict_uncertainty
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
+from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.logbook import MeasuredSoFar
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.operator import Nobody
-from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.calibration.operator import SilentOperator
+from tjscan.calibration.plucker import PluckerPlane, plane_through
 from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.session import Task, next_pose, progress_of
+from tjscan.calibration.session import CalibrationPlan, current_progress, next_pose
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
-from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.job import read_calibration_job, read_scan_job
@@ -68,8 +68,8 @@ OPENLMD_NOISE: Final = NoiseModel(range=0.15 * MM, correlation=60.0)
 class Stage:
     """A board, nine places to touch it, and the default poses above it."""
 
-    plane: Plane
-    window: Window
+    plane: PluckerPlane
+    window: MeasuringRange
     places_b: Array
     target: PlaneTarget
     poses: Array
@@ -78,14 +78,16 @@ class Stage:
     def set_up(cls) -> Stage:
         """The board that every run uses."""
         laser = LaserModel()
-        window = Window(laser.near, laser.far, laser.emitter_z, laser.half_angle, laser.columns)
+        window = MeasuringRange(
+            laser.near, laser.far, laser.emitter_z, laser.half_angle, laser.columns
+        )
         centre = np.array((0.8, 0.1, 0.05))
         plane = plane_through(centre, (0.05, 0.02, 1.0))
         axes = PlaneTarget.unknown(plane, centre).axes_b
         grid = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * HALF_BOARD
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
-        board = Board.touched(places, target)
+        board = BoardRectangle.touched(places, target)
         hand = BoardSimulator(T_F_S, plane, window)
         return cls(plane, window, places, target, wizards_poses(hand, target, board))
 
@@ -98,14 +100,16 @@ class Stage:
         return [hand.profile(T_b_f, rng) for T_b_f in self.poses]
 
 
-def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: Board) -> Array:
+def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: BoardRectangle) -> Array:
     """The poses that the wizard goes to when the mount is known and every pose is in reach."""
     at = np.eye(4)
     at[:3, 3] = board.centre_b
-    task = Task(at, board.half_sizes, np.zeros(3), hand.T_f_s, hand.window, NOISE, 9, LINES)
+    task = CalibrationPlan(
+        at, board.half_sizes, np.zeros(3), hand.T_f_s, hand.window, NOISE, 9, LINES
+    )
     measured, rng = MeasuredSoFar(datetime.now(UTC), {}), np.random.default_rng(0)
     for k in range(LINES):
-        progress = progress_of(task, measured, target)
+        progress = current_progress(task, measured, target)
         T_b_f = next_pose(task, measured, target, board, progress, lambda _: True).T_b_f
         shot = PosedProfile(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
         measured = measured.with_entry(LaserLineTaken(shot))
@@ -136,8 +140,8 @@ def noise_free(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(1)
     hand = BoardSimulator(T_F_S, stage.plane, stage.window)
     taken = samples(stage.poses, stage.profiles(hand, rng))
-    result = calibrate(taken, stage.target, NOISE)
-    closed = solve_closed_form(bundle(stage.poses, [s.fit for s in taken]), stage.target.plane)
+    result = calibrate_on_plane(taken, stage.target, NOISE)
+    closed = solve_closed_form(stack_lines(stage.poses, [s.fit for s in taken]), stage.target.plane)
     return [
         Row("noise free, closed form: largest entry", worst(closed.T_f_s), 1e-9),
         Row("noise free, refined: largest entry", worst(result.T_f_s), 1e-9),
@@ -151,11 +155,13 @@ def worst(T_f_s: Array) -> float:
 def monte_carlo(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(2)
     hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
-    bound: Uncertainty = expected(stage.poses, T_F_S, stage.target, stage.window, NOISE)
+    bound: HandEyeUncertainty = predict_uncertainty(
+        stage.poses, T_F_S, stage.target, stage.window, NOISE
+    )
     refined, closed, squares = [], [], []
     for _ in range(RUNS):
         target = stage.touched(hand, rng)
-        result = calibrate(samples(stage.poses, stage.profiles(hand, rng)), target, NOISE)
+        result = calibrate_on_plane(samples(stage.poses, stage.profiles(hand, rng)), target, NOISE)
         refined.append(error(result.T_f_s))
         closed.append(error(closed_form_of(result)))
         squares.append(refined[-1] @ np.linalg.solve(result.covariance, refined[-1]) / 6)
@@ -173,7 +179,7 @@ def monte_carlo(stage: Stage) -> list[Row]:
     ]
 
 
-def closed_form_of(result: HandEye) -> Array:
+def closed_form_of(result: HandEyeCalibration) -> Array:
     if result.closed_form is None:
         raise ValueError("a touched plane has a closed form")
     return result.closed_form.T_f_s
@@ -188,7 +194,7 @@ def spoiled(
         target, taken = stage.touched(hand, rng), stage.profiles(hand, rng)
         k = i % LINES
         taken[k] = Profile(taken[k].x_s, taken[k].z_s + SPOILED_BY * (-1) ** (i // LINES))
-        result = calibrate(samples(stage.poses, taken), target, NOISE)
+        result = calibrate_on_plane(samples(stage.poses, taken), target, NOISE)
         named += result.bad == (f"line {k + 1}",)
         errors.append(error(result.T_f_s))
     p, r = rms(errors)
@@ -209,10 +215,10 @@ def timing(stage: Stage) -> list[Row]:
     for _ in range(30):
         start = perf_counter()
         fits = [fit_line(profile, NOISE) for profile in profiles]
-        solve_closed_form(bundle(stage.poses, fits), target.plane)
+        solve_closed_form(stack_lines(stage.poses, fits), target.plane)
         closed.append(perf_counter() - start)
         start = perf_counter()
-        calibrate(samples(stage.poses, profiles), target, NOISE)
+        calibrate_on_plane(samples(stage.poses, profiles), target, NOISE)
         whole.append(perf_counter() - start)
     return [
         Row(
@@ -259,7 +265,7 @@ def refusals(stage: Stage) -> list[Row]:
         taken = samples(np.stack(poses), profiles)
         said = False
         try:
-            calibrate(taken, stage.touched(hand, rng), NOISE, T_f_s_guess=T_F_S)
+            calibrate_on_plane(taken, stage.touched(hand, rng), NOISE, T_f_s_guess=T_F_S)
         except CalibrationRefused as refusal:
             said = refusal.reason == reason and advice in refusal.evidence
         rows.append(Row(f"{name}: refused, missing motion named", float(said), 1, "", 1))
@@ -287,10 +293,10 @@ def recorded() -> list[Row]:
         print(f"left out: no recorded lines at {DATA}", file=sys.stderr)
         return []
     root = openlmd("root")
-    rms_root = points_rms(calibrate(root, None, OPENLMD_NOISE), root) / MM
+    rms_root = points_rms(calibrate_on_plane(root, None, OPENLMD_NOISE), root) / MM
     refused = False
     try:
-        calibrate(openlmd("calib4"), None, OPENLMD_NOISE)
+        calibrate_on_plane(openlmd("calib4"), None, OPENLMD_NOISE)
     except CalibrationRefused:
         refused = True
     return [
@@ -314,7 +320,9 @@ def end_to_end() -> list[Row]:
     """Calibrate with the wizard on the simulated cell, then scan the paper's joint with it."""
     with TemporaryDirectory() as folder:
         job = read_calibration_job(EXAMPLES / "calibrate.toml")
-        start_calibration(job, EXAMPLES / "calibrate.toml", Path(folder) / "found", Nobody())
+        start_calibration(
+            job, EXAMPLES / "calibrate.toml", Path(folder) / "found", SilentOperator()
+        )
         file = Path(folder) / "found" / "calibration.toml"
         position, rotation = rms([error(read_calibration(file).T_f_s)])
         with_it = corner_error({"calibration.file": str(file)}, Path(folder) / "with it")

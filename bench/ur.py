@@ -29,7 +29,7 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, pose
 from tjscan.job import read_scan_job
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.faults import Fault
+from tjscan.robot.loopback.faults import InjectedFault
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
@@ -49,16 +49,16 @@ RANDOM_FAULTS: Final = 100
 LONGEST_SCAN: Final = 1.5
 """Seconds from the start of a scan within which a random fault comes."""
 
-ENDS_IN: Final[dict[Fault, type[ArmFault]]] = {
-    Fault.PROTECTIVE_STOP: ProtectiveStop,
-    Fault.EMERGENCY_STOP: EmergencyStop,
-    Fault.POWER_OFF: ArmNotPowered,
-    Fault.LOCAL_MODE: ArmNotInRemoteMode,
-    Fault.DROP_LINK: ArmConnectionLost,
-    Fault.FREEZE: ArmNotResponding,
-    Fault.REFUSE_TARGETS: TargetRefused,
-    Fault.STOP_PROGRAM: ProgramStopped,
-    Fault.MISS_TARGET: PoseNotReached,
+ENDS_IN: Final[dict[InjectedFault, type[ArmFault]]] = {
+    InjectedFault.PROTECTIVE_STOP: ProtectiveStop,
+    InjectedFault.EMERGENCY_STOP: EmergencyStop,
+    InjectedFault.POWER_OFF: ArmNotPowered,
+    InjectedFault.LOCAL_MODE: ArmNotInRemoteMode,
+    InjectedFault.DROP_LINK: ArmConnectionLost,
+    InjectedFault.FREEZE: ArmNotResponding,
+    InjectedFault.REFUSE_TARGETS: TargetRefused,
+    InjectedFault.STOP_PROGRAM: ProgramStopped,
+    InjectedFault.MISS_TARGET: PoseNotReached,
 }
 FAULTLESS: Final[dict[str, Any]] = {
     **{
@@ -108,11 +108,11 @@ def difference_mm(loopback: LoopbackProcess) -> float:
     return 1e3 * max(float(np.abs(a.points_b - b.points_b).max()) for a, b in pairs)
 
 
-def as_it_should(loopback: LoopbackProcess, fault: Fault) -> tuple[bool, float]:
+def as_it_should(loopback: LoopbackProcess, fault: InjectedFault) -> tuple[bool, float]:
     """Whether a fault in a move ends in its error, and the seconds that took."""
     park(loopback)
     with arm_at(loopback.host) as arm:
-        now = fault in (Fault.REFUSE_TARGETS, Fault.MISS_TARGET)
+        now = fault in (InjectedFault.REFUSE_TARGETS, InjectedFault.MISS_TARGET)
         loopback.order(str(fault) if now else f"{fault} 1")
         start = perf_counter()
         try:
@@ -122,7 +122,7 @@ def as_it_should(loopback: LoopbackProcess, fault: Fault) -> tuple[bool, float]:
     return False, perf_counter() - start
 
 
-def survives(loopback: LoopbackProcess, fault: Fault, seconds: float, move: int) -> bool:
+def survives(loopback: LoopbackProcess, fault: InjectedFault, seconds: float, move: int) -> bool:
     """Whether a scan with a fault in it ends in that fault, with a recording that reads."""
     park(loopback)
     timer = Timer(0.0 if move else seconds, loopback.order, [f"{fault} {move}" if move else fault])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array, readonly_copy
 
 if TYPE_CHECKING:
-    from tjscan.calibration.hand_eye import HandEye
+    from tjscan.calibration.hand_eye import HandEyeCalibration
     from tjscan.comparison.compare import Comparison
     from tjscan.groove.measured import MeasuredSection
     from tjscan.groove.section import GrooveSection
@@ -192,7 +192,7 @@ def calibrate(
     radius: float | None = None,
     target: Literal["plane", "sphere"] = "plane",
     noise: Mapping[str, float] | None = None,
-) -> HandEye:
+) -> HandEyeCalibration:
     """Find the pose of the sensor on the flange from profiles of a plane board or of a sphere.
 
     Parameters
@@ -214,7 +214,7 @@ def calibrate(
 
     Returns
     -------
-    HandEye
+    HandEyeCalibration
         With ``T_f_s``, its covariance, and what speaks against each profile.
 
     Raises
@@ -227,7 +227,7 @@ def calibrate(
     from tjscan.calibration.noise import NoiseModel
     from tjscan.calibration.offline import calibrate_profiles
     from tjscan.calibration.posed_profile import PosedProfile
-    from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+    from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
@@ -235,9 +235,9 @@ def calibrate(
     if (touched is not None and target != "plane") or (radius is not None and target != "sphere"):
         raise ValueError("touched points are of a plane, a radius is of a sphere")
     model = NoiseModel(**(noise or {}))
-    board: PlaneTarget | SphereTarget | None = None
+    board: PlaneTarget | BallTarget | None = None
     if target == "sphere":
-        board = SphereTarget(radius)
+        board = BallTarget(radius)
     elif touched is not None:
         board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(axis=0))
     posed = [

@@ -20,29 +20,34 @@ from calibration_stage import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.advice import Board, PoseGrid, candidate_poses, suggest_pose
-from tjscan.calibration.closed_form import bundle, rotation_matrix_A, solve_closed_form
-from tjscan.calibration.design import Reachable, expected, expected_lines
-from tjscan.calibration.hand_eye import calibrate
+from tjscan.calibration.advice import (
+    BoardRectangle,
+    CandidatePoseGrid,
+    candidate_poses,
+    suggest_pose,
+)
+from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
+from tjscan.calibration.design import ReachabilityCheck, predict_lines, predict_uncertainty
+from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.measuring_range import lines_on_plane
 from tjscan.calibration.motion import check_condition
 from tjscan.calibration.plucker import transform_plane
 from tjscan.calibration.targets import PlaneTarget
-from tjscan.calibration.window import see_plane
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, transform_points
 
 TARGET = target()
-BOARD = Board.touched(PLACES, TARGET)
+BOARD = BoardRectangle.touched(PLACES, TARGET)
 
 
 def planned(
     count: int = 12,
     T_f_s: Array = T_F_S,
     target: PlaneTarget = TARGET,
-    reachable: Reachable | None = None,
+    reachable: ReachabilityCheck | None = None,
 ) -> Array:
     """One suggestion after the other, none twice."""
-    left = list(candidate_poses(T_f_s, target, BOARD, WINDOW, PoseGrid()))
+    left = list(candidate_poses(T_f_s, target, BOARD, WINDOW, CandidatePoseGrid()))
     taken: list[Array] = []
     for _ in range(count):
         said = suggest_pose(left, taken, T_f_s, target, WINDOW, NOISE, reachable=reachable)
@@ -59,7 +64,7 @@ def test_the_foreseen_line_is_the_line_that_is_seen(
     T_b_f = looking(*tilts, depth=depth)
     profile = EXACT_HAND.profile(T_b_f, np.random.default_rng(0))
     plane_s = transform_plane(inverse_pose(T_b_f @ T_F_S), PLANE)
-    seen = see_plane(WINDOW, plane_s.u[None], np.array((plane_s.u0,)))
+    seen = lines_on_plane(WINDOW, plane_s.u[None], np.array((plane_s.u0,)))
     count = int(profile.valid.sum())
     assert seen.columns[0] == pytest.approx(count, abs=2)
     if count > 2:
@@ -79,8 +84,8 @@ def test_suggested_poses_keep_the_whole_line_on_the_board_and_in_range() -> None
 
 
 def test_suggested_poses_beat_a_circle() -> None:
-    mine = expected(planned(), T_F_S, TARGET, WINDOW, NOISE)
-    ring = expected(circle(30), T_F_S, TARGET, WINDOW, NOISE)
+    mine = predict_uncertainty(planned(), T_F_S, TARGET, WINDOW, NOISE)
+    ring = predict_uncertainty(circle(30), T_F_S, TARGET, WINDOW, NOISE)
     assert mine.position < ring.position
     assert mine.rotation < ring.rotation
 
@@ -90,10 +95,10 @@ def test_suggested_poses_are_well_conditioned_also_when_the_mount_is_known_rough
     T_guess[:3, 3] += (0.005, -0.004, 0.006)
     poses = planned(T_f_s=T_guess)
     taken = samples(poses, shots(poses, EXACT_HAND, np.random.default_rng(0)))
-    lines = bundle(poses, [s.fit for s in taken])
+    lines = stack_lines(poses, [s.fit for s in taken])
     T_f_s = solve_closed_form(lines, PLANE).T_f_s
     np.testing.assert_allclose(T_f_s, T_F_S, atol=1e-9)
-    A, u_f = rotation_matrix_A(lines, PLANE.u), PLANE.u @ poses[:, :3, :3]
+    A, u_f = rotation_equations(lines, PLANE.u), PLANE.u @ poses[:, :3, :3]
     assert check_condition(A, u_f, T_f_s[:3, :3], None) < 20
 
 
@@ -101,21 +106,21 @@ def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:
     unknown = PlaneTarget.unknown(PLANE, CENTRE)
     poses = planned(target=unknown)
     taken = samples(poses, shots(poses, HAND, np.random.default_rng(0)))
-    assert calibrate(taken, None, NOISE).uncertainty.position < 0.5e-3
+    assert calibrate_on_plane(taken, None, NOISE).uncertainty.position < 0.5e-3
 
 
 def test_what_is_expected_is_what_calibration_then_claims() -> None:
     rng = np.random.default_rng(0)
     poses = planned()
-    foreseen = expected(poses, T_F_S, TARGET, WINDOW, NOISE)
-    result = calibrate(samples(poses, shots(poses, HAND, rng)), target(rng), NOISE)
+    foreseen = predict_uncertainty(poses, T_F_S, TARGET, WINDOW, NOISE)
+    result = calibrate_on_plane(samples(poses, shots(poses, HAND, rng)), target(rng), NOISE)
     assert result.uncertainty.position == pytest.approx(foreseen.position, rel=0.05)
     assert result.uncertainty.rotation == pytest.approx(foreseen.rotation, rel=0.05)
 
 
 def test_uncertainty_shrinks_with_every_line_from_the_first() -> None:
     poses = planned()
-    course = [expected(poses[:k], T_F_S, TARGET, WINDOW, NOISE) for k in range(13)]
+    course = [predict_uncertainty(poses[:k], T_F_S, TARGET, WINDOW, NOISE) for k in range(13)]
     assert (np.diff([u.position for u in course]) < 0).all()
     assert (np.diff([u.rotation for u in course]) < 0).all()
     assert course[0].position == pytest.approx(0.05 * np.sqrt(3))
@@ -130,25 +135,25 @@ def test_only_reachable_poses_are_chosen_and_few_are_asked_about() -> None:
 
     poses = planned(reachable=reachable)
     assert (poses[:, 1, 3] > 0.1).all()
-    assert len(asked) < len(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, PoseGrid()))
+    assert len(asked) < len(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, CandidatePoseGrid()))
 
 
 def test_too_small_a_reach_is_refused() -> None:
     with pytest.raises(CalibrationRefused, match=r"none of [1-9][0-9]+ candidates"):
         planned(reachable=lambda _: False)
-    tiny = Board(BOARD.centre_b, BOARD.axes_b, np.array((0.02, 0.02)))
-    assert len(candidate_poses(T_F_S, TARGET, tiny, WINDOW, PoseGrid())) == 0
+    tiny = BoardRectangle(BOARD.centre_b, BOARD.axes_b, np.array((0.02, 0.02)))
+    assert len(candidate_poses(T_F_S, TARGET, tiny, WINDOW, CandidatePoseGrid())) == 0
 
 
 def test_the_suggested_pose_is_the_one_that_helps_most() -> None:
     taken = list(circle(15, 6))
-    candidates = list(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, PoseGrid()))[::7]
+    candidates = list(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, CandidatePoseGrid()))[::7]
     said = suggest_pose(candidates, taken, T_F_S, TARGET, WINDOW, NOISE)
     assert said.after.position < said.before.position
 
     def volume(T_b_f: Array) -> float:
         poses = np.stack([*taken, T_b_f])
-        covariance = expected(poses, T_F_S, TARGET, WINDOW, NOISE).covariance
+        covariance = predict_uncertainty(poses, T_F_S, TARGET, WINDOW, NOISE).covariance
         return float(np.linalg.slogdet(covariance)[1])
 
     assert volume(said.T_b_f) == pytest.approx(min(volume(T) for T in candidates), abs=1e-6)
@@ -166,4 +171,4 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
             suggest_pose(candidates, [], T_F_S, TARGET, WINDOW, NOISE)
-    assert expected_lines(away[None], T_F_S, TARGET, WINDOW, NOISE).information.max() == 0
+    assert predict_lines(away[None], T_F_S, TARGET, WINDOW, NOISE).information.max() == 0

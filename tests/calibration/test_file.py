@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, target
 
-from tjscan.calibration.file import CalibrationFile, read_calibration, to_file, write_calibration
-from tjscan.calibration.hand_eye import HandEye, calibrate
+from tjscan.calibration.file import (
+    CalibrationFile,
+    read_calibration,
+    to_calibration_file,
+    write_calibration,
+)
+from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_plane
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 
@@ -18,22 +23,22 @@ PROVENANCE = Provenance.written_now("calibrate.toml, SHA-256 0123456789abcdef", 
 
 
 @pytest.fixture(scope="module")
-def result() -> HandEye:
+def result() -> HandEyeCalibration:
     rng = np.random.default_rng(0)
     profiles = shots(circle(30), HAND, rng)
     profiles[4] = raised(profiles[4], 2 * MM)
-    return calibrate(samples(circle(30), profiles), target(rng), NOISE)
+    return calibrate_on_plane(samples(circle(30), profiles), target(rng), NOISE)
 
 
 @pytest.fixture
-def kept(result: HandEye, tmp_path: Path) -> Path:
+def kept(result: HandEyeCalibration, tmp_path: Path) -> Path:
     file = tmp_path / "calibration.toml"
-    found = to_file(result, NOISE, arm="ur10e 1", laser="2610-100 7", date=WHEN)
+    found = to_calibration_file(result, NOISE, arm="ur10e 1", laser="2610-100 7", date=WHEN)
     write_calibration(file, found, PROVENANCE)
     return file
 
 
-def test_what_is_written_is_what_is_read(kept: Path, result: HandEye) -> None:
+def test_what_is_written_is_what_is_read(kept: Path, result: HandEyeCalibration) -> None:
     found = read_calibration(kept, arm="ur10e 1", laser="2610-100 7")
     np.testing.assert_allclose(found.T_f_s, result.T_f_s, atol=1e-14)
     np.testing.assert_allclose(found.covariance_si, result.covariance, rtol=1e-12)

@@ -27,13 +27,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.closed_form import bundle, solve_closed_form
-from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
+from tjscan.calibration.closed_form import solve_closed_form, stack_lines
+from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
-from tjscan.calibration.plucker import Plane, incidence, transform_line
-from tjscan.calibration.refine import deletions, refine
-from tjscan.calibration.verify import verify
+from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transform_line
+from tjscan.calibration.refine import leave_one_out, refine
+from tjscan.calibration.verify import verify_with_fresh_line
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
 from tjscan.core.pose_vector import boxplus
@@ -43,9 +43,9 @@ RECOVERED = 1e-9
 POSES = circle(30)
 
 
-def calibrated(seed: int, poses: Array = POSES, hand: BoardSimulator = HAND) -> HandEye:
+def calibrated(seed: int, poses: Array = POSES, hand: BoardSimulator = HAND) -> HandEyeCalibration:
     rng = np.random.default_rng(seed)
-    return calibrate(samples(poses, shots(poses, hand, rng)), target(rng), NOISE)
+    return calibrate_on_plane(samples(poses, shots(poses, hand, rng)), target(rng), NOISE)
 
 
 def exact_samples(poses: Array = POSES) -> list[LineSample]:
@@ -54,19 +54,19 @@ def exact_samples(poses: Array = POSES) -> list[LineSample]:
 
 def test_the_closed_form_recovers_the_papers_transform() -> None:
     taken = exact_samples()
-    found = solve_closed_form(bundle(POSES, [s.fit for s in taken]), PLANE)
+    found = solve_closed_form(stack_lines(POSES, [s.fit for s in taken]), PLANE)
     np.testing.assert_allclose(found.T_f_s, T_F_S, atol=RECOVERED)
     assert found.residual < RECOVERED
     assert found.singular_values[5] < RECOVERED
 
 
 def test_the_refinement_recovers_the_papers_transform() -> None:
-    result = calibrate(exact_samples(), target(), NOISE)
+    result = calibrate_on_plane(exact_samples(), target(), NOISE)
     np.testing.assert_allclose(result.T_f_s, T_F_S, atol=RECOVERED)
     assert result.caveats == ()
     for sample in exact_samples():
         line_b = transform_line(sample.T_b_f @ result.T_f_s, sample.fit.line_s)
-        np.testing.assert_allclose(incidence(line_b, PLANE), 0, atol=1e-8)  # (17)
+        np.testing.assert_allclose(incidence_residuals(line_b, PLANE), 0, atol=1e-8)  # (17)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -76,7 +76,7 @@ def test_any_mount_is_recovered_without_a_guess(seed: int) -> None:
     T_f_s = pose(Rotation.random(rng=rng).as_matrix(), 0.2 * rng.standard_normal(3))
     hand = BoardSimulator(T_f_s, PLANE, EXACT_HAND.window)
     poses = POSES @ T_F_S @ np.linalg.inv(T_f_s)
-    result = calibrate(samples(poses, shots(poses, hand, rng)), target(), NOISE)
+    result = calibrate_on_plane(samples(poses, shots(poses, hand, rng)), target(), NOISE)
     np.testing.assert_allclose(result.T_f_s, T_f_s, atol=RECOVERED)
 
 
@@ -88,13 +88,13 @@ def test_the_sign_is_not_luck_where_all_lines_are_at_one_depth(depth: float) -> 
     for sign in (1, -1):
         flipped = replace(PLANE, u=sign * PLANE.u, u0=sign * PLANE.u0)
         taken = exact_samples(poses)
-        found = solve_closed_form(bundle(poses, [s.fit for s in taken]), flipped)
+        found = solve_closed_form(stack_lines(poses, [s.fit for s in taken]), flipped)
         np.testing.assert_allclose(found.T_f_s, T_F_S, atol=RECOVERED)
 
 
 def test_it_needs_no_more_than_five_lines() -> None:
     poses = np.stack([looking(*tilts) for tilts in ((0, 0), (25, 0), (0, 25), (-20, 20), (20, 20))])
-    result = calibrate(exact_samples(poses), target(), NOISE)
+    result = calibrate_on_plane(exact_samples(poses), target(), NOISE)
     np.testing.assert_allclose(result.T_f_s, T_F_S, atol=1e-8)
 
 
@@ -159,12 +159,15 @@ def test_results_do_not_depend_on_the_base_frame() -> None:
     u = R @ board.plane.u
     elsewhere = replace(
         board,
-        plane=Plane(u, board.plane.u0 - float(u @ T[:3, 3])),
+        plane=PluckerPlane(u, board.plane.u0 - float(u @ T[:3, 3])),
         centre_b=R @ board.centre_b + T[:3, 3],
         axes_b=board.axes_b @ R.T,
     )
     moved = [replace(s, T_b_f=T @ s.T_b_f) for s in taken]
-    here, there = calibrate(taken, board, NOISE), calibrate(moved, elsewhere, NOISE)
+    here, there = (
+        calibrate_on_plane(taken, board, NOISE),
+        calibrate_on_plane(moved, elsewhere, NOISE),
+    )
     np.testing.assert_allclose(here.T_f_s, there.T_f_s, atol=1e-8)
     np.testing.assert_allclose(here.covariance, there.covariance, rtol=1e-4, atol=1e-14)
 
@@ -173,9 +176,9 @@ def test_results_do_not_depend_on_the_base_frame() -> None:
 def test_one_spoiled_line_is_named_and_left_out(k: int) -> None:
     rng = np.random.default_rng(k)
     profiles, board = shots(POSES, HAND, rng), target(rng)
-    clean = calibrate(samples(POSES, profiles), board, NOISE)
+    clean = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
     profiles[k] = raised(profiles[k], 2 * MM * (-1) ** k)
-    spoiled = calibrate(samples(POSES, profiles), board, NOISE)
+    spoiled = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
     assert spoiled.bad == (f"line {k + 1}",)
     assert f"line {k + 1}" in spoiled.caveats[0]
     assert spoiled.uncertainty.position < 1.5 * clean.uncertainty.position
@@ -191,7 +194,7 @@ def test_two_spoiled_lines_are_named(seed: int) -> None:
     bad = [int(k) for k in np.sort(rng.choice(12, 2, replace=False))]
     for k in bad:
         profiles[k] = raised(profiles[k], 2 * MM)
-    result = calibrate(samples(POSES, profiles), board, NOISE)
+    result = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
     assert result.bad == tuple(f"line {k + 1}" for k in bad)
 
 
@@ -206,7 +209,7 @@ def test_leaving_a_line_out_moves_the_result_as_foretold() -> None:
     model = PlaneModel.of(POSES, [s.fit for s in taken], board, NOISE)
     every = np.ones(12, dtype=bool)
     whole = refine(model, T_F_S, np.zeros(3), every)
-    foretold = deletions(whole)
+    foretold = leave_one_out(whole)
     for k in range(12):
         used = every.copy()
         used[k] = False
@@ -223,7 +226,7 @@ def test_an_unknown_plane_is_found_with_the_sensor(seed: int) -> None:
     rng = np.random.default_rng(seed)
     poses = varied(rng, 14)
     taken = samples(poses, shots(poses, HAND, rng))
-    result = calibrate(taken, None, NOISE)
+    result = calibrate_on_plane(taken, None, NOISE)
     away = error(result.T_f_s)
     assert away @ np.linalg.solve(result.covariance, away) < 30  # p = 4e-5 with 6 degrees
     assert result.board is not None
@@ -236,13 +239,15 @@ def test_an_unknown_plane_needs_tilts_of_several_sizes() -> None:
     poses = circle(25)
     taken = samples(poses, shots(poses, HAND, np.random.default_rng(0)))
     with pytest.raises(CalibrationRefused, match=r"all tilts alike.*square to the board"):
-        calibrate(taken, None, NOISE)
+        calibrate_on_plane(taken, None, NOISE)
 
 
 def refusal(poses: Array, guess: Array | None = T_F_S) -> CalibrationRefused:
     rng = np.random.default_rng(0)
     with pytest.raises(CalibrationRefused) as caught:
-        calibrate(samples(poses, shots(poses, HAND, rng)), target(rng), NOISE, T_f_s_guess=guess)
+        calibrate_on_plane(
+            samples(poses, shots(poses, HAND, rng)), target(rng), NOISE, T_f_s_guess=guess
+        )
     return caught.value
 
 
@@ -294,13 +299,13 @@ def test_residuals_beyond_the_noise_model_are_refused() -> None:
     rng = np.random.default_rng(0)
     profiles = [raised(p, 0.8 * MM * rng.standard_normal()) for p in shots(POSES, HAND, rng)]
     with pytest.raises(CalibrationRefused, match=r"times larger than stated.*worst are line"):
-        calibrate(samples(POSES, profiles), target(rng), NOISE)
+        calibrate_on_plane(samples(POSES, profiles), target(rng), NOISE)
 
 
 def test_a_little_more_noise_than_stated_widens_the_covariance() -> None:
     rng = np.random.default_rng(0)
     loud = replace(HAND, noise=NoiseModel(position=0.1 * MM, rotation=float(np.radians(0.02))))
-    result = calibrate(samples(POSES, shots(POSES, loud, rng)), target(rng), NOISE)
+    result = calibrate_on_plane(samples(POSES, shots(POSES, loud, rng)), target(rng), NOISE)
     assert 1.5 < result.sigma_scale < 3.0
     assert any("widened" in said for said in result.caveats)
 
@@ -311,12 +316,14 @@ def test_a_fresh_line_verifies_a_good_result_and_unmasks_a_bad_one() -> None:
     fresh = [
         samples(T[None], shots(T[None], HAND, rng))[0] for T in varied(np.random.default_rng(7), 60)
     ]
-    checks = [verify(result, one, NOISE) for one in fresh]
+    checks = [verify_with_fresh_line(result, one, NOISE) for one in fresh]
     assert all(check.agrees for check in checks)
     assert np.mean([check.misfit**2 for check in checks]) == pytest.approx(1.0, abs=0.45)
     T = result.T_f_s.copy()
     T[2, 3] += 1.5 * MM  # along the central ray
-    assert not any(verify(replace(result, T_f_s=T), one, NOISE).agrees for one in fresh)
+    assert not any(
+        verify_with_fresh_line(replace(result, T_f_s=T), one, NOISE).agrees for one in fresh
+    )
 
 
 def test_infinite_trust_is_no_noise_model() -> None:

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.plucker import (
-    Line,
-    Plane,
-    incidence,
+    PluckerLine,
+    PluckerPlane,
+    incidence_residuals,
     line_through,
+    line_transform_matrix,
     plane_through,
-    screw_matrix,
     transform_line,
     transform_plane,
 )
@@ -53,10 +53,12 @@ def test_the_screw_matrix_moves_lines_as_poses_move_points(
 @given(T_1=poses, T_2=poses)
 def test_screw_matrices_compose_and_invert_like_poses(T_1: Array, T_2: Array) -> None:
     np.testing.assert_allclose(
-        screw_matrix(T_1) @ screw_matrix(T_2), screw_matrix(T_1 @ T_2), atol=1e-11
+        line_transform_matrix(T_1) @ line_transform_matrix(T_2),
+        line_transform_matrix(T_1 @ T_2),
+        atol=1e-11,
     )
     np.testing.assert_allclose(
-        screw_matrix(inverse_pose(T_1)) @ screw_matrix(T_1), np.eye(6), atol=1e-11
+        line_transform_matrix(inverse_pose(T_1)) @ line_transform_matrix(T_1), np.eye(6), atol=1e-11
     )
 
 
@@ -68,8 +70,8 @@ def test_a_line_in_a_plane_is_incident_in_every_frame(
     plane = plane_through(point, u)
     a = np.cross(plane.u, np.random.default_rng(seed).standard_normal(3))
     line = line_through(point, a)
-    np.testing.assert_allclose(incidence(line, plane), 0, atol=1e-11)
-    moved = incidence(transform_line(T, line), transform_plane(T, plane))
+    np.testing.assert_allclose(incidence_residuals(line, plane), 0, atol=1e-11)
+    moved = incidence_residuals(transform_line(T, line), transform_plane(T, plane))
     np.testing.assert_allclose(moved, 0, atol=1e-10)
 
 
@@ -79,37 +81,39 @@ def test_a_parallel_line_shows_its_distance(point: Array, u: Array, height: floa
     plane = plane_through(point, u)
     a = np.linalg.svd(plane.u[None])[2][1]
     line = line_through(point + height * plane.u, a)
-    np.testing.assert_allclose(incidence(line, plane)[1:], -height * a, atol=1e-11)
+    np.testing.assert_allclose(incidence_residuals(line, plane)[1:], -height * a, atol=1e-11)
 
 
 @laws
 @given(T=poses)
 def test_the_screw_matrix_is_the_adjoint_with_rotations_first(T: Array) -> None:
     swap = np.roll(np.eye(6), 3, axis=0)
-    np.testing.assert_allclose(screw_matrix(T), swap @ adjoint(T) @ swap, atol=EXACT)
+    np.testing.assert_allclose(line_transform_matrix(T), swap @ adjoint(T) @ swap, atol=EXACT)
 
 
 def test_many_lines_at_once_are_those_one_by_one() -> None:
     rng = np.random.default_rng(2)
     T = np.stack([pose_from_vector(v) for v in rng.uniform(-1, 1, (4, 6))])
     points, directions = rng.uniform(-1, 1, (2, 4, 3))
-    plane = Plane(np.array((0.1, -0.4, 0.9)), 0.3)
-    many = incidence(transform_line(T, line_through(points, directions)), plane)
+    plane = PluckerPlane(np.array((0.1, -0.4, 0.9)), 0.3)
+    many = incidence_residuals(transform_line(T, line_through(points, directions)), plane)
     single = [
-        incidence(transform_line(T_b_s, line_through(p, a)), plane)
+        incidence_residuals(transform_line(T_b_s, line_through(p, a)), plane)
         for T_b_s, p, a in zip(T, points, directions, strict=True)
     ]
     np.testing.assert_allclose(many, single, atol=EXACT)
 
 
 def test_a_line_that_crosses_is_not_incident() -> None:
-    crossing = incidence(line_through((0, 0, 0), (0, 0.6, 0.8)), Plane(np.array((0, 0, 1.0)), 0.0))
+    crossing = incidence_residuals(
+        line_through((0, 0, 0), (0, 0.6, 0.8)), PluckerPlane(np.array((0, 0, 1.0)), 0.0)
+    )
     assert crossing[0] == pytest.approx(0.8)
 
 
 def test_lines_and_planes_are_read_only() -> None:
-    line = Line(np.array((1.0, 0, 0)), np.zeros(3))
+    line = PluckerLine(np.array((1.0, 0, 0)), np.zeros(3))
     with pytest.raises(ValueError, match="read-only"):
         line.a[0] = 2
     with pytest.raises(ValueError, match="not zero"):
-        Plane(np.zeros(3), 1.0)
+        PluckerPlane(np.zeros(3), 1.0)

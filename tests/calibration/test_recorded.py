@@ -7,7 +7,7 @@ import pytest
 from _board import points_rms
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.hand_eye import LineSample, calibrate
+from tjscan.calibration.hand_eye import LineSample, calibrate_on_plane
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
@@ -37,7 +37,7 @@ def recorded(name: str) -> list[LineSample]:
 
 def test_a_good_recording_lies_flat() -> None:
     taken = recorded("root")
-    result = calibrate(taken, None, NOISE)
+    result = calibrate_on_plane(taken, None, NOISE)
     assert result.bad == ()
     assert points_rms(result, taken) <= 0.19 * MM
     assert any("certain to" in said for said in result.caveats)  # eight lines, plane unknown
@@ -45,13 +45,13 @@ def test_a_good_recording_lies_flat() -> None:
 
 def test_a_recording_with_another_setups_optics_is_not_trusted() -> None:
     with pytest.raises(CalibrationRefused, match="noise model can't explain"):
-        calibrate(recorded("calib4"), None, NOISE)
+        calibrate_on_plane(recorded("calib4"), None, NOISE)
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.5])
 def test_the_verdict_does_not_hang_on_the_exact_noise_stated(factor: float) -> None:
     stated = NoiseModel(range=factor * NOISE.range, correlation=60.0)
     taken = recorded("root")
-    assert points_rms(calibrate(taken, None, stated), taken) < 0.25 * MM
+    assert points_rms(calibrate_on_plane(taken, None, stated), taken) < 0.25 * MM
     with pytest.raises(CalibrationRefused, match=r"can't explain|uncertain"):
-        calibrate(recorded("calib4"), None, stated)
+        calibrate_on_plane(recorded("calib4"), None, stated)

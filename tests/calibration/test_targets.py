@@ -6,7 +6,7 @@ from calibration_stage import AXES, CENTRE, HAND, NOISE, PLACES, PLANE, target
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane
 from tjscan.core.errors import CalibrationRefused
 
 EXACT = 1e-12
@@ -73,4 +73,4 @@ def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
 @pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, np.nan])
 def test_a_ball_has_a_size(radius: float) -> None:
     with pytest.raises(ValueError, match="positive"):
-        SphereTarget(radius)
+        BallTarget(radius)

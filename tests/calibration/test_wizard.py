@@ -28,8 +28,8 @@ from tjscan.calibration.logbook import Logbook, MeasuredSoFar
 from tjscan.calibration.operator import Question
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
-from tjscan.calibration.session import Progress, Task, touch_places
-from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.session import CalibrationPlan, CalibrationProgress, planned_touch_points
+from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import (
     CALIBRATION_RECORDING,
     PROFILE_TOPIC,
@@ -42,7 +42,12 @@ from tjscan.calibration.topics import (
     messages_of_entry,
     read_entries,
 )
-from tjscan.calibration.wizard import MAX_SKIPPED_IN_A_ROW, MOST_RETOUCHES, Outcome, Wizard
+from tjscan.calibration.wizard import (
+    MAX_RETOUCHES,
+    MAX_SKIPPED_IN_A_ROW,
+    CalibrationWizard,
+    VerifiedCalibration,
+)
 from tjscan.cli.operators import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
@@ -75,7 +80,7 @@ class Watcher:
         self._answer = answer
         self.questions: list[Question] = []
         self.told: list[str] = []
-        self.progress: list[Progress] = []
+        self.progress: list[CalibrationProgress] = []
 
     def confirm(self, question: Question) -> bool:
         self.questions.append(question)
@@ -84,7 +89,7 @@ class Watcher:
     def report(self, message: str) -> None:
         self.told.append(message)
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CalibrationProgress) -> None:
         self.progress.append(progress)
 
 
@@ -94,15 +99,17 @@ class Stage:
     def __init__(self, folder: Path, **keys: Any) -> None:
         job = read_calibration_job(JOB, SHORT | {k.replace("__", "."): v for k, v in keys.items()})
         T_f_s = sensor_mount_of_job(job, JOB).T_f_s
-        self.task: Task = calibration_task(job, T_f_s)
+        self.task: CalibrationPlan = calibration_task(job, T_f_s)
         self.cell: Cell
         self.cell, self.probe = make_board_cell(job, T_f_s)
         self.folder = folder
 
-    def run(self, watcher: Watcher, **devices: Any) -> Outcome:
+    def run(self, watcher: Watcher, **devices: Any) -> VerifiedCalibration:
         with Logbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
-            return Wizard(self.task, cell.arm, operator=watcher, logbook=logbook, **parts).run()
+            return CalibrationWizard(
+                self.task, cell.arm, operator=watcher, logbook=logbook, **parts
+            ).run()
 
     def measured(self) -> MeasuredSoFar:
         with Logbook(self.folder, self.task.T_f_s) as logbook:
@@ -127,7 +134,7 @@ class Clumsy:
 
     order = "Touch"
 
-    def __init__(self, probe: SimulatedProbe, slips: int) -> None:
+    def __init__(self, probe: SimulatedTouchProbe, slips: int) -> None:
         self._probe, self._slips = probe, slips
 
     def touch(self, place_b: Array) -> Array:
@@ -338,7 +345,7 @@ def test_one_more_line_is_taken_where_the_operator_wants_it(tmp_path: Path) -> N
 
 def test_a_touch_that_slipped_is_found_and_taken_again(tmp_path: Path) -> None:
     stage, watcher = Stage(tmp_path, board__touches=9), Watcher()
-    assert isinstance(stage.probe, SimulatedProbe)
+    assert isinstance(stage.probe, SimulatedTouchProbe)
     stage.run(watcher, probe=Clumsy(stage.probe, slips=1))
     assert any("not on one plane" in told for told in watcher.told)
     assert [q.text for q in watcher.questions if "again" in q.text] == ["Touch place 1 again?"]
@@ -348,7 +355,7 @@ def test_a_board_that_is_not_flat_is_refused_in_the_end(tmp_path: Path) -> None:
     watcher = Watcher()
     with pytest.raises(CalibrationRefused, match="not on one plane"):
         Stage(tmp_path, board__touches=9, simulation__board__touch_mm=1.5).run(watcher)
-    assert sum("again" in question.text for question in watcher.questions) == MOST_RETOUCHES
+    assert sum("again" in question.text for question in watcher.questions) == MAX_RETOUCHES
 
 
 def test_a_line_taken_while_something_moved_is_named(tmp_path: Path) -> None:
@@ -388,7 +395,7 @@ def test_a_board_out_of_reach_is_told(tmp_path: Path) -> None:
 
 def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
     stage = Stage(tmp_path)
-    hand, places = stage.probe, iter(touch_places(stage.task))
+    hand, places = stage.probe, iter(planned_touch_points(stage.task))
     read: list[Array] = []
 
     class JoggingHand:
@@ -409,7 +416,7 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
     outcome = stage.run(Watcher(answer), probe=JoggingHand())
     assert off(outcome.result.T_f_s)[0] < 4 * outcome.result.uncertainty.position
     tips = [(T @ np.append(stage.task.tip_f, 1.0))[:3] for T in read]
-    np.testing.assert_allclose(tips, touch_places(stage.task), atol=10 * MM)
+    np.testing.assert_allclose(tips, planned_touch_points(stage.task), atol=10 * MM)
 
 
 def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) -> None:
@@ -509,7 +516,7 @@ def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
 def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
     job = read_calibration_job(JOB, {"board.touches": count})
     task = calibration_task(job, TRUTH)
-    places = touch_places(task) @ inverse_pose(task.T_b_board)[:3, :3].T
+    places = planned_touch_points(task) @ inverse_pose(task.T_b_board)[:3, :3].T
     places += inverse_pose(task.T_b_board)[:3, 3]
     assert places.shape == (count, 3)
     assert (np.abs(places[:, :2]) < task.half_sizes).all()

@@ -208,9 +208,9 @@ def test_a_scan_that_ends_early_says_so_with_its_exit_code(tmp_path: Path) -> No
 
 
 def test_an_arm_of_ones_own_is_sought_beside_the_job_and_goes_into_the_run(tmp_path: Path) -> None:
-    from tjscan.robot.models.generate import urdf
+    from tjscan.robot.models.generate import urdf_text
 
-    (tmp_path / "mine.urdf").write_text(urdf("ur10e"), encoding="utf-8")
+    (tmp_path / "mine.urdf").write_text(urdf_text("ur10e"), encoding="utf-8")
     job = tmp_path / "job.toml"
     text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', 'model = "mine.urdf"')
     cad = PAPER.parent.parent / "cad"

@@ -18,11 +18,11 @@ from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
 from tjscan.job import read_scan_job
 from tjscan.job.cell import clearance_of_job
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import RESOLUTION, Clearance
-from tjscan.robot.collision import SEEN, CollisionModel, check_links
+from tjscan.robot.clearance import RESOLUTION, ClearPathPlanner
+from tjscan.robot.collision import SEEN, CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import MODELS, Kinematics
-from tjscan.robot.margins import Margins
+from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
@@ -62,9 +62,11 @@ def post(height: float, *, y: float = 0.25) -> Solid:
     )
 
 
-def clearance(*solids: Solid, tool: tuple[Solid, ...] = (TIP,), margin: float = 0.01) -> Clearance:
-    return Clearance(
-        kinematics(), CollisionModel(kinematics(), solids, tool), Margins(solids=margin)
+def clearance(
+    *solids: Solid, tool: tuple[Solid, ...] = (TIP,), margin: float = 0.01
+) -> ClearPathPlanner:
+    return ClearPathPlanner(
+        kinematics(), CollisionModel(kinematics(), solids, tool), ClearanceMargins(solids=margin)
     )
 
 
@@ -105,7 +107,7 @@ class Spy(DeviceBase):
 
 
 def spied(
-    keeps: Clearance, *, lifts: tuple[float, ...] = (0.05, 0.1, 0.2)
+    keeps: ClearPathPlanner, *, lifts: tuple[float, ...] = (0.05, 0.1, 0.2)
 ) -> tuple[CollisionCheckedArm, Spy]:
     spy = Spy(SimulatedArm(kinematics(), HOME))
     arm: Arm = spy
@@ -145,7 +147,7 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
     T_b_f = aside(random.uniform(0.1, 0.5), random.uniform(-0.1, 0.1))
     goal = kinematics().inverse(T_b_f, near=HOME)
     model = keeps._model
-    margins = np.where([pair.own for pair in model.pairs], Margins().own, 0.02)
+    margins = np.where([pair.own for pair in model.pairs], ClearanceMargins().own, 0.02)
     along = np.linspace(0, 1, 300)[:, None]
     closest = np.min([model.distances(q) - margins for q in HOME + along * (goal - HOME)])
     try:
@@ -213,14 +215,16 @@ def test_an_arm_does_not_run_into_itself() -> None:
     assert refusal.value.other in kinematics().link_names
     free = CollisionModel(kinematics(), tool=[TIP], self_collision=False)
     assert free.pairs == ()
-    Clearance(kinematics(), free).joint(HOME, kinematics().forward(folded))
+    ClearPathPlanner(kinematics(), free).joint(HOME, kinematics().forward(folded))
 
 
 def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
     far = kinematics().forward(np.radians([0, -80, 20, -30, -90, 0]))
     T_b_f = pose(far[:3, :3], far[:3, 3])
     start = kinematics().inverse(T_b_f, near=np.radians([0, -80, 20, -30, -90, 0]))
-    keeps = Clearance(kinematics(), CollisionModel(kinematics()), Margins(singular=0.2))
+    keeps = ClearPathPlanner(
+        kinematics(), CollisionModel(kinematics()), ClearanceMargins(singular=0.2)
+    )
     path, _ = linear_waypoints(kinematics(), start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
     sizes = [kinematics().smallest_singular_value(q) for q in path]
     assert sizes[-1] < sizes[0] < 0.2
@@ -235,12 +239,12 @@ def test_no_arm_touches_itself_where_it_is_built(model: str) -> None:
     arm = CollisionModel(Kinematics.load(model))
     well = np.radians([10, -80, 100, -60, -80, 20])
     nearest = min(arm.distances(well + random.uniform(-0.6, 0.6, 6)).min() for _ in range(100))
-    assert nearest > Margins().own
+    assert nearest > ClearanceMargins().own
 
 
 def test_an_unknown_link_to_ignore_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(ConfigurationError, match="did you mean: forearm_link"):
-        check_links(kinematics(), [("forarm_link", "tool")])
+        check_ignored_links(kinematics(), [("forarm_link", "tool")])
 
 
 def test_a_clear_path_is_passed_on_unchanged() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y
 from tjscan.robot.kinematics import MODELS, Kinematics
-from tjscan.robot.models.generate import urdf
+from tjscan.robot.models.generate import urdf_text
 
 # d1, a2, a3, d4, d5, d6 as the maker publishes them, apart from the project's own table.
 DH = {
@@ -148,7 +148,7 @@ def test_the_inverse_near_the_angles_returns_them(model: str, share: Array, offs
 def test_a_general_arm_is_solved_without_the_closed_form(model: str, tmp_path: Path) -> None:
     # The same arm with its joints' axes turned round is none that the closed form knows.
     file = tmp_path / "arm.urdf"
-    file.write_text(urdf(model).replace('xyz="0 0 1"', 'xyz="0 0 -1"'), encoding="utf-8")
+    file.write_text(urdf_text(model).replace('xyz="0 0 1"', 'xyz="0 0 -1"'), encoding="utf-8")
     general = Kinematics.load(file)
     random = np.random.default_rng(3)
     for _ in range(10):
@@ -225,7 +225,9 @@ def test_a_pose_beyond_the_reach_is_refused_with_what_is_missing(model: str) -> 
 def test_a_joint_beyond_its_limit_is_named_with_its_excess(tmp_path: Path) -> None:
     whole = 'lower="-6.283185307179586" upper="6.283185307179586"'
     file = tmp_path / "fenced.urdf"
-    file.write_text(urdf("ur10e").replace(whole, 'lower="-0.5" upper="0.5"', 1), encoding="utf-8")
+    file.write_text(
+        urdf_text("ur10e").replace(whole, 'lower="-0.5" upper="0.5"', 1), encoding="utf-8"
+    )
     fenced = Kinematics.load(file)
     q = WELL.copy()
     q[0] = 0.5 + np.radians(4)

@@ -5,14 +5,14 @@ import threading
 import pytest
 
 from tjscan.core.errors import ArmFault
-from tjscan.robot.latch import StopLatch
+from tjscan.robot.motion_lock import MotionLock
 
 PATIENCE = 10.0
 """Seconds after which a thread that should have gone on has not."""
 
 
 def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
-    latch = StopLatch()
+    latch = MotionLock()
     latch.check()
     assert not latch.wait(0.0)
     latch.stop()
@@ -27,7 +27,7 @@ def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
 
 
 def test_a_move_that_was_ordered_before_a_stop_never_starts_after_it() -> None:
-    latch = StopLatch()
+    latch = MotionLock()
     with latch.move():
         latch.stop()
         with pytest.raises(ArmFault, match="taken back"), latch.start():
@@ -35,7 +35,7 @@ def test_a_move_that_was_ordered_before_a_stop_never_starts_after_it() -> None:
 
 
 def test_one_moves_at_a_time() -> None:
-    latch = StopLatch()
+    latch = MotionLock()
     with latch.move(), pytest.raises(ArmFault, match="moving already"), latch.move():
         pytest.fail("two moved")
     with latch.move():
@@ -43,7 +43,7 @@ def test_one_moves_at_a_time() -> None:
 
 
 def test_a_stop_returns_when_what_starts_has_started() -> None:
-    latch, done = StopLatch(), threading.Event()
+    latch, done = MotionLock(), threading.Event()
 
     def stop() -> None:
         latch.stop()
@@ -60,14 +60,14 @@ def test_a_stop_returns_when_what_starts_has_started() -> None:
 
 
 def test_a_stop_can_be_given_by_what_interrupts_a_start() -> None:
-    latch = StopLatch()
+    latch = MotionLock()
     with latch.move(), latch.start():
         latch.stop()
     assert latch.wait(0.0)
 
 
 def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
-    latch, clearing, done = StopLatch(), threading.Event(), threading.Event()
+    latch, clearing, done = MotionLock(), threading.Event(), threading.Event()
 
     def clear() -> None:
         clearing.set()
@@ -88,7 +88,7 @@ def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
 
 
 def test_nothing_starts_between_a_stop_and_its_end() -> None:
-    latch, started, ended = StopLatch(), [0], threading.Event()
+    latch, started, ended = MotionLock(), [0], threading.Event()
 
     def move() -> None:
         while not ended.is_set():

@@ -15,13 +15,13 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
-from tjscan.robot.rest import LIMIT, PAUSE, STILL, WINDOW, await_rest, check_still
+from tjscan.robot.rest import LIMIT, PAUSE, STILL_TOLERANCE, WINDOW, await_rest, check_still
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5
 """Radians: encoders at rest."""
 
-CREEP = 2 * STILL / WINDOW
+CREEP = 2 * STILL_TOLERANCE / WINDOW
 """rad/s: slower than this is not told from rest for sure."""
 
 

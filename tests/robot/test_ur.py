@@ -39,7 +39,7 @@ from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.loopback.server import RTDE_PORT
 from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -264,7 +264,7 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: Loopbac
 def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
         loopback.order(order)
-        with Dashboard(loopback.host) as dashboard:
+        with DashboardClient(loopback.host) as dashboard:
             dashboard.stop()
 
 

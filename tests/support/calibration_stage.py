@@ -10,16 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import LineSample
 from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through
 from tjscan.calibration.targets import PlaneTarget, fit_plane
-from tjscan.calibration.window import Window
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile
 
 MM = 1e-3
 NOISE = NoiseModel()
-WINDOW = Window(near=0.190, far=0.290, apex_z=-0.028, half_angle=0.188, columns=640)
+WINDOW = MeasuringRange(near=0.190, far=0.290, apex_z=-0.028, half_angle=0.188, columns=640)
 CENTRE = np.array((0.8, 0.1, 0.05))
 PLANE = plane_through(CENTRE, (0.05, 0.02, 1.0))
 AXES = PlaneTarget.unknown(PLANE, CENTRE).axes_b

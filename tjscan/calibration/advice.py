@@ -12,27 +12,27 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.design import (
-    Reachable,
-    Uncertainty,
-    choose,
-    expected,
-    expected_lines,
-    known_before,
+    HandEyeUncertainty,
+    ReachabilityCheck,
+    choose_most_informative,
+    predict_lines,
+    predict_uncertainty,
+    prior_information,
 )
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import PlaneTarget
-from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, readonly_copy, unit_vector
 
-MARGIN: Final = 5e-3
+EDGE_MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
-SHORTEST: Final = 0.04
+MIN_LINE_LENGTH: Final = 0.04
 """Metres; a planned line is at least this long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Board:
+class BoardRectangle:
     """The rectangle of the plane on which lines may lie, frame b.
 
     Parameters
@@ -54,7 +54,7 @@ class Board:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
-    def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> Board:
+    def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> BoardRectangle:
         """The smallest rectangle along the plane's axes that holds all touched points.
 
         Parameters
@@ -88,7 +88,7 @@ class Board:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseGrid:
+class CandidatePoseGrid:
     """The poses of the sensor over the board among which to choose. Angles in radians.
 
     Parameters
@@ -114,7 +114,7 @@ class PoseGrid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Suggestion:
+class SuggestedPose:
     """The pose to take the next line from, and what it would bring.
 
     Parameters
@@ -126,8 +126,8 @@ class Suggestion:
     """
 
     T_b_f: Array
-    before: Uncertainty
-    after: Uncertainty
+    before: HandEyeUncertainty
+    after: HandEyeUncertainty
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
@@ -136,9 +136,9 @@ class Suggestion:
 def candidate_poses(
     T_f_s: Array,
     target: PlaneTarget,
-    board: Board,
-    window: Window,
-    grid: PoseGrid,
+    board: BoardRectangle,
+    window: MeasuringRange,
+    grid: CandidatePoseGrid,
     x_b: ArrayLike | None = None,
 ) -> Array:
     """Flange poses, shape (n, 4, 4), whose whole laser line should fall on the board.
@@ -178,12 +178,12 @@ def candidate_poses(
     T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
     T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
     T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(T_f_s)
-    seen = expected_lines(T_b_f, T_f_s, target, window, NoiseModel())
-    good = (seen.span >= SHORTEST) & board.holds(seen.ends_b, MARGIN).all(axis=1)
+    seen = predict_lines(T_b_f, T_f_s, target, window, NoiseModel())
+    good = (seen.span >= MIN_LINE_LENGTH) & board.holds(seen.ends_b, EDGE_MARGIN).all(axis=1)
     return np.asarray(T_b_f[good])
 
 
-def _tilt_axes(grid: PoseGrid, x: Array, y: Array) -> list[tuple[float, Array]]:
+def _tilt_axes(grid: CandidatePoseGrid, x: Array, y: Array) -> list[tuple[float, Array]]:
     """Tilts and the axes in the board to tilt about; no tilt counts once."""
     azimuths = np.arange(grid.azimuths) * 2 * np.pi / grid.azimuths
     axes = [np.cos(a) * x + np.sin(a) * y for a in azimuths]
@@ -195,11 +195,11 @@ def suggest_pose(
     taken: Sequence[Array],
     T_f_s: Array,
     target: PlaneTarget,
-    window: Window,
+    window: MeasuringRange,
     noise: NoiseModel,
     *,
-    reachable: Reachable | None = None,
-) -> Suggestion:
+    reachable: ReachabilityCheck | None = None,
+) -> SuggestedPose:
     """The candidate whose line shrinks the uncertainty most, given the lines taken already.
 
     Parameters
@@ -229,21 +229,21 @@ def suggest_pose(
     so_far = np.reshape(np.array(taken, dtype=float), (-1, 4, 4))
     chosen = None
     if len(poses):
-        known = known_before(target)
+        known = prior_information(target)
         if len(so_far):
-            known = known + expected_lines(so_far, T_f_s, target, window, noise).information.sum(
+            known = known + predict_lines(so_far, T_f_s, target, window, noise).information.sum(
                 axis=0
             )
-        seen = expected_lines(poses, T_f_s, target, window, noise)
-        chosen = choose(poses, seen.information, known, reachable)
+        seen = predict_lines(poses, T_f_s, target, window, noise)
+        chosen = choose_most_informative(poses, seen.information, known, reachable)
     if chosen is None:
         raise CalibrationRefused(
             "no pose to suggest",
             f"none of {len(poses)} candidates sees the plane within reach; offer others",
         )
     best = poses[chosen]
-    return Suggestion(
+    return SuggestedPose(
         best,
-        expected(so_far, T_f_s, target, window, noise),
-        expected(np.concatenate((so_far, best[None])), T_f_s, target, window, noise),
+        predict_uncertainty(so_far, T_f_s, target, window, noise),
+        predict_uncertainty(np.concatenate((so_far, best[None])), T_f_s, target, window, noise),
     )

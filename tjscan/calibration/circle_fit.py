@@ -10,28 +10,28 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tjscan.calibration.consensus import (
-    ROUGHEST,
-    SCORED,
-    TRIM,
-    Mask,
-    best,
-    draws,
-    evenly,
-    settle,
+    MAX_SCATTER_RATIO,
+    OUTLIER_SIGMAS,
+    SCORED_POINTS,
+    InlierMask,
+    best_hypothesis,
+    evenly_spaced_indices,
+    refit_and_trim,
+    sample_index_sets,
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
 
-FEWEST: Final = 20
+MIN_POINTS: Final = 20
 """An arc has at least so many points."""
-SHARE: Final = 0.15
+MIN_INLIER_SHARE: Final = 0.15
 """At least this share of a profile's points lies on the arc: a ball fills less of it than a
 board does."""
-NARROWEST: Final = float(np.radians(30.0))
+MIN_ARC_ANGLE: Final = float(np.radians(30.0))
 """Radians; on a shorter arc radius and centre hardly come apart."""
-LARGEST: Final = 1.0
+MAX_RADIUS: Final = 1.0
 """Metres; a larger circle is a straight line."""
 
 
@@ -70,7 +70,7 @@ class ArcFit:
         return int(self.inlier.sum())
 
 
-def fit_circle(profile: Profile, noise: NoiseModel, largest: float = LARGEST) -> ArcFit:
+def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS) -> ArcFit:
     """Fit the circle that most points of a profile lie on.
 
     Parameters
@@ -89,29 +89,32 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = LARGEST) ->
     """
     valid = profile.valid
     points = np.column_stack((profile.x_s[valid], profile.z_s[valid]))
-    if len(points) < FEWEST:
+    if len(points) < MIN_POINTS:
         raise CalibrationRefused(
             "no arc seen",
-            f"the profile holds {len(points)} points, an arc needs {FEWEST}; bring the ball "
+            f"the profile holds {len(points)} points, an arc needs {MIN_POINTS}; bring the ball "
             "into the sensor's range",
         )
     inlier = _start(points, noise.range, largest)
-    if inlier.sum() >= FEWEST:
-        inlier = settle(lambda m: _distances(points, _algebraic(points[m])), inlier, noise.range)
-    if inlier.sum() < max(FEWEST, SHARE * len(points)):
+    if inlier.sum() >= MIN_POINTS:
+        inlier = refit_and_trim(
+            lambda m: _distances(points, _algebraic(points[m])), inlier, noise.range
+        )
+    if inlier.sum() < max(MIN_POINTS, MIN_INLIER_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
             f"only {inlier.sum()} of {len(points)} points lie on one circle within "
-            f"{1e3 * TRIM * ROUGHEST * noise.range:.2f} mm; let the line cross the ball nearer to "
+            f"{1e3 * OUTLIER_SIGMAS * MAX_SCATTER_RATIO * noise.range:.2f} mm; "
+            "let the line cross the ball nearer to "
             "its middle",
         )
     return _describe(points, inlier, valid, noise, largest)
 
 
-def _start(points: Array, sigma: float, largest: float) -> Mask:
+def _start(points: Array, sigma: float, largest: float) -> InlierMask:
     """Points close to the circle through three of them that most of them are close to."""
-    tolerance = 2 * TRIM * sigma
-    triple = points[draws(len(points), 3)]
+    tolerance = 2 * OUTLIER_SIGMAS * sigma
+    triple = points[sample_index_sets(len(points), 3)]
     # Circumcentre: both chords from the first point are bisected.
     chord = triple[:, 1:] - triple[:, :1]
     half = 0.5 * np.einsum("kij,kij->ki", chord, chord)
@@ -124,9 +127,9 @@ def _start(points: Array, sigma: float, largest: float) -> Mask:
     if not round_enough.any():
         return np.zeros(len(points), dtype=bool)
     circles = np.column_stack((triple[:, 0] + np.column_stack((x, z)), radius))[round_enough]
-    few = points[evenly(len(points), SCORED)]
+    few = points[evenly_spaced_indices(len(points), SCORED_POINTS)]
     away = np.linalg.norm(few[None] - circles[:, None, :2], axis=2) - circles[:, 2:]
-    return np.abs(_distances(points, circles[best(away, tolerance)])) < tolerance
+    return np.abs(_distances(points, circles[best_hypothesis(away, tolerance)])) < tolerance
 
 
 def _distances(points: Array, circle: Array) -> Array:
@@ -144,7 +147,7 @@ def _algebraic(points: Array) -> Array:
 
 
 def _describe(
-    points: Array, inlier: Mask, valid: Mask, noise: NoiseModel, largest: float
+    points: Array, inlier: InlierMask, valid: InlierMask, noise: NoiseModel, largest: float
 ) -> ArcFit:
     kept = points[inlier]
 
@@ -159,12 +162,12 @@ def _describe(
     circle = found.x
     towards = (kept - circle[:2]) @ -np.array((0.0, 1.0))
     angle = np.arctan2(kept[:, 0] - circle[0], towards)  # zero on the sensor's side
-    if circle[2] > largest or np.ptp(angle) < NARROWEST:
+    if circle[2] > largest or np.ptp(angle) < MIN_ARC_ANGLE:
         raise CalibrationRefused(
             "no arc seen",
             f"the arc spans {np.degrees(np.ptp(angle)):.0f}° of a circle of "
             f"{1e3 * circle[2]:.1f} mm, too little to fix its centre; "
-            f"{np.degrees(NARROWEST):.0f}° are needed",
+            f"{np.degrees(MIN_ARC_ANGLE):.0f}° are needed",
         )
     J = jacobian(circle)
     scatter = float(np.sqrt(found.fun @ found.fun / (len(kept) - 3)))

@@ -8,10 +8,16 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.plucker import Line, Plane, incidence, line_through, transform_line
+from tjscan.calibration.plucker import (
+    PluckerLine,
+    PluckerPlane,
+    incidence_residuals,
+    line_through,
+    transform_line,
+)
 from tjscan.core.frames import Array, pose, readonly_copy, skew_matrix
 
-DECISIVE: Final = 0.3
+SIGN_RESIDUAL_RATIO: Final = 0.3
 """One sign's residual below this share of the other's decides between them."""
 
 
@@ -39,12 +45,12 @@ class LineBundle:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
-    def line_s(self) -> Line:
+    def line_s(self) -> PluckerLine:
         """All lines in frame s."""
         return line_through(self.points_s, self.directions_s)
 
 
-def bundle(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
+def stack_lines(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
     """Stack poses and lines.
 
     Parameters
@@ -63,7 +69,7 @@ def bundle(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosedForm:
+class ClosedFormSolution:
     """What the closed form finds.
 
     Parameters
@@ -90,7 +96,7 @@ class _Solution:
     residual: float
 
 
-def rotation_matrix_A(lines: LineBundle, u_b: Array) -> Array:
+def rotation_equations(lines: LineBundle, u_b: Array) -> Array:
     """A of eq. (21), shape (..., n, 6).
 
     Parameters
@@ -105,7 +111,7 @@ def rotation_matrix_A(lines: LineBundle, u_b: Array) -> Array:
     return np.concatenate((u_f * a[:, 0:1], u_f * a[:, 2:3]), axis=-1)
 
 
-def rotations(A: Array) -> tuple[Array, Array]:
+def rotation_candidates(A: Array) -> tuple[Array, Array]:
     """Both rotations R_f_s that the null vector of A allows, and A's singular values.
 
     Parameters
@@ -133,7 +139,7 @@ def rotations(A: Array) -> tuple[Array, Array]:
     return U @ Wt, singular
 
 
-def translation(lines: LineBundle, plane: Plane, R_f_s: Array) -> tuple[Array, float]:
+def sensor_position(lines: LineBundle, plane: PluckerPlane, R_f_s: Array) -> tuple[Array, float]:
     """Position of the sensor on the flange by eq. (22)-(25).
 
     Parameters
@@ -157,13 +163,13 @@ def translation(lines: LineBundle, plane: Plane, R_f_s: Array) -> tuple[Array, f
     T_b_f[:, :3, :3], T_b_f[:, :3, 3] = lines.R_b_f, lines.p_b_f
     line_b = transform_line(T_b_f, line_f)  # (18)
     A_p = (skew_matrix(plane.u) @ lines.R_b_f @ skew_matrix(line_f.a)).reshape(-1, 3)  # (24)
-    b = incidence(line_b, plane)[:, 1:].ravel()  # (25): what (17) leaves without p_f_s
+    b = incidence_residuals(line_b, plane)[:, 1:].ravel()  # (25): what (17) leaves without p_f_s
     p = np.asarray(np.linalg.lstsq(A_p, b, rcond=None)[0], dtype=float)
     # Three rows per line, of which one says something: the RMS is per line.
     return p, float(np.linalg.norm(A_p @ p - b) / np.sqrt(len(line_f.a)))
 
 
-def solve_closed_form(lines: LineBundle, plane: Plane) -> ClosedForm:
+def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolution:
     """Hand-eye transform from at least five lines on a known plane, eq. (20)-(25).
 
     Parameters
@@ -182,15 +188,15 @@ def solve_closed_form(lines: LineBundle, plane: Plane) -> ClosedForm:
     """
     if len(lines.points_s) < 5:
         raise ValueError("the closed form needs at least five lines")
-    both, singular = rotations(rotation_matrix_A(lines, plane.u))
-    found = [_Solution(R, *translation(lines, plane, R)) for R in both]
+    both, singular = rotation_candidates(rotation_equations(lines, plane.u))
+    found = [_Solution(R, *sensor_position(lines, plane, R)) for R in both]
     best, other = sorted(found, key=lambda solution: solution.residual)
-    if best.residual > DECISIVE * other.residual:
-        best = max(found, key=lambda solution: in_front(lines, plane, solution.p_f_s))
-    return ClosedForm(pose(best.R_f_s, best.p_f_s), singular, best.residual)
+    if best.residual > SIGN_RESIDUAL_RATIO * other.residual:
+        best = max(found, key=lambda solution: share_on_same_side(lines, plane, solution.p_f_s))
+    return ClosedFormSolution(pose(best.R_f_s, best.p_f_s), singular, best.residual)
 
 
-def in_front(lines: LineBundle, plane: Plane, p_f_s: Array) -> float:
+def share_on_same_side(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> float:
     """Share of the lines for which sensor and flange stand on the same side of the plane.
 
     Parameters

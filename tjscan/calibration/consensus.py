@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.core.robust import mad_sigma
 
-SCORED: Final = 96
+SCORED_POINTS: Final = 96
 """Points at which a hypothesis is scored: enough to rank, few enough to be quick."""
-ANCHORS: Final = 14
+ANCHOR_POINTS: Final = 14
 """Points from which hypotheses are drawn, evenly spaced; spatter and edges hold only some."""
-TRIM: Final = 3.5
+OUTLIER_SIGMAS: Final = 3.5
 """A point farther from the curve than so many standard deviations does not belong to it."""
-ROUGHEST: Final = 4.0
+MAX_SCATTER_RATIO: Final = 4.0
 """A curve may be so many times rougher than stated before its points count as outliers."""
 
-Mask = NDArray[np.bool_]
+InlierMask = NDArray[np.bool_]
 
 
-def evenly(count: int, wanted: int) -> NDArray[np.intp]:
+def evenly_spaced_indices(count: int, wanted: int) -> NDArray[np.intp]:
     """At most `wanted` indices spread over ``range(count)``.
 
     Parameters
@@ -37,7 +37,7 @@ def evenly(count: int, wanted: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, wanted)).astype(np.intp))
 
 
-def draws(count: int, size: int) -> NDArray[np.intp]:
+def sample_index_sets(count: int, size: int) -> NDArray[np.intp]:
     """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time.
 
     Parameters
@@ -47,11 +47,11 @@ def draws(count: int, size: int) -> NDArray[np.intp]:
     size : int
         Points in each set.
     """
-    anchors = evenly(count, ANCHORS)
+    anchors = evenly_spaced_indices(count, ANCHOR_POINTS)
     return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
-def best(distances: Array, tolerance: float) -> int:
+def best_hypothesis(distances: Array, tolerance: float) -> int:
     """Index of the hypothesis that most points lie close to.
 
     Distances count squared and, beyond the tolerance, all the same (MSAC, Torr and Zisserman
@@ -68,8 +68,8 @@ def best(distances: Array, tolerance: float) -> int:
     return int(np.argmin(cost))
 
 
-def scale(residuals: Array, stated: float) -> float:
-    """Standard deviation of the points near the curve, between `stated` and `ROUGHEST` times it.
+def inlier_scatter(residuals: Array, stated: float) -> float:
+    """Standard deviation of points near the curve, from `stated` to `MAX_SCATTER_RATIO` times it.
 
     Parameters
     ----------
@@ -78,12 +78,14 @@ def scale(residuals: Array, stated: float) -> float:
     stated : float
         Standard deviation that the noise model states, metres.
     """
-    near = np.abs(residuals)[np.abs(residuals) < TRIM * ROUGHEST * stated]
+    near = np.abs(residuals)[np.abs(residuals) < OUTLIER_SIGMAS * MAX_SCATTER_RATIO * stated]
     spread = mad_sigma(near) if near.size else stated
-    return min(max(spread, stated), ROUGHEST * stated)
+    return min(max(spread, stated), MAX_SCATTER_RATIO * stated)
 
 
-def settle(residuals_of: Callable[[Mask], Array], inlier: Mask, stated: float) -> Mask:
+def refit_and_trim(
+    residuals_of: Callable[[InlierMask], Array], inlier: InlierMask, stated: float
+) -> InlierMask:
     """Refit and trim until the points that belong to the curve no longer change.
 
     Parameters
@@ -97,7 +99,7 @@ def settle(residuals_of: Callable[[Mask], Array], inlier: Mask, stated: float) -
     """
     for _ in range(8):
         residuals = residuals_of(inlier)
-        kept = np.abs(residuals) < TRIM * scale(residuals, stated)
+        kept = np.abs(residuals) < OUTLIER_SIGMAS * inlier_scatter(residuals, stated)
         if (kept == inlier).all() or kept.sum() < 3:
             break
         inlier = kept

@@ -9,24 +9,24 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.closed_form import LineBundle
+from tjscan.calibration.measuring_range import MeasuringRange, lines_on_plane
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
-from tjscan.calibration.refine import inverse_information
+from tjscan.calibration.refine import covariance_from_information
 from tjscan.calibration.targets import PlaneTarget
-from tjscan.calibration.window import Window, see_plane
 from tjscan.core.frames import Array, readonly_copy
 
-Reachable = Callable[[Array], bool]
+ReachabilityCheck = Callable[[Array], bool]
 """Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
 
-MOUNT_POSITION: Final = 0.05
-MOUNT_ROTATION: Final = float(np.radians(10.0))
+PRIOR_SIGMA_POSITION: Final = 0.05
+PRIOR_SIGMA_ROTATION: Final = float(np.radians(10.0))
 """How well the sensor's place is known before any line: metres and radians, as for a drawing of
 the bracket. An assumption; it only keeps the first choices finite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
+class HandEyeUncertainty:
     """How far T_f_s is expected to be off.
 
     Parameters
@@ -52,7 +52,7 @@ class Uncertainty:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExpectedLines:
+class PredictedLines:
     """Lines expected from n poses, and their information, before they are taken.
 
     Parameters
@@ -71,9 +71,9 @@ class ExpectedLines:
     span: Array
 
 
-def expected_lines(
-    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
-) -> ExpectedLines:
+def predict_lines(
+    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
+) -> PredictedLines:
     """Lines that a sensor is expected to take of a plane.
 
     Parameters
@@ -92,7 +92,7 @@ def expected_lines(
     T_b_s = T_b_f @ T_f_s
     u_s = target.plane.u @ T_b_s[:, :3, :3]
     u0_s = T_b_s[:, :3, 3] @ target.plane.u + target.plane.u0
-    seen = see_plane(window, u_s, u0_s)
+    seen = lines_on_plane(window, u_s, u0_s)
     there = seen.span > 0
     ends_s = np.where(there[:, None, None], seen.ends_s, np.array(((-1.0, 0, 0), (1.0, 0, 0))))
     along = ends_s[:, 1] - ends_s[:, 0]
@@ -106,14 +106,14 @@ def expected_lines(
     J = np.concatenate((found.by_pose, found.by_target), axis=2)
     information = J.transpose(0, 2, 1) @ np.linalg.solve(found.covariance, J)
     ends_b = np.einsum("nij,nkj->nki", T_b_s[:, :3, :3], seen.ends_s) + T_b_s[:, None, :3, 3]
-    return ExpectedLines(np.where(there[:, None, None], information, 0.0), ends_b, seen.span)
+    return PredictedLines(np.where(there[:, None, None], information, 0.0), ends_b, seen.span)
 
 
-def known_before(target: PlaneTarget) -> Array:
+def prior_information(target: PlaneTarget) -> Array:
     """Information before any line, shape (9, 9): the mount roughly, the plane as touched."""
     information = np.zeros((9, 9))
-    information[:3, :3] = np.eye(3) / MOUNT_POSITION**2
-    information[3:6, 3:6] = np.eye(3) / MOUNT_ROTATION**2
+    information[:3, :3] = np.eye(3) / PRIOR_SIGMA_POSITION**2
+    information[3:6, 3:6] = np.eye(3) / PRIOR_SIGMA_ROTATION**2
     information[6:, 6:] = target.information
     if not target.known:
         # Unknown, yet no determinant may vanish: half a turn and a metre.
@@ -121,9 +121,9 @@ def known_before(target: PlaneTarget) -> Array:
     return information
 
 
-def expected(
-    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: Window, noise: NoiseModel
-) -> Uncertainty:
+def predict_uncertainty(
+    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
+) -> HandEyeUncertainty:
     """How far a calibration with lines from these poses would be off.
 
     It falls with every pose, also before there are enough of them to solve; n may be zero.
@@ -141,15 +141,15 @@ def expected(
     noise : NoiseModel
         Errors of points and poses.
     """
-    information = known_before(target)
+    information = prior_information(target)
     if len(T_b_f):
-        information = information + expected_lines(
+        information = information + predict_lines(
             T_b_f, T_f_s, target, window, noise
         ).information.sum(0)
-    return Uncertainty(inverse_information(information)[:6, :6])
+    return HandEyeUncertainty(covariance_from_information(information)[:6, :6])
 
 
-def gain(before: Array, information: Array) -> Array:
+def information_gain(before: Array, information: Array) -> Array:
     """Log-determinant of what is known of T_f_s, the plane's errors allowed for, shape (n,).
 
     Parameters
@@ -164,8 +164,8 @@ def gain(before: Array, information: Array) -> Array:
     return np.asarray(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[:, 6:, 6:])[1])
 
 
-def choose(
-    candidates: Array, information: Array, before: Array, reachable: Reachable | None = None
+def choose_most_informative(
+    candidates: Array, information: Array, before: Array, reachable: ReachabilityCheck | None = None
 ) -> int | None:
     """Index of the reachable candidate with most information; None where no line is seen.
 
@@ -180,7 +180,7 @@ def choose(
     reachable : callable, optional
         Whether the arm reaches a flange pose.
     """
-    score = gain(before, information)
+    score = information_gain(before, information)
     score[np.abs(information).max(axis=(1, 2)) == 0] = -np.inf
     for k in np.argsort(-score):
         if not np.isfinite(score[k]):

@@ -20,7 +20,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
-    from tjscan.calibration.hand_eye import HandEye, Residual
+    from tjscan.calibration.hand_eye import HandEyeCalibration, SampleResidual
     from tjscan.calibration.verify import Verification
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -28,15 +28,15 @@ Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=F
 _HALVES: Final = (slice(0, 3), slice(3, 6))
 """Translation and rotation in a covariance."""
 
-LEAST_REACH_MM: Final = 5.0
+MIN_SENSOR_OFFSET_MM: Final = 5.0
 """A sensor's origin is further than this from the middle of the flange it is bolted to."""
 
-IN_FILE: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
+FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 """From metres and radians to the file's millimetres and degrees."""
 
 
-class ResidualTable(FileModel):
-    """One line; see `tjscan.calibration.hand_eye.Residual`."""
+class ResidualEntry(FileModel):
+    """One line; see `tjscan.calibration.hand_eye.SampleResidual`."""
 
     name: str
     used: bool
@@ -47,7 +47,7 @@ class ResidualTable(FileModel):
     turn_deg: float
 
 
-class VerificationTable(FileModel):
+class VerificationEntry(FileModel):
     """A fresh line; see `tjscan.calibration.verify.Verification`."""
 
     offset_mm: float
@@ -76,8 +76,8 @@ class CalibrationFile(FileModel):
     condition: float = Field(gt=0)
     excess: float = Field(ge=1)
     noise: NoiseModel
-    verification: VerificationTable | None = None
-    residuals: Annotated[tuple[ResidualTable, ...], Field(strict=False)]
+    verification: VerificationEntry | None = None
+    residuals: Annotated[tuple[ResidualEntry, ...], Field(strict=False)]
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> CalibrationFile:
@@ -88,7 +88,7 @@ class CalibrationFile(FileModel):
         stated = (self.sigma_position_mm, self.sigma_rotation_deg)
         if not np.allclose(sigmas, stated, rtol=0.02):
             raise ValueError("its sigmas do not follow from its covariance: it was edited")
-        if not max(abs(v) for row in self.T_f_s_mm[:3] for v in row[3:]) >= LEAST_REACH_MM:
+        if not max(abs(v) for row in self.T_f_s_mm[:3] for v in row[3:]) >= MIN_SENSOR_OFFSET_MM:
             raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
         return self
 
@@ -100,11 +100,11 @@ class CalibrationFile(FileModel):
     @property
     def covariance_si(self) -> Array:
         """Of translation and small rotation in the axes of f, shape (6, 6), metres and radians."""
-        return np.array(self.covariance) / np.outer(IN_FILE, IN_FILE)
+        return np.array(self.covariance) / np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)
 
 
 @dataclass(frozen=True, slots=True)
-class Calibrated:
+class SavedCalibration:
     """A calibration, and where it was written.
 
     Parameters
@@ -122,8 +122,8 @@ class Calibrated:
     caveats: tuple[str, ...]
 
 
-def to_file(
-    result: HandEye,
+def to_calibration_file(
+    result: HandEyeCalibration,
     noise: NoiseModel,
     *,
     arm: str,
@@ -135,7 +135,7 @@ def to_file(
 
     Parameters
     ----------
-    result : HandEye
+    result : HandEyeCalibration
         What was found.
     noise : NoiseModel
         The noise it was found under.
@@ -154,7 +154,7 @@ def to_file(
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
         "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
-        "covariance": (result.covariance * np.outer(IN_FILE, IN_FILE)).tolist(),
+        "covariance": (result.covariance * np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)).tolist(),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
@@ -166,8 +166,8 @@ def to_file(
     return validate_table(CalibrationFile, data)
 
 
-def _residual(residual: Residual) -> ResidualTable:
-    return ResidualTable(
+def _residual(residual: SampleResidual) -> ResidualEntry:
+    return ResidualEntry(
         name=residual.name,
         used=residual.used,
         offset_mm=1e3 * residual.offset,
@@ -178,8 +178,8 @@ def _residual(residual: Residual) -> ResidualTable:
     )
 
 
-def _verification(found: Verification) -> VerificationTable:
-    return VerificationTable(
+def _verification(found: Verification) -> VerificationEntry:
+    return VerificationEntry(
         offset_mm=1e3 * found.offset,
         sigma_offset_mm=1e3 * found.sigma_offset,
         tilt_deg=float(np.degrees(found.tilt)),

@@ -10,46 +10,50 @@ import numpy as np
 
 from tjscan.calibration.circle_fit import ArcFit
 from tjscan.calibration.closed_form import (
-    ClosedForm,
-    bundle,
-    in_front,
-    rotation_matrix_A,
+    ClosedFormSolution,
+    rotation_equations,
+    share_on_same_side,
     solve_closed_form,
+    stack_lines,
 )
-from tjscan.calibration.design import Uncertainty
+from tjscan.calibration.design import HandEyeUncertainty
 from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.motion import (
-    WORST_CONDITION,
+    MAX_CONDITION,
     check_condition,
     check_motion,
     check_tilts_vary,
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
-from tjscan.calibration.plucker import Plane
-from tjscan.calibration.refine import Estimate, deletions, refine
-from tjscan.calibration.snooping import agrees, drop_bad
-from tjscan.calibration.sphere_model import SphereModel
-from tjscan.calibration.starts import plane_starts, sphere_starts, sphere_target
-from tjscan.calibration.targets import PlaneTarget, SphereTarget
+from tjscan.calibration.plucker import PluckerPlane
+from tjscan.calibration.refine import RefinedEstimate, leave_one_out, refine
+from tjscan.calibration.snooping import chi2_is_plausible, reject_outlying_profiles
+from tjscan.calibration.sphere_model import BallModel
+from tjscan.calibration.starts import (
+    ball_calibration_starts,
+    ball_start_parameters,
+    unknown_plane_starts,
+)
+from tjscan.calibration.targets import BallTarget, PlaneTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy, transform_points
 
-FEWEST: Final = 5
+MIN_LINES: Final = 5
 """Eq. (20) needs five lines in general position."""
-WORST_SCATTER: Final = 3.0
+MAX_SIGMA_SCALE: Final = 3.0
 """Residuals so many times larger than stated are not what the noise model describes. Smaller
 excess, where it is significant, widens the covariance."""
-WORST_SELECTED: Final = 2.0
+MAX_SIGMA_SCALE_AFTER_REJECTION: Final = 2.0
 """The same limit where profiles were left out: without the worst ones the others look better than
 they are, and which ones are bad is itself in doubt."""
-LOOSEST_POSITION: Final = 5e-3
-LOOSEST_ROTATION: Final = float(np.radians(1.0))
+MAX_SIGMA_POSITION: Final = 5e-3
+MAX_SIGMA_ROTATION: Final = float(np.radians(1.0))
 """Metres and radians RMS; a drawing of the bracket is better than a calibration less certain."""
-FINE_POSITION: Final = 0.5e-3
-FINE_ROTATION: Final = float(np.radians(0.1))
+TARGET_SIGMA_POSITION: Final = 0.5e-3
+TARGET_SIGMA_ROTATION: Final = float(np.radians(0.1))
 """Metres and radians RMS; what a weld groove is to be measured to."""
-STARTS: Final = 12
+REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
 
 
@@ -88,7 +92,7 @@ class ArcSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Residual:
+class SampleResidual:
     """What one line says against the result, and what it did to it.
 
     Parameters
@@ -121,7 +125,7 @@ class Residual:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HandEye:
+class HandEyeCalibration:
     """A calibration that can be trusted.
 
     Parameters
@@ -156,7 +160,7 @@ class HandEye:
     T_f_s: Array
     joint_covariance: Array
     method: str
-    residuals: tuple[Residual, ...]
+    residuals: tuple[SampleResidual, ...]
     condition: float
     chi2: float
     dof: int
@@ -164,7 +168,7 @@ class HandEye:
     board: PlaneTarget | None = None
     centre_b: Array | None = None
     radius: float | None = None
-    closed_form: ClosedForm | None = None
+    closed_form: ClosedFormSolution | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
@@ -176,9 +180,9 @@ class HandEye:
         return self.joint_covariance[:6, :6]
 
     @property
-    def uncertainty(self) -> Uncertainty:
+    def uncertainty(self) -> HandEyeUncertainty:
         """How far T_f_s is expected to be off."""
-        return Uncertainty(self.covariance)
+        return HandEyeUncertainty(self.covariance)
 
     @property
     def bad(self) -> tuple[str, ...]:
@@ -197,7 +201,7 @@ class HandEye:
                 "has been widened by as much"
             )
         sure = self.uncertainty
-        if sure.position > FINE_POSITION or sure.rotation > FINE_ROTATION:
+        if sure.position > TARGET_SIGMA_POSITION or sure.rotation > TARGET_SIGMA_ROTATION:
             said.append(
                 f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
                 f"{np.degrees(sure.rotation):.2f}° only; add lines that are tilted further"
@@ -205,13 +209,13 @@ class HandEye:
         return tuple(said)
 
 
-def calibrate(
+def calibrate_on_plane(
     samples: Sequence[LineSample],
     target: PlaneTarget | None,
     noise: NoiseModel,
     *,
     T_f_s_guess: Array | None = None,
-) -> HandEye:
+) -> HandEyeCalibration:
     """Find the sensor's place on the flange from lines on one plane.
 
     Parameters
@@ -247,16 +251,16 @@ def calibrate(
     if target is None:
         target, T_f_s = _find_plane(T_b_f, fits, noise, T_f_s_guess)
     else:
-        closed = solve_closed_form(bundle(T_b_f, fits), target.plane)
+        closed = solve_closed_form(stack_lines(T_b_f, fits), target.plane)
         T_f_s = closed.T_f_s
     model = PlaneModel.of(T_b_f, fits, target, noise)
     every = np.ones(len(fits), dtype=bool)
-    estimate = drop_bad(model, refine(model, T_f_s, np.zeros(3), every))
+    estimate = reject_outlying_profiles(model, refine(model, T_f_s, np.zeros(3), every))
 
     plane = target.boxplus(estimate.target)
     used = estimate.used
     condition = check_condition(
-        rotation_matrix_A(model.lines, plane.u)[used],
+        rotation_equations(model.lines, plane.u)[used],
         plane.u @ T_b_f[used, :3, :3],
         estimate.T_f_s[:3, :3],
         R_guess,
@@ -270,13 +274,13 @@ def calibrate(
     return _accept(samples, estimate, method, condition, board=board, closed_form=closed)
 
 
-def calibrate_on_sphere(
+def calibrate_on_ball(
     samples: Sequence[ArcSample],
-    sphere: SphereTarget,
+    sphere: BallTarget,
     noise: NoiseModel,
     *,
     T_f_s_guess: Array | None = None,
-) -> HandEye:
+) -> HandEyeCalibration:
     """Find the sensor's place on the flange from arcs on one ball that stays where it is.
 
     Parameters
@@ -293,26 +297,26 @@ def calibrate_on_sphere(
     Raises
     ------
     CalibrationRefused
-        As `calibrate` does.
+        As `calibrate_on_plane` does.
     """
     T_b_f = _poses(samples)
     check_motion(T_b_f, None, None if T_f_s_guess is None else T_f_s_guess[:3, :3])
-    model = SphereModel.of(T_b_f, [sample.fit for sample in samples], sphere, noise)
-    starts = sphere_starts(model)
+    model = BallModel.of(T_b_f, [sample.fit for sample in samples], sphere, noise)
+    starts = ball_calibration_starts(model)
     if T_f_s_guess is not None:
         centres = [
             transform_points(T @ T_f_s_guess, c)
             for T, c in zip(T_b_f, model.centres_s, strict=True)
         ]
-        starts.append((T_f_s_guess, sphere_target(model, np.mean(centres, axis=0))))
+        starts.append((T_f_s_guess, ball_start_parameters(model, np.mean(centres, axis=0))))
     every = np.ones(len(samples), dtype=bool)
     estimate = min((refine(model, *start, every) for start in starts), key=lambda e: e.chi2)
-    estimate = drop_bad(model, estimate)
+    estimate = reject_outlying_profiles(model, estimate)
     condition = _scaled_condition(estimate)
-    if condition > WORST_CONDITION:
+    if condition > MAX_CONDITION:
         raise CalibrationRefused(
             "ill-conditioned",
-            f"the condition number is {condition:.0f}, the limit {WORST_CONDITION:.0f}; see the "
+            f"the condition number is {condition:.0f}, the limit {MAX_CONDITION:.0f}; see the "
             "ball from more directions and at different heights",
         )
     known = sphere.radius is not None
@@ -323,10 +327,10 @@ def calibrate_on_sphere(
 
 
 def _poses(samples: Sequence[LineSample] | Sequence[ArcSample]) -> Array:
-    if len(samples) < FEWEST:
+    if len(samples) < MIN_LINES:
         raise CalibrationRefused(
             "too few lines",
-            f"{len(samples)} were taken, at least {FEWEST} are needed and twelve are good; take "
+            f"{len(samples)} were taken, at least {MIN_LINES} are needed and twelve are good; take "
             "more, each with another tilt of the sensor",
         )
     return np.stack([sample.T_b_f for sample in samples])
@@ -336,32 +340,34 @@ def _find_plane(
     T_b_f: Array, fits: list[LineFit], noise: NoiseModel, guess: Array | None
 ) -> tuple[PlaneTarget, Array]:
     """Plane and sensor that fit the lines best, from many starts."""
-    lines = bundle(T_b_f, fits)
-    starts = plane_starts(lines, STARTS)
+    lines = stack_lines(T_b_f, fits)
+    starts = unknown_plane_starts(lines, REFINED_STARTS)
     if guess is not None:
         points = np.stack(
             [transform_points(T, p) for T, p in zip(T_b_f @ guess, lines.points_s, strict=True)]
         )
         centre = points.mean(axis=0)
         u = np.linalg.svd(points - centre)[2][2]
-        starts.append((guess, Plane(u, -float(u @ centre))))
+        starts.append((guess, PluckerPlane(u, -float(u @ centre))))
     every = np.ones(len(fits), dtype=bool)
     found = []
     for T_f_s, plane in starts:
         near = (T_b_f[0] @ T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
         target = PlaneTarget.unknown(plane, near)
         estimate = refine(PlaneModel.of(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every)
-        behind = in_front(lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
+        behind = (
+            share_on_same_side(lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
+        )
         found.append((behind, estimate.chi2, target, estimate))
     _, _, target, estimate = min(found, key=lambda one: one[:2])
     near = (T_b_f[0] @ estimate.T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
     plane = target.boxplus(estimate.target)
     if plane.distance(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
-        plane = Plane(-plane.u, -plane.u0)
+        plane = PluckerPlane(-plane.u, -plane.u0)
     return PlaneTarget.unknown(plane, near), estimate.T_f_s
 
 
-def _scaled_condition(estimate: Estimate) -> float:
+def _scaled_condition(estimate: RefinedEstimate) -> float:
     """Of the pose's normal equations, each parameter in units of its own certainty."""
     covariance = estimate.covariance[:6, :6]
     sigma = np.sqrt(np.diag(covariance))
@@ -371,28 +377,28 @@ def _scaled_condition(estimate: Estimate) -> float:
 
 def _accept(
     samples: Sequence[LineSample] | Sequence[ArcSample],
-    estimate: Estimate,
+    estimate: RefinedEstimate,
     method: str,
     condition: float,
     *,
     board: PlaneTarget | None = None,
     centre_b: Array | None = None,
     radius: float | None = None,
-    closed_form: ClosedForm | None = None,
-) -> HandEye:
+    closed_form: ClosedFormSolution | None = None,
+) -> HandEyeCalibration:
     """The result; refused where it is too uncertain or its residuals are too large."""
     residuals = _residuals([sample.name for sample in samples], estimate)
     sigma_scale = _sigma_scale(estimate, residuals)
     covariance = sigma_scale**2 * estimate.covariance
-    sure = Uncertainty(covariance[:6, :6])
-    if sure.position > LOOSEST_POSITION or sure.rotation > LOOSEST_ROTATION:
+    sure = HandEyeUncertainty(covariance[:6, :6])
+    if sure.position > MAX_SIGMA_POSITION or sure.rotation > MAX_SIGMA_ROTATION:
         raise CalibrationRefused(
             "too uncertain",
             f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
             f"{np.degrees(sure.rotation):.2f}° only; take more lines, tilted further, and turned "
             "about the board's normal",
         )
-    return HandEye(
+    return HandEyeCalibration(
         estimate.T_f_s,
         covariance,
         method,
@@ -408,14 +414,14 @@ def _accept(
     )
 
 
-def _residuals(names: list[str], estimate: Estimate) -> tuple[Residual, ...]:
-    deletion = deletions(estimate)
+def _residuals(names: list[str], estimate: RefinedEstimate) -> tuple[SampleResidual, ...]:
+    deletion = leave_one_out(estimate)
     r = estimate.linearised.residuals
     arcs = r.shape[1] == 3
     offset = np.hypot(r[:, 0], r[:, 1]) if arcs else r[:, 0]
     misfit = np.sqrt(deletion.chi2 / r.shape[1])
     return tuple(
-        Residual(
+        SampleResidual(
             names[i],
             bool(estimate.used[i]),
             float(offset[i]),
@@ -428,12 +434,12 @@ def _residuals(names: list[str], estimate: Estimate) -> tuple[Residual, ...]:
     )
 
 
-def _sigma_scale(estimate: Estimate, residuals: tuple[Residual, ...]) -> float:
+def _sigma_scale(estimate: RefinedEstimate, residuals: tuple[SampleResidual, ...]) -> float:
     """By how much residuals exceed the noise model: one unless that is significant."""
-    if agrees(estimate):
+    if chi2_is_plausible(estimate):
         return 1.0
     sigma_scale = float(np.sqrt(estimate.chi2 / estimate.dof))
-    if sigma_scale <= (WORST_SCATTER if estimate.used.all() else WORST_SELECTED):
+    if sigma_scale <= (MAX_SIGMA_SCALE if estimate.used.all() else MAX_SIGMA_SCALE_AFTER_REJECTION):
         return sigma_scale
     worst = sorted(residuals, key=lambda one: -one.misfit)[:3]
     shown = ", ".join(

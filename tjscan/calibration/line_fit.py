@@ -8,20 +8,29 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.calibration.consensus import ROUGHEST, SCORED, TRIM, Mask, best, draws, evenly, settle
+from tjscan.calibration.consensus import (
+    MAX_SCATTER_RATIO,
+    OUTLIER_SIGMAS,
+    SCORED_POINTS,
+    InlierMask,
+    best_hypothesis,
+    evenly_spaced_indices,
+    refit_and_trim,
+    sample_index_sets,
+)
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import Line, line_through
+from tjscan.calibration.plucker import PluckerLine, line_through
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
 
-FEWEST: Final = 20
+MIN_POINTS: Final = 20
 """A line has at least so many points."""
-SHARE: Final = 0.3
+MIN_INLIER_SHARE: Final = 0.3
 """At least this share of a profile's points lies on the line; else what the line is, is a guess."""
-SHORTEST: Final = 5e-3
+MIN_LINE_LENGTH: Final = 5e-3
 """Metres; a shorter line has no direction to speak of."""
-GRAZING: Final = 0.3
+SIDEWAYS_NOISE_SHARE: Final = 0.3
 """However steep a line is in the sensor, its points err sideways by this share of the range noise.
 
 An assumption: lateral errors of such sensors are smaller than range errors, but not zero.
@@ -69,7 +78,7 @@ class LineFit:
         return int(self.inlier.sum())
 
     @property
-    def line_s(self) -> Line:
+    def line_s(self) -> PluckerLine:
         """The line in Plücker coordinates, frame s: what eq. (18) starts from."""
         return line_through(self.point_s, self.direction_s)
 
@@ -94,36 +103,39 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
     """
     valid = profile.valid
     points = np.column_stack((profile.x_s[valid], profile.z_s[valid]))
-    if len(points) < FEWEST:
+    if len(points) < MIN_POINTS:
         raise CalibrationRefused(
             "no line seen",
-            f"the profile holds {len(points)} points, a line needs {FEWEST}; bring the board "
+            f"the profile holds {len(points)} points, a line needs {MIN_POINTS}; bring the board "
             "into the sensor's range",
         )
-    inlier = settle(lambda m: _residuals(points, m), _start(points, noise.range), noise.range)
-    if inlier.sum() < max(FEWEST, SHARE * len(points)):
+    inlier = refit_and_trim(
+        lambda m: _residuals(points, m), _start(points, noise.range), noise.range
+    )
+    if inlier.sum() < max(MIN_POINTS, MIN_INLIER_SHARE * len(points)):
         raise CalibrationRefused(
             "no line seen",
             f"only {inlier.sum()} of {len(points)} points lie on one straight line within "
-            f"{1e3 * TRIM * ROUGHEST * noise.range:.2f} mm; clear the board, or state the range "
+            f"{1e3 * OUTLIER_SIGMAS * MAX_SCATTER_RATIO * noise.range:.2f} mm; "
+            "clear the board, or state the range "
             "noise that this sensor really has",
         )
     return _describe(points, inlier, valid, noise)
 
 
-def _start(points: Array, sigma: float) -> Mask:
+def _start(points: Array, sigma: float) -> InlierMask:
     """Points close to the line through two of them that most of them are close to."""
-    tolerance = 2 * TRIM * sigma
-    pair = draws(len(points), 2)
+    tolerance = 2 * OUTLIER_SIGMAS * sigma
+    pair = sample_index_sets(len(points), 2)
     along = points[pair[:, 1]] - points[pair[:, 0]]
     length = np.hypot(along[:, 0], along[:, 1])
     length[length == 0] = np.inf
     normal = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
     offset = np.einsum("ij,ij->i", normal, points[pair[:, 0]])
-    few = points[evenly(len(points), SCORED)]
+    few = points[evenly_spaced_indices(len(points), SCORED_POINTS)]
     # A pair of coinciding points has no normal; it must not look like a perfect fit.
     distances = normal @ few.T - offset[:, None] + np.where(np.isinf(length), np.inf, 0.0)[:, None]
-    k = best(distances, tolerance)
+    k = best_hypothesis(distances, tolerance)
     return np.asarray(np.abs(points @ normal[k] - offset[k]) < tolerance)
 
 
@@ -136,28 +148,28 @@ def _axes(points: Array) -> tuple[Array, Array]:
     return centre, np.array((np.cos(angle), np.sin(angle)))
 
 
-def _residuals(points: Array, inlier: Mask) -> Array:
+def _residuals(points: Array, inlier: InlierMask) -> Array:
     centre, direction = _axes(points[inlier])
     return np.asarray((points - centre) @ np.array((-direction[1], direction[0])))
 
 
-def _describe(points: Array, inlier: Mask, valid: Mask, noise: NoiseModel) -> LineFit:
+def _describe(points: Array, inlier: InlierMask, valid: InlierMask, noise: NoiseModel) -> LineFit:
     """Offset, angle and their errors. Neighbours err alike: n points count as fewer."""
     kept = points[inlier]
     centre, direction = _axes(kept)
     along = (kept - centre) @ direction
     across = (kept - centre) @ np.array((-direction[1], direction[0]))
     span = float(np.ptp(along))
-    if span < SHORTEST:
+    if span < MIN_LINE_LENGTH:
         raise CalibrationRefused(
             "no line seen",
             f"the line is {1e3 * span:.1f} mm long; turn the sensor so that the line crosses "
-            f"more of the board, {1e3 * SHORTEST:.0f} mm at the least",
+            f"more of the board, {1e3 * MIN_LINE_LENGTH:.0f} mm at the least",
         )
     scatter = float(np.sqrt(across @ across / (len(kept) - 2)))
     # Range errors act along z; only their part square to the line moves it. A line rougher than
     # stated counts with its own roughness.
-    stated = noise.range * max(abs(direction[0]), GRAZING)
+    stated = noise.range * max(abs(direction[0]), SIDEWAYS_NOISE_SHARE)
     variance = noise.inflation * max(stated, scatter) ** 2
     columns = np.zeros(len(valid), dtype=bool)
     columns[np.flatnonzero(valid)[inlier]] = True

@@ -9,7 +9,7 @@ from tjscan.core.frames import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
+class LinearisedModel:
     """n profiles with k residuals each, seen from one guess of the sensor and the target.
 
     Parameters
@@ -30,7 +30,7 @@ class Linearised:
     covariance: Array
 
 
-class Model(Protocol):
+class TargetModel(Protocol):
     """Profiles of one target."""
 
     @property
@@ -38,7 +38,7 @@ class Model(Protocol):
         """Inverse covariance of the target's parameters about zero, shape (m, m)."""
         ...
 
-    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+    def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
         """Residuals at a guess of sensor and target, their derivatives and covariance.
 
         Parameters

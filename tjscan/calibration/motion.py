@@ -10,15 +10,15 @@ from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, unit_vector
 from tjscan.core.pose_vector import rotation_to_vector
 
-LEAST_TURN: Final = float(np.radians(2.0))
+MIN_ROTATION: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""
-LEAST_VARIETY: Final = 5e-3
+MIN_TILT_SPREAD: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
-WANTED: Final = 20
+ADVISED_TILT_DEG: Final = 20
 """Degrees to tilt by, in the advice: what brings the condition number well below its limit."""
-WORST_CONDITION: Final = 100.0
+MAX_CONDITION: Final = 100.0
 """Of eq. (21); beyond it, errors of a line grow into millimetres."""
-ARBITRARY: Final = 1e4
+ARBITRARY_CONDITION: Final = 1e4
 """Condition beyond which the rotation found is arbitrary and names no axes."""
 
 
@@ -44,15 +44,15 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
     turns = rotation_to_vector(R[0].T @ R)
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
-    if spread[0] < LEAST_TURN:
+    if spread[0] < MIN_ROTATION:
         both = "x and y axes" if R_f_s is not None else "axes that lie along the board"
         whose = "the sensor's" if R_f_s is not None else "the flange's"
         raise CalibrationRefused(
             "only translations",
-            f"the poses differ in orientation by {np.degrees(spread[0]):.1f}°; tilt by {WANTED}° "
-            f"or more, both ways, about {whose} {both}",
+            f"the poses differ in orientation by {np.degrees(spread[0]):.1f}°; tilt by "
+            f"{ADVISED_TILT_DEG}° or more, both ways, about {whose} {both}",
         )
-    if spread[1] < LEAST_TURN:
+    if spread[1] < MIN_ROTATION:
         _refuse_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)
     if u_b is not None:
         _check_normals(u_b @ R, R_f_s)
@@ -64,7 +64,7 @@ def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> N
         u_f = -R_f_s[:, 2]  # the sensor looks at the board
     turned = name_axis(axis_f, R_f_s)
     if u_f is None:
-        advice = f"turn about an axis square to it by {WANTED}° or more, both ways"
+        advice = f"turn about an axis square to it by {ADVISED_TILT_DEG}° or more, both ways"
     elif abs(axis_f @ u_f) > 0.9:
         advice = "that is about the board's normal, which shows nothing new; " + advise_tilts(
             [np.asarray(a) for a in _across(u_f, R_f_s)], R_f_s
@@ -79,7 +79,7 @@ def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> N
 def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
     """The normals seen from the flange, shape (n, 3), must lean two ways."""
     spread, axes = tilt_spread(u_f)
-    missing = [axis for axis, s in zip(axes, spread, strict=True) if s < LEAST_TURN]
+    missing = [axis for axis, s in zip(axes, spread, strict=True) if s < MIN_ROTATION]
     if missing:
         singular = np.linalg.svd(u_f, compute_uv=False) / np.sqrt(len(u_f))
         shown = ", ".join(f"{s:.4f}" for s in singular)
@@ -109,12 +109,12 @@ def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
     """
     _, singular, axes = np.linalg.svd(u_f - u_f.mean(axis=0))
     spread = singular[2] / np.sqrt(len(u_f))
-    if spread < LEAST_VARIETY:
+    if spread < MIN_TILT_SPREAD:
         raise CalibrationRefused(
             "all tilts alike",
             f"the board is unknown, and every pose is tilted alike about "
             f"{name_axis(axes[2], R_f_s)} (the cosines differ by {spread:.4f} RMS, "
-            f"{LEAST_VARIETY:g} is needed); missing: tilts of other sizes, some of them with the "
+            f"{MIN_TILT_SPREAD:g} is needed); missing: tilts of other sizes, some of them with the "
             "sensor square to the board",
         )
 
@@ -144,10 +144,10 @@ def check_condition(A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | Non
     """
     singular = np.linalg.svd(A, compute_uv=False)
     condition = float(singular[0] / max(singular[4], 1e-300))
-    if condition <= WORST_CONDITION:
+    if condition <= MAX_CONDITION:
         return condition
     # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
-    R = R_f_s_guess if R_f_s_guess is not None or condition > ARBITRARY else R_f_s
+    R = R_f_s_guess if R_f_s_guess is not None or condition > ARBITRARY_CONDITION else R_f_s
     spread, axes = tilt_spread(u_f)
     shown = " and ".join(
         f"{np.degrees(s):.1f}° about {name_axis(axis, R)}"
@@ -157,7 +157,7 @@ def check_condition(A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | Non
     weak = axes if spread[1] > 0.5 * spread[0] else axes[1:]
     raise CalibrationRefused(
         "ill-conditioned",
-        f"the condition number is {condition:.0f}, the limit {WORST_CONDITION:.0f}; the tilts have "
+        f"the condition number is {condition:.0f}, the limit {MAX_CONDITION:.0f}; the tilts have "
         f"an RMS of {shown}; {advise_tilts(list(weak), R)}",
     )
 
@@ -195,7 +195,7 @@ def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
         In the sensor's axes where its rotation is known, else in the flange's.
     """
     names = " and ".join(sorted({name_axis(axis, R_f_s) for axis in axes_f}))
-    return f"missing: tilt about {names}, by {WANTED}° or more, both ways"
+    return f"missing: tilt about {names}, by {ADVISED_TILT_DEG}° or more, both ways"
 
 
 def name_axis(axis_f: Array, R_f_s: Array | None) -> str:

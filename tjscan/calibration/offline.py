@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tjscan.calibration.hand_eye import HandEye, calibrate, calibrate_on_sphere
+from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_ball, calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import PosedProfile, arc_samples, line_samples
-from tjscan.calibration.targets import PlaneTarget, SphereTarget
+from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_line_samples
+from tjscan.calibration.targets import BallTarget, PlaneTarget
 
 
 def calibrate_profiles(
     profiles: Sequence[PosedProfile],
-    target: PlaneTarget | SphereTarget | None,
+    target: PlaneTarget | BallTarget | None,
     noise: NoiseModel,
     report: Callable[[str], None],
-) -> HandEye:
+) -> HandEyeCalibration:
     """Calibrate from recorded profiles of a board or a ball.
 
     Parameters
@@ -32,14 +32,14 @@ def calibrate_profiles(
     Raises
     ------
     CalibrationRefused
-        As `calibrate` and `calibrate_on_sphere` do.
+        As `calibrate_on_plane` and `calibrate_on_ball` do.
     """
-    if isinstance(target, SphereTarget):
-        arcs, unread = arc_samples(profiles, noise)
+    if isinstance(target, BallTarget):
+        arcs, unread = fit_arc_samples(profiles, noise)
     else:
-        lines, unread = line_samples(profiles, noise)
+        lines, unread = fit_line_samples(profiles, noise)
     for name, refusal in unread.items():
         report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
-    if isinstance(target, SphereTarget):
-        return calibrate_on_sphere(arcs, target, noise)
-    return calibrate(lines, target, noise)
+    if isinstance(target, BallTarget):
+        return calibrate_on_ball(arcs, target, noise)
+    return calibrate_on_plane(lines, target, noise)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from tjscan.calibration.session import Progress
+from tjscan.calibration.session import CalibrationProgress
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +43,12 @@ class Operator(Protocol):
         """Receive a message about what happened."""
         ...
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CalibrationProgress) -> None:
         """Show how far the calibration has come, after each line."""
         ...
 
 
-class Nobody:
+class SilentOperator:
     """Takes every question's default and receives no messages."""
 
     present = False
@@ -60,5 +60,5 @@ class Nobody:
     def report(self, message: str) -> None:
         """Let it pass."""
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CalibrationProgress) -> None:
         """Show nothing."""

@@ -7,9 +7,9 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.calibration.closed_form import LineBundle, bundle
+from tjscan.calibration.closed_form import LineBundle, stack_lines
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.model import Linearised
+from tjscan.calibration.model import LinearisedModel
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.frames import Array
@@ -56,7 +56,7 @@ class PlaneModel:
             For the arm's errors.
         """
         return cls(
-            bundle(T_b_f, fits),
+            stack_lines(T_b_f, fits),
             np.array([fit.sigma_offset for fit in fits]),
             np.array([fit.sigma_angle for fit in fits]),
             target,
@@ -68,7 +68,7 @@ class PlaneModel:
         """Inverse covariance of (tilt, tilt, height), shape (3, 3)."""
         return self.target.information
 
-    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+    def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
         """Offsets in metres and tilts in radians, k = 2, with derivatives and covariance.
 
         Parameters
@@ -97,7 +97,7 @@ class PlaneModel:
         by_target = np.zeros((len(x_b), 2, 3))
         by_target[:, 0, :2], by_target[:, 0, 2] = arm_b @ by_tilt.T, 1.0
         by_target[:, 1, :2] = a_b @ by_tilt.T
-        return Linearised(residuals, by_pose, by_target, self._covariance(R, u_f, x_b, a_b, u))
+        return LinearisedModel(residuals, by_pose, by_target, self._covariance(R, u_f, x_b, a_b, u))
 
     def _covariance(self, R: Array, u_f: Array, x_b: Array, a_b: Array, u: Array) -> Array:
         """Of offset and tilt, shape (n, 2, 2): first the line's own errors, then the arm's."""

@@ -11,7 +11,7 @@ from tjscan.core.frames import Array, readonly_copy, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class PluckerLine:
     """A line {a, m}, or many: every point p on it has ``p × a = m``.
 
     Parameters
@@ -36,7 +36,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+class PluckerPlane:
     """A plane {u, u0}: every point p on it has ``u · p + u0 = 0``.
 
     Parameters
@@ -67,7 +67,7 @@ class Plane:
         return np.asarray(np.asarray(points, dtype=float) @ self.u + self.u0)
 
 
-def line_through(point: ArrayLike, direction: ArrayLike) -> Line:
+def line_through(point: ArrayLike, direction: ArrayLike) -> PluckerLine:
     """Line through a point along a direction.
 
     Parameters
@@ -78,10 +78,10 @@ def line_through(point: ArrayLike, direction: ArrayLike) -> Line:
         In the same frame.
     """
     a = np.asarray(direction, dtype=float)
-    return Line(a, np.cross(np.asarray(point, dtype=float), a))
+    return PluckerLine(a, np.cross(np.asarray(point, dtype=float), a))
 
 
-def plane_through(point: ArrayLike, normal: ArrayLike) -> Plane:
+def plane_through(point: ArrayLike, normal: ArrayLike) -> PluckerPlane:
     """Plane through a point, square to a normal.
 
     Parameters
@@ -92,10 +92,10 @@ def plane_through(point: ArrayLike, normal: ArrayLike) -> Plane:
         In the same frame, of any length but zero.
     """
     u = np.asarray(normal, dtype=float)
-    return Plane(u, -float(u @ np.asarray(point, dtype=float)))
+    return PluckerPlane(u, -float(u @ np.asarray(point, dtype=float)))
 
 
-def screw_matrix(T_b_s: Array) -> Array:
+def line_transform_matrix(T_b_s: Array) -> Array:
     """V of eq. (19), shape (..., 6, 6), of poses, shape (..., 4, 4): maps lines of s into b."""
     R, p = T_b_s[..., :3, :3], T_b_s[..., :3, 3]
     V = np.zeros((*R.shape[:-2], 6, 6))
@@ -104,7 +104,7 @@ def screw_matrix(T_b_s: Array) -> Array:
     return V
 
 
-def transform_line(T_b_s: Array, line_s: Line) -> Line:
+def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
     """Lines of frame s in frame b, eq. (18).
 
     Parameters
@@ -114,11 +114,11 @@ def transform_line(T_b_s: Array, line_s: Line) -> Line:
     line_s : Line
         One, or one for each pose.
     """
-    screw = (screw_matrix(T_b_s) @ line_s.screw[..., None])[..., 0]
-    return Line(screw[..., :3], screw[..., 3:])
+    screw = (line_transform_matrix(T_b_s) @ line_s.screw[..., None])[..., 0]
+    return PluckerLine(screw[..., :3], screw[..., 3:])
 
 
-def transform_plane(T_b_s: Array, plane_s: Plane) -> Plane:
+def transform_plane(T_b_s: Array, plane_s: PluckerPlane) -> PluckerPlane:
     """A plane of frame s in frame b.
 
     Parameters
@@ -129,10 +129,10 @@ def transform_plane(T_b_s: Array, plane_s: Plane) -> Plane:
         In frame s.
     """
     u = T_b_s[:3, :3] @ plane_s.u
-    return Plane(u, plane_s.u0 - float(u @ T_b_s[:3, 3]))
+    return PluckerPlane(u, plane_s.u0 - float(u @ T_b_s[:3, 3]))
 
 
-def incidence(line: Line, plane: Plane) -> Array:
+def incidence_residuals(line: PluckerLine, plane: PluckerPlane) -> Array:
     """Both conditions of eq. (17), shape (..., 4); all zero where a line lies in the plane.
 
     Parameters

@@ -40,7 +40,7 @@ class PosedProfile:
 S = TypeVar("S", LineSample, ArcSample)
 
 
-def line_samples(
+def fit_line_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
     """Fit a line to every profile.
@@ -62,7 +62,7 @@ def line_samples(
     return _sort(profiles, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
 
 
-def arc_samples(
+def fit_arc_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
     """Fit an arc to every profile.

@@ -9,7 +9,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm
 
 
-class Probe(Protocol):
+class TouchProbe(Protocol):
     """Brings the tip onto the board."""
 
     @property

@@ -20,14 +20,14 @@ from tjscan.core.frames import Array, pose
 from tjscan.laser.files import GROUP_COLUMNS, METRES_PER_UNIT
 from tjscan.laser.profile import Profile
 
-ANGLES: Final = {"rad": 1.0, "deg": math.pi / 180}
+RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 """Radians in each unit of angle."""
-MOST_BYTES: Final = 10_000_000
+MAX_FILE_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
-UNNORMALISED: Final = 0.01
+QUATERNION_NORM_TOLERANCE: Final = 0.01
 """A quaternion whose length is further from one is not one."""
 
-NOTATIONS: Final[dict[str, tuple[str, ...]]] = {
+ROTATION_COLUMNS: Final[dict[str, tuple[str, ...]]] = {
     "quaternion": ("qx", "qy", "qz", "qw"),
     "rotation vector": ("rx", "ry", "rz"),
     "Euler angles": ("a", "b", "c"),
@@ -39,7 +39,7 @@ Euler angles turn about the moving z, y, x axes in turn: R = Rz(a) Ry(b) Rx(c).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedPoses:
+class FlangePoseList:
     """Flange poses in the order of their file.
 
     Parameters
@@ -54,7 +54,7 @@ class RecordedPoses:
     with_key: bool
 
 
-def read_poses(file: Path) -> RecordedPoses:
+def read_poses(file: Path) -> FlangePoseList:
     """Read flange poses in frame b.
 
     Parameters
@@ -81,7 +81,7 @@ def read_poses(file: Path) -> RecordedPoses:
             poses[key] = read(row)
         except ValueError as error:
             raise ConfigurationError(f"pose {number}: {error}", file=file) from None
-    return RecordedPoses(poses, key_at is not None)
+    return FlangePoseList(poses, key_at is not None)
 
 
 def read_points(file: Path) -> Array:
@@ -100,7 +100,9 @@ def read_points(file: Path) -> Array:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
 
 
-def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> list[PosedProfile]:
+def pair_profiles_with_poses(
+    profiles: Mapping[str, Profile], poses: FlangePoseList, file: Path
+) -> list[PosedProfile]:
     """Bring each profile together with its pose: by number, or in their order.
 
     Parameters
@@ -140,7 +142,7 @@ def pair(profiles: Mapping[str, Profile], poses: RecordedPoses, file: Path) -> l
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     """Lower-case names of the header, and rows of as many cells."""
     try:
-        check_file_size(file, MOST_BYTES, "a list of poses")
+        check_file_size(file, MAX_FILE_BYTES, "a list of poses")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
     except FileNotFoundError:
@@ -175,8 +177,9 @@ def _reader(file: Path, names: Sequence[str]) -> Callable[[Sequence[str]], Array
     position = _position(file, names)
     found = {
         notation: columns
-        for notation, axes in NOTATIONS.items()
-        if (columns := _columns(names, axes, {} if axes[0] == "qx" else ANGLES)) is not None
+        for notation, axes in ROTATION_COLUMNS.items()
+        if (columns := _columns(names, axes, {} if axes[0] == "qx" else RADIANS_PER_UNIT))
+        is not None
     }
     if len(found) != 1:
         raise ConfigurationError(
@@ -196,7 +199,7 @@ def _reader(file: Path, names: Sequence[str]) -> Callable[[Sequence[str]], Array
 
 def _rotation(notation: str, values: Array) -> Rotation:
     if notation == "quaternion":
-        if not abs(np.linalg.norm(values) - 1) < UNNORMALISED:
+        if not abs(np.linalg.norm(values) - 1) < QUATERNION_NORM_TOLERANCE:
             raise ValueError(f"its quaternion has length {np.linalg.norm(values):.3f}, not 1")
         return Rotation.from_quat(values)
     if notation == "rotation vector":

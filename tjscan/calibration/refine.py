@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tjscan.calibration.model import Linearised, Model
+from tjscan.calibration.model import LinearisedModel, TargetModel
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
-REWEIGHTINGS: Final = 4
+MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
-SETTLED: Final = 1e-3
+CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
-INDISPENSABLE: Final = 1e-6
+MIN_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class RefinedEstimate:
     """Sensor and target that fit best, and how well.
 
     Parameters
@@ -50,7 +50,7 @@ class Estimate:
     covariance: Array
     chi2: float
     dof: int
-    linearised: Linearised
+    linearised: LinearisedModel
     used: Mask
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Deletion:
+class LeaveOneOutChanges:
     """What would change if single profiles were left out, to first order.
 
     Parameters
@@ -78,7 +78,7 @@ class Deletion:
     step: Array
 
 
-def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
+def refine(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
     """Minimise the weighted sum of squares over the used profiles, from a start nearby.
 
     The weights are the inverse covariances of the residuals at the current estimate; the
@@ -97,7 +97,7 @@ def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
     """
     prior = _root(model.prior)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))
-    for _ in range(REWEIGHTINGS):
+    for _ in range(MAX_REWEIGHTINGS):
         whiten = _whitening(model.linearise(base, start[6:]).covariance[used])
 
         def residuals(theta: Array, base: Array = base, whiten: Array = whiten) -> Array:
@@ -116,24 +116,24 @@ def refine(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
         )
         moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
         base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
-        if moved < SETTLED:
+        if moved < CONVERGENCE_SIGMAS:
             break
     return _estimate(model, base, start[6:], used)
 
 
-def _estimate(model: Model, T_f_s: Array, target: Array, used: Mask) -> Estimate:
+def _estimate(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
     linearised = model.linearise(T_f_s, target)
     whiten, prior = _whitening(linearised.covariance[used]), _root(model.prior)
     J = np.concatenate((linearised.by_pose, linearised.by_target), axis=2)[used]
     J_w = _whiten_jacobian(whiten, J, prior)
     r_w = _stack(whiten, linearised.residuals[used], prior @ target)
     observed = int(used.sum()) * linearised.residuals.shape[1] + len(prior)
-    covariance = inverse_information(J_w.T @ J_w)
+    covariance = covariance_from_information(J_w.T @ J_w)
     dof = observed - J_w.shape[1]
-    return Estimate(T_f_s, target, covariance, float(r_w @ r_w), dof, linearised, used)
+    return RefinedEstimate(T_f_s, target, covariance, float(r_w @ r_w), dof, linearised, used)
 
 
-def deletions(estimate: Estimate) -> Deletion:
+def leave_one_out(estimate: RefinedEstimate) -> LeaveOneOutChanges:
     """Leave each profile out in turn, without solving again."""
     lin, used = estimate.linearised, estimate.used
     J = np.concatenate((lin.by_pose, lin.by_target), axis=2)
@@ -144,17 +144,17 @@ def deletions(estimate: Estimate) -> Deletion:
     left = lin.covariance + np.where(used, -1.0, 1.0)[:, None, None] * predicted
     whiten = _whitening(lin.covariance)
     values, vectors = np.linalg.eigh(whiten @ left @ whiten.transpose(0, 2, 1))
-    checked = values > INDISPENSABLE
+    checked = values > MIN_REDUNDANCY
     inverse_values = np.where(checked, 1.0, 0.0) / np.where(checked, values, 1.0)
     r_w = np.einsum("nij,nj->ni", whiten, lin.residuals)
     along = np.einsum("nji,nj->ni", vectors, r_w)
     chi2 = np.einsum("ni,ni->n", along**2, inverse_values)
     weight = np.einsum("nij,nj->ni", vectors, inverse_values * along)
     step = np.einsum("nji,nkj,nk->ni", JC, whiten, weight)[:, :6]
-    return Deletion(chi2, np.where(used[:, None], step, 0.0))
+    return LeaveOneOutChanges(chi2, np.where(used[:, None], step, 0.0))
 
 
-def inverse_information(information: Array) -> Array:
+def covariance_from_information(information: Array) -> Array:
     """Covariance from an information matrix of mixed units; huge where nothing is known."""
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)

@@ -9,26 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.advice import Board, PoseGrid, Suggestion, candidate_poses, suggest_pose
-from tjscan.calibration.design import Reachable, Uncertainty, expected
-from tjscan.calibration.hand_eye import HandEye, LineSample, calibrate
+from tjscan.calibration.advice import (
+    BoardRectangle,
+    CandidatePoseGrid,
+    SuggestedPose,
+    candidate_poses,
+    suggest_pose,
+)
+from tjscan.calibration.design import HandEyeUncertainty, ReachabilityCheck, predict_uncertainty
+from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
 from tjscan.calibration.logbook import MeasuredSoFar
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import line_samples
+from tjscan.calibration.posed_profile import fit_line_samples
 from tjscan.calibration.targets import PlaneTarget, fit_plane
-from tjscan.calibration.window import Window
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z, transform_points
 
-INSET: Final = 0.02
+TOUCH_EDGE_MARGIN: Final = 0.02
 """Metres that touched places keep from the board's edges: it stands only about where stated."""
-CLEARANCE: Final = 0.03
+BOARD_CLEARANCE: Final = 0.03
 """Metres that probe tip and sensor keep from the board while lines are taken."""
-APART: Final = (0.01, float(np.radians(5.0)))
+SAME_POSE_TOLERANCE: Final = (0.01, float(np.radians(5.0)))
 """Metres and radians; poses nearer to each other in both count as the same."""
-YAWS: Final = 8
+YAW_COUNT: Final = 8
 """Ways to turn the flange about the board's normal, evenly spaced."""
-CAUTIOUS: Final = PoseGrid(
+SMALL_TILT_GRID: Final = CandidatePoseGrid(
     tilts=tuple(np.radians((0.0, 15.0, 30.0))), depths=(0.5,), places=(-0.2, 0.0, 0.2)
 )
 """What to choose from until there is a first result: the mount is known only roughly, and the
@@ -36,7 +42,7 @@ line must not leave board or range."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class CalibrationPlan:
     """What is known before anything is measured.
 
     Parameters
@@ -61,7 +67,7 @@ class Task:
     half_sizes: Array
     tip_f: Array
     T_f_s: Array
-    window: Window
+    window: MeasuringRange
     noise: NoiseModel
     touches: int
     lines: int
@@ -72,7 +78,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Progress:
+class CalibrationProgress:
     """How far a calibration has come.
 
     Parameters
@@ -83,7 +89,7 @@ class Progress:
         Lines to take.
     expected : Uncertainty
         As the geometry of the poses predicts it, from the first line on.
-    result : HandEye or None
+    result : HandEyeCalibration or None
         What the lines give.
     refusal : CalibrationRefused or None
         Why they give nothing yet.
@@ -91,21 +97,21 @@ class Progress:
 
     samples: tuple[LineSample, ...]
     wanted: int
-    expected: Uncertainty
-    result: HandEye | None
+    expected: HandEyeUncertainty
+    result: HandEyeCalibration | None
     refusal: CalibrationRefused | None
 
     @property
-    def uncertainty(self) -> Uncertainty:
+    def uncertainty(self) -> HandEyeUncertainty:
         """Of the result; before there is one, as the geometry predicts it."""
         return self.expected if self.result is None else self.result.uncertainty
 
 
-def touch_places(task: Task) -> Array:
+def planned_touch_points(task: CalibrationPlan) -> Array:
     """Where to touch the board: a grid of `task.touches` points, frame b, shape (n, 3)."""
     rows = round(np.sqrt(task.touches))
     columns = -(-task.touches // rows)
-    reach = task.half_sizes - INSET
+    reach = task.half_sizes - TOUCH_EDGE_MARGIN
     grid = [
         (x, y, 0.0)
         for y in np.linspace(-reach[1], reach[1], rows)
@@ -114,7 +120,9 @@ def touch_places(task: Task) -> Array:
     return transform_points(task.T_b_board, grid[: task.touches])
 
 
-def square_poses(T_b_board: Array, tip_f: Array, place_b: Array, near: Array) -> list[Array]:
+def poses_square_to_board(
+    T_b_board: Array, tip_f: Array, place_b: Array, near: Array
+) -> list[Array]:
     """Flange poses whose z points into the board with `tip_f` on a place, nearest turn first.
 
     Parameters
@@ -127,12 +135,12 @@ def square_poses(T_b_board: Array, tip_f: Array, place_b: Array, near: Array) ->
         Flange pose to turn as little as possible from.
     """
     facing = T_b_board[:3, :3] @ rot_x(np.pi)
-    turns = [facing @ rot_z(2 * np.pi * k / YAWS) for k in range(YAWS)]
+    turns = [facing @ rot_z(2 * np.pi * k / YAW_COUNT) for k in range(YAW_COUNT)]
     turns.sort(key=lambda R: Rotation.from_matrix(near[:3, :3].T @ R).magnitude())
     return [pose(R, place_b - R @ tip_f) for R in turns]
 
 
-def ready_poses(task: Task, near: Array) -> list[Array]:
+def start_poses_over_board(task: CalibrationPlan, near: Array) -> list[Array]:
     """Flange poses with the sensor square over the board in mid range, nearest turn first.
 
     Parameters
@@ -146,12 +154,12 @@ def ready_poses(task: Task, near: Array) -> list[Array]:
     seen_f = transform_points(task.T_f_s, (0.0, 0.0, depth))
     facing_f = task.T_f_s[:3, :3]
     # The sensor's z, not the flange's, is to point into the board.
-    square = square_poses(task.T_b_board, np.zeros(3), np.zeros(3), near @ pose(facing_f))
+    square = poses_square_to_board(task.T_b_board, np.zeros(3), np.zeros(3), near @ pose(facing_f))
     R_b_f = [T[:3, :3] @ facing_f.T for T in square]
     return [pose(R, task.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
 
 
-def touched_points(task: Task, measured: MeasuredSoFar) -> dict[int, Array]:
+def touched_points(task: CalibrationPlan, measured: MeasuredSoFar) -> dict[int, Array]:
     """Positions of the tip when it touched, frame b, metres, by number of the place.
 
     Parameters
@@ -165,7 +173,9 @@ def touched_points(task: Task, measured: MeasuredSoFar) -> dict[int, Array]:
     return {k: transform_points(t.T_b_f, task.tip_f) for k, t in touches if t.T_b_f is not None}
 
 
-def touched_board(task: Task, measured: MeasuredSoFar) -> tuple[PlaneTarget, Board]:
+def fit_touched_board(
+    task: CalibrationPlan, measured: MeasuredSoFar
+) -> tuple[PlaneTarget, BoardRectangle]:
     """The plane as touched, and the rectangle of it that the touches span.
 
     Parameters
@@ -183,10 +193,10 @@ def touched_board(task: Task, measured: MeasuredSoFar) -> tuple[PlaneTarget, Boa
     points = np.array(list(touched_points(task, measured).values())).reshape(-1, 3)
     outside = task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(points, task.noise.touch, outside)
-    return target, Board.touched(points, target)
+    return target, BoardRectangle.touched(points, target)
 
 
-def worst_touch(task: Task, measured: MeasuredSoFar) -> int:
+def worst_touch(task: CalibrationPlan, measured: MeasuredSoFar) -> int:
     """Number of the place that lies farthest off the plane through all touches.
 
     Parameters
@@ -202,7 +212,9 @@ def worst_touch(task: Task, measured: MeasuredSoFar) -> int:
     return list(points)[int(np.argmax(off))]
 
 
-def progress_of(task: Task, measured: MeasuredSoFar, target: PlaneTarget) -> Progress:
+def current_progress(
+    task: CalibrationPlan, measured: MeasuredSoFar, target: PlaneTarget
+) -> CalibrationProgress:
     """Result of the lines taken so far, or why there is none yet.
 
     Parameters
@@ -214,26 +226,26 @@ def progress_of(task: Task, measured: MeasuredSoFar, target: PlaneTarget) -> Pro
     target : PlaneTarget
         The board as touched.
     """
-    samples, _ = line_samples(measured.line_profiles, task.noise)
+    samples, _ = fit_line_samples(measured.line_profiles, task.noise)
     result, refusal = None, None
     try:
-        result = calibrate(samples, target, task.noise, T_f_s_guess=task.T_f_s)
+        result = calibrate_on_plane(samples, target, task.noise, T_f_s_guess=task.T_f_s)
     except CalibrationRefused as refused:
         refusal = refused
     T_f_s = task.T_f_s if result is None else result.T_f_s
     taken = np.array([sample.T_b_f for sample in samples]).reshape(-1, 4, 4)
-    predicted = expected(taken, T_f_s, target, task.window, task.noise)
-    return Progress(tuple(samples), task.lines, predicted, result, refusal)
+    predicted = predict_uncertainty(taken, T_f_s, target, task.window, task.noise)
+    return CalibrationProgress(tuple(samples), task.lines, predicted, result, refusal)
 
 
 def next_pose(
-    task: Task,
+    task: CalibrationPlan,
     measured: MeasuredSoFar,
     target: PlaneTarget,
-    board: Board,
-    progress: Progress,
-    reachable: Reachable,
-) -> Suggestion:
+    board: BoardRectangle,
+    progress: CalibrationProgress,
+    reachable: ReachabilityCheck,
+) -> SuggestedPose:
     """The pose whose line reduces the uncertainty most; none twice, none that was passed over.
 
     Parameters
@@ -256,9 +268,9 @@ def next_pose(
     CalibrationRefused
         If no pose is left that the arm reaches and that sees the board.
     """
-    T_f_s, grid = task.T_f_s, CAUTIOUS
+    T_f_s, grid = task.T_f_s, SMALL_TILT_GRID
     if progress.result is not None:
-        T_f_s, grid = progress.result.T_f_s, PoseGrid()
+        T_f_s, grid = progress.result.T_f_s, CandidatePoseGrid()
     x_b = task.T_b_board[:3, 0]
     candidates = candidate_poses(T_f_s, target, board, task.window, grid, x_b)
     taken = [shot.T_b_f for shot in measured.line_profiles]
@@ -275,13 +287,15 @@ def _apart(candidates: Array, others: list[Array]) -> NDArray[np.bool_]:
     for T in others:
         shift = np.linalg.norm(candidates[:, :3, 3] - T[:3, 3], axis=1)
         cosine = 0.5 * (np.einsum("nij,ij->n", candidates[:, :3, :3], T[:3, :3]) - 1)
-        apart &= (shift > APART[0]) | (cosine < np.cos(APART[1]))
+        apart &= (shift > SAME_POSE_TOLERANCE[0]) | (cosine < np.cos(SAME_POSE_TOLERANCE[1]))
     return apart
 
 
-def _clear(candidates: Array, task: Task, T_f_s: Array, target: PlaneTarget) -> NDArray[np.bool_]:
+def _clear(
+    candidates: Array, task: CalibrationPlan, T_f_s: Array, target: PlaneTarget
+) -> NDArray[np.bool_]:
     """Which candidates keep flange, probe tip and sensor clear of the board."""
     points_f = np.stack((np.zeros(3), task.tip_f, T_f_s[:3, 3]))
     points_b = np.einsum("nij,kj->nki", candidates[:, :3, :3], points_f)
     heights = target.plane.distance(points_b + candidates[:, None, :3, 3])
-    return np.asarray((heights > CLEARANCE).all(axis=1))
+    return np.asarray((heights > BOARD_CLEARANCE).all(axis=1))

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.calibration.plucker import Plane
-from tjscan.calibration.session import square_poses
+from tjscan.calibration.plucker import PluckerPlane
+from tjscan.calibration.session import poses_square_to_board
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, pose
 from tjscan.robot.arm import Arm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SimulatedProbe:
+class SimulatedTouchProbe:
     """A `Probe` on a simulated arm: it stops where the tip meets the true board, or nearly.
 
     Parameters
@@ -38,7 +38,7 @@ class SimulatedProbe:
     arm: Arm
     tip_f: Array
     T_b_board: Array
-    plane: Plane
+    plane: PluckerPlane
     sigma: float
     approach: float
     rng: np.random.Generator
@@ -53,7 +53,9 @@ class SimulatedProbe:
         up = self.T_b_board[:3, 2]
         below = float(self.plane.distance(place_b)) / float(self.plane.u @ up)
         contact_b = place_b - below * up + self.sigma * self.rng.standard_normal(3)
-        for T_b_f in square_poses(self.T_b_board, self.tip_f, contact_b, self.arm.state().T_b_f):
+        for T_b_f in poses_square_to_board(
+            self.T_b_board, self.tip_f, contact_b, self.arm.state().T_b_f
+        ):
             above = pose(T_b_f[:3, :3], T_b_f[:3, 3] + self.approach * up)
             try:
                 self.arm.move_joint(above)

@@ -10,25 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from tjscan.calibration.model import Model
-from tjscan.calibration.refine import Estimate, Mask, deletions, refine
+from tjscan.calibration.model import TargetModel
+from tjscan.calibration.refine import Mask, RefinedEstimate, leave_one_out, refine
 from tjscan.core.frames import Array
 
-FALSE_ALARM: Final = 1e-3
+FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to blame any profile, or the noise model, where all are as good as stated."""
-FEWEST_LEFT: Final = 5
+MIN_PROFILES_KEPT: Final = 5
 """Profiles that are never left out."""
-MOST_BAD: Final = 1 / 3
+MAX_REJECTED_SHARE: Final = 1 / 3
 """If a larger share were bad, the others could not say which."""
-FREEDOM_LEFT: Final = 0.5
+MIN_DOF_SHARE: Final = 0.5
 """Share of the degrees of freedom that must remain: with few left, any lines agree."""
-MOST_SETS: Final = 3000
+MAX_SETS_TRIED: Final = 3000
 """Sets of one size that are tried; of larger choices, the last set and one more."""
 RIDGE: Final = 1e-6
 """Keeps sets solvable without which nothing could be found; they leave no residual anyway."""
 
 
-def drop_bad(model: Model, estimate: Estimate) -> Estimate:
+def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> RefinedEstimate:
     """Solve again without the profiles that contradict the others.
 
     Bad profiles hide one another and put the blame on good ones, so sets of them are left out
@@ -44,8 +44,8 @@ def drop_bad(model: Model, estimate: Estimate) -> Estimate:
         With all of them in use.
     """
     n, k = estimate.linearised.residuals.shape
-    price = float(chi2.isf(FALSE_ALARM / n, k))
-    if agrees(estimate) and deletions(estimate).chi2.max() <= price:
+    price = float(chi2.isf(FALSE_ALARM_PROBABILITY / n, k))
+    if chi2_is_plausible(estimate) and leave_one_out(estimate).chi2.max() <= price:
         return estimate
     best, last = estimate, estimate
     for size in range(1, _most(estimate) + 1):
@@ -56,29 +56,31 @@ def drop_bad(model: Model, estimate: Estimate) -> Estimate:
     return best
 
 
-def agrees(estimate: Estimate) -> bool:
+def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
     """Whether what is left is as small as stated errors explain."""
-    return estimate.dof <= 0 or bool(estimate.chi2 <= chi2.isf(FALSE_ALARM, estimate.dof))
+    return estimate.dof <= 0 or bool(
+        estimate.chi2 <= chi2.isf(FALSE_ALARM_PROBABILITY, estimate.dof)
+    )
 
 
-def _cost(estimate: Estimate) -> float:
+def _cost(estimate: RefinedEstimate) -> float:
     """Minus twice the log-likelihood, all errors being as much larger than stated as fits best."""
     widened = max(1.0, estimate.chi2 / max(estimate.dof, 1))
     return float(estimate.chi2 / widened + estimate.dof * np.log(widened))
 
 
-def _most(estimate: Estimate) -> int:
+def _most(estimate: RefinedEstimate) -> int:
     """How many profiles may be bad, from an estimate that uses all of them."""
     n, k = len(estimate.used), int(estimate.linearised.residuals.shape[1])
-    spare = int((1 - FREEDOM_LEFT) * estimate.dof)
-    return max(0, min(int(MOST_BAD * n), n - FEWEST_LEFT, spare // k))
+    spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
+    return max(0, min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k))
 
 
-def _worst_set(estimate: Estimate, last: Estimate, size: int) -> Mask:
+def _worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> Mask:
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
-    if comb(n, size) > MOST_SETS:
-        worst = np.where(last.used, deletions(last).chi2, -1.0)
+    if comb(n, size) > MAX_SETS_TRIED:
+        worst = np.where(last.used, leave_one_out(last).chi2, -1.0)
         left_out = ~last.used
         left_out[int(np.argmax(worst))] = True
         return left_out
@@ -88,7 +90,7 @@ def _worst_set(estimate: Estimate, last: Estimate, size: int) -> Mask:
     return left_out
 
 
-def _drops(estimate: Estimate, sets: NDArray[np.intp]) -> Array:
+def _drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
     """By how much leaving out each set, rows of indices, lowers the sum of squares, first order."""
     lin = estimate.linearised
     n, k = lin.residuals.shape

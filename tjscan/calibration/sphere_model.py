@@ -8,14 +8,14 @@ from typing import Self
 import numpy as np
 
 from tjscan.calibration.circle_fit import ArcFit
-from tjscan.calibration.model import Linearised
+from tjscan.calibration.model import LinearisedModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets import BallTarget
 from tjscan.core.frames import Array, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SphereModel:
+class BallModel:
     """The ball's centre against each arc's: in x, in z, and by what the arc's radius says of y.
 
     The target's parameters are the centre in b and, where it is unknown, the radius; metres.
@@ -40,11 +40,11 @@ class SphereModel:
     centres_s: Array
     radii: Array
     covariances: Array
-    sphere: SphereTarget
+    sphere: BallTarget
     noise: NoiseModel
 
     @classmethod
-    def of(cls, T_b_f: Array, fits: list[ArcFit], sphere: SphereTarget, noise: NoiseModel) -> Self:
+    def of(cls, T_b_f: Array, fits: list[ArcFit], sphere: BallTarget, noise: NoiseModel) -> Self:
         """Model of the arcs that were seen from n poses.
 
         Parameters
@@ -73,7 +73,7 @@ class SphereModel:
         m = 3 if self.sphere.radius is not None else 4
         return np.zeros((m, m))
 
-    def linearise(self, T_f_s: Array, target: Array) -> Linearised:
+    def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
         """Residuals in metres, k = 3: centre along x_s, along z_s, and the ball's radius.
 
         Parameters
@@ -118,4 +118,4 @@ class SphereModel:
             + self.noise.position**2 * (in_flange @ in_flange.transpose(0, 2, 1))
             + self.noise.rotation**2 * (turn @ turn.transpose(0, 2, 1))
         )
-        return Linearised(residuals, by_pose, by_target, covariance)
+        return LinearisedModel(residuals, by_pose, by_target, covariance)

@@ -7,19 +7,24 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.closed_form import LineBundle, in_front, rotation_matrix_A, rotations
-from tjscan.calibration.plucker import Plane
-from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.closed_form import (
+    LineBundle,
+    rotation_candidates,
+    rotation_equations,
+    share_on_same_side,
+)
+from tjscan.calibration.plucker import PluckerPlane
+from tjscan.calibration.sphere_model import BallModel
 from tjscan.core.frames import Array, pose
 
-NORMALS: Final = 300
+NORMALS_TRIED: Final = 300
 """Directions tried for an unknown normal: one in every 8°."""
-OFFSET: Final = 1e-3
-TILT: Final = float(np.radians(0.5))
+OFFSET_SCALE: Final = 1e-3
+TILT_SCALE: Final = float(np.radians(0.5))
 """Metres and radians: how misfits in distance and in tilt are compared among starts."""
 
 
-def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
+def unknown_plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, PluckerPlane]]:
     """The most promising pairs of T_f_s and plane, the best first.
 
     For each of many normals over a half sphere, eq. (21) gives the rotation; position and the
@@ -32,8 +37,8 @@ def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
     count : int
         How many starts to return.
     """
-    u = half_sphere(NORMALS)
-    both, _ = rotations(rotation_matrix_A(lines, u))  # (g, 2, 3, 3)
+    u = half_sphere_directions(NORMALS_TRIED)
+    both, _ = rotation_candidates(rotation_equations(lines, u))  # (g, 2, 3, 3)
     u_f = np.einsum("nji,gj->gni", lines.R_b_f, u)
     centroid_f = np.einsum("gkij,nj->gkni", both, lines.points_s)
     a_f = np.einsum("gkij,nj->gkni", both, lines.directions_s)
@@ -42,20 +47,20 @@ def plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, Plane]]:
     A = np.concatenate((u_f, np.ones((*u_f.shape[:2], 1))), axis=2)
     solution = -np.einsum("gij,gkj->gki", np.linalg.pinv(A), known)  # p_f_s and u0
     offset = known + np.einsum("gnj,gkj->gkn", A, solution)
-    cost = (offset / OFFSET) ** 2 + (tilt / TILT) ** 2
+    cost = (offset / OFFSET_SCALE) ** 2 + (tilt / TILT_SCALE) ** 2
     order = np.argsort(cost.sum(axis=2), axis=None)
     found = []
     for g, k in zip(*np.unravel_index(order, cost.shape[:2]), strict=True):
-        plane = Plane(u[g], solution[g, k, 3])
+        plane = PluckerPlane(u[g], solution[g, k, 3])
         # A sensor and a flange on different sides of the board are a mirror image.
-        if in_front(lines, plane, solution[g, k, :3]) > 0.5:
+        if share_on_same_side(lines, plane, solution[g, k, :3]) > 0.5:
             found.append((pose(both[g, k], solution[g, k, :3]), plane))
         if len(found) == count:
             break
     return found
 
 
-def half_sphere(count: int) -> Array:
+def half_sphere_directions(count: int) -> Array:
     """Unit vectors with z ≥ 0, evenly spread (Fibonacci lattice), shape (count, 3)."""
     k = np.arange(count)
     z = (k + 0.5) / count
@@ -64,7 +69,7 @@ def half_sphere(count: int) -> Array:
     return np.column_stack((r * np.cos(turn), r * np.sin(turn), z))
 
 
-def sphere_starts(model: SphereModel) -> list[tuple[Array, Array]]:
+def ball_calibration_starts(model: BallModel) -> list[tuple[Array, Array]]:
     """Pairs of T_f_s and target parameters: one for each way to turn a cube.
 
     With the rotation given, the sensor's position and the ball's centre follow linearly from
@@ -82,11 +87,11 @@ def sphere_starts(model: SphereModel) -> list[tuple[Array, Array]]:
         known = np.einsum("naj,nj->na", by_centre, p_b_f) + model.centres_s[:, [0, 2]]
         x, *_ = np.linalg.lstsq(A, known.ravel(), rcond=None)
         T_f_s = pose(R, x[3:])
-        found.append((T_f_s, sphere_target(model, x[:3])))
+        found.append((T_f_s, ball_start_parameters(model, x[:3])))
     return found
 
 
-def sphere_target(model: SphereModel, centre_b: Array) -> Array:
+def ball_start_parameters(model: BallModel, centre_b: Array) -> Array:
     """Target parameters of a ball; the largest arc starts its radius.
 
     Parameters

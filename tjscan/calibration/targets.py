@@ -9,23 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from tjscan.calibration.plucker import Plane, plane_through
+from tjscan.calibration.plucker import PluckerPlane, plane_through
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy, unit_vector
 
-FEWEST_TOUCHES: Final = 3
-SLIMMEST: Final = 0.1
+MIN_TOUCHES: Final = 3
+MIN_TOUCH_PATTERN_RATIO: Final = 0.1
 """Touched points whose pattern is narrower than this share of its length count as collinear."""
-LOOSEST: Final = float(np.radians(0.2))
+MAX_NORMAL_SIGMA: Final = float(np.radians(0.2))
 """Radians; a touched plane whose normal is less certain would spoil any calibration."""
-IMPROBABLE: Final = 1e-4
+MIN_TOUCH_PROBABILITY: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
 
 
 NOT_FLAT: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
-STATED: Final = 0.2
-"""Metres; see `stated_plane`."""
+STATED_BOARD_SIZE: Final = 0.2
+"""Metres; see `plane_stated_beforehand`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class PlaneTarget:
         the pattern, times the root of the number of points.
     """
 
-    plane: Plane
+    plane: PluckerPlane
     centre_b: Array
     axes_b: Array
     information: Array
@@ -65,7 +65,7 @@ class PlaneTarget:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
-    def unknown(cls, plane: Plane, near_b: ArrayLike) -> Self:
+    def unknown(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
         """A plane of which nothing is known beforehand.
 
         Parameters
@@ -85,7 +85,7 @@ class PlaneTarget:
         """Whether it was touched."""
         return bool(self.information.any())
 
-    def boxplus(self, by: Array) -> Plane:
+    def boxplus(self, by: Array) -> PluckerPlane:
         """The plane at (tilt, tilt, height) `by`, shape (3,), from this one."""
         u = unit_vector(self.plane.u + by[:2] @ self.axes_b)
         return plane_through(self.centre_b - by[2] * u, u)
@@ -112,7 +112,7 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
     points = np.asarray(points_b, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"touched points are finite and of shape (n, 3), not {points.shape}")
-    if len(points) < FEWEST_TOUCHES:
+    if len(points) < MIN_TOUCHES:
         raise CalibrationRefused(
             "too few touched points", f"{len(points)} were touched, a plane needs three or more"
         )
@@ -128,7 +128,7 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
     return PlaneTarget(plane_through(centre, u), centre, axes[:2], information, residuals, singular)
 
 
-def stated_plane(plane: Plane, flange_b: ArrayLike, sigma: float) -> PlaneTarget:
+def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: float) -> PlaneTarget:
     """A plane known beforehand, as sure as one touched at the corners of a square.
 
     Parameters
@@ -138,17 +138,18 @@ def stated_plane(plane: Plane, flange_b: ArrayLike, sigma: float) -> PlaneTarget
     flange_b : array_like, shape (3,)
         About where the flange was: on the side that lines are seen from.
     sigma : float
-        Standard deviation of each touched corner, in metres; `STATED` is the square's side.
+        Standard deviation of each touched corner of a square with side `STATED_BOARD_SIZE`, in
+        metres.
     """
     flange = np.asarray(flange_b, dtype=float)
     bare = PlaneTarget.unknown(plane, flange)
-    corners = STATED / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    corners = STATED_BOARD_SIZE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
     return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange)
 
 
 def _check_pattern(singular: Array, sigma: float) -> None:
     tilt = sigma / max(singular[1], 1e-12)
-    if singular[1] > SLIMMEST * singular[0] and tilt < LOOSEST:
+    if singular[1] > MIN_TOUCH_PATTERN_RATIO * singular[0] and tilt < MAX_NORMAL_SIGMA:
         return
     shown = ", ".join(f"{1e3 * s:.2f}" for s in singular)
     raise CalibrationRefused(
@@ -160,7 +161,7 @@ def _check_pattern(singular: Array, sigma: float) -> None:
 
 def _check_flatness(residuals: Array, sigma: float) -> None:
     dof = len(residuals) - 3
-    if dof == 0 or chi2.sf(residuals @ residuals / sigma**2, dof) > IMPROBABLE:
+    if dof == 0 or chi2.sf(residuals @ residuals / sigma**2, dof) > MIN_TOUCH_PROBABILITY:
         return
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1
@@ -172,7 +173,7 @@ def _check_flatness(residuals: Array, sigma: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class SphereTarget:
+class BallTarget:
     """A ball that stays where it is, somewhere in frame b.
 
     Parameters

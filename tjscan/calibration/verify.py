@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from scipy.stats import chi2
 
-from tjscan.calibration.hand_eye import HandEye, LineSample
+from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 
-FALSE_ALARM: Final = 1e-3
+FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to reject a good calibration."""
 
 
@@ -45,12 +45,14 @@ class Verification:
         return self.misfit <= self.limit
 
 
-def verify(result: HandEye, fresh: LineSample, noise: NoiseModel) -> Verification:
+def verify_with_fresh_line(
+    result: HandEyeCalibration, fresh: LineSample, noise: NoiseModel
+) -> Verification:
     """Compare a line that took no part in a calibration with what that predicts.
 
     Parameters
     ----------
-    result : HandEye
+    result : HandEyeCalibration
         From lines on a plane.
     fresh : LineSample
         A line on the same plane that `result` does not rest on.
@@ -77,5 +79,5 @@ def verify(result: HandEye, fresh: LineSample, noise: NoiseModel) -> Verificatio
         float(r[1]),
         float(sigma[1]),
         float(misfit),
-        float(np.sqrt(chi2.isf(FALSE_ALARM, 2) / 2)),
+        float(np.sqrt(chi2.isf(FALSE_ALARM_PROBABILITY, 2) / 2)),
     )

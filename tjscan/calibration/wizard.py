@@ -8,58 +8,58 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.advice import Board
-from tjscan.calibration.hand_eye import HandEye
+from tjscan.calibration.advice import BoardRectangle
+from tjscan.calibration.hand_eye import HandEyeCalibration
 from tjscan.calibration.logbook import Logbook, MeasuredSoFar
 from tjscan.calibration.operator import Operator, Question
-from tjscan.calibration.posed_profile import PosedProfile, line_samples
-from tjscan.calibration.probe import Probe
+from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
+from tjscan.calibration.probe import TouchProbe
 from tjscan.calibration.session import (
-    Progress,
-    Task,
+    CalibrationPlan,
+    CalibrationProgress,
+    current_progress,
+    fit_touched_board,
     next_pose,
-    progress_of,
-    ready_poses,
-    touch_places,
-    touched_board,
+    planned_touch_points,
+    start_poses_over_board,
     worst_touch,
 )
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
 from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose
-from tjscan.calibration.verify import Verification, verify
+from tjscan.calibration.verify import Verification, verify_with_fresh_line
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.laser.line_laser import LineLaser
 from tjscan.robot.arm import Arm
 
-MOST_RETOUCHES: Final = 3
+MAX_RETOUCHES: Final = 3
 """Touches that are taken again before a board counts as not flat."""
 MAX_SKIPPED_IN_A_ROW: Final = 5
 """Poses in a row that may see no line before the calibration gives up."""
-MOST_LINES: Final = 2
+MAX_LINES_RATIO: Final = 2
 """Times the lines asked for: more lines than that cure nothing."""
-THERE: Final = 1e-4
+POSE_REACHED_TOLERANCE: Final = 1e-4
 """Metres and radians from a pose within which the arm stands there."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class VerifiedCalibration:
     """A calibration that a fresh line was held against.
 
     Parameters
     ----------
-    result : HandEye
+    result : HandEyeCalibration
         The calibration.
     verification : Verification
         What the fresh line says.
     """
 
-    result: HandEye
+    result: HandEyeCalibration
     verification: Verification
 
 
 @dataclass(frozen=True, slots=True)
-class Wizard:
+class CalibrationWizard:
     """Goes through a calibration. Interrupted anywhere, it goes on where its logbook ends.
 
     Parameters
@@ -74,10 +74,10 @@ class Wizard:
         Gets every measurement at once; what it holds already is not measured again.
     """
 
-    task: Task
+    task: CalibrationPlan
     arm: Arm
     laser: LineLaser
-    probe: Probe
+    probe: TouchProbe
     operator: Operator
     logbook: Logbook
 
@@ -86,7 +86,7 @@ class Wizard:
         """All that was measured so far."""
         return self.logbook.measured
 
-    def run(self) -> Outcome:
+    def run(self) -> VerifiedCalibration:
         """Touch the board, take lines, verify with a fresh one.
 
         Raises
@@ -98,9 +98,9 @@ class Wizard:
         """
         target, board = self.touch_board()
         result = self.take_lines(target, board)
-        return Outcome(result, self.verify(result, target, board))
+        return VerifiedCalibration(result, self.verify(result, target, board))
 
-    def touch_board(self) -> tuple[PlaneTarget, Board]:
+    def touch_board(self) -> tuple[PlaneTarget, BoardRectangle]:
         """Touch every place that was not touched yet, and those again that don't fit a plane.
 
         Raises
@@ -108,11 +108,11 @@ class Wizard:
         CalibrationRefused
             As `fit_plane` does.
         """
-        places = touch_places(self.task)
+        places = planned_touch_points(self.task)
         for k in range(len(places)):
             if k not in self.measured.touches:
                 self._touch(k, places[k])
-        for _ in range(MOST_RETOUCHES):
+        for _ in range(MAX_RETOUCHES):
             try:
                 return self._board()
             except CalibrationRefused as refusal:
@@ -125,7 +125,7 @@ class Wizard:
                 self._touch(k, places[k])
         return self._board()
 
-    def take_lines(self, target: PlaneTarget, board: Board) -> HandEye:
+    def take_lines(self, target: PlaneTarget, board: BoardRectangle) -> HandEyeCalibration:
         """Take the lines that are still to be taken, and more where they are wanted.
 
         Parameters
@@ -142,7 +142,7 @@ class Wizard:
         """
         shown = -1
         while True:
-            progress = progress_of(self.task, self.measured, target)
+            progress = current_progress(self.task, self.measured, target)
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
                 self.operator.show(progress)
@@ -152,12 +152,14 @@ class Wizard:
                 return progress.result
             self._take(target, board, progress, fresh=False)
 
-    def verify(self, result: HandEye, target: PlaneTarget, board: Board) -> Verification:
+    def verify(
+        self, result: HandEyeCalibration, target: PlaneTarget, board: BoardRectangle
+    ) -> Verification:
         """Compare the calibration with one more line, taken now unless one was recorded.
 
         Parameters
         ----------
-        result : HandEye
+        result : HandEyeCalibration
             The calibration to verify.
         target : PlaneTarget
             The board as touched.
@@ -170,10 +172,10 @@ class Wizard:
             If the line contradicts the result, and the operator does not insist.
         """
         while self.measured.verification_profile is None:
-            progress = progress_of(self.task, self.measured, target)
+            progress = current_progress(self.task, self.measured, target)
             self._take(target, board, progress, fresh=True)
-        (sample,), _ = line_samples([self.measured.verification_profile], self.task.noise)
-        found = verify(result, sample, self.task.noise)
+        (sample,), _ = fit_line_samples([self.measured.verification_profile], self.task.noise)
+        found = verify_with_fresh_line(result, sample, self.task.noise)
         said = (
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
@@ -188,8 +190,8 @@ class Wizard:
             )
         return found
 
-    def _board(self) -> tuple[PlaneTarget, Board]:
-        target, board = touched_board(self.task, self.measured)
+    def _board(self) -> tuple[PlaneTarget, BoardRectangle]:
+        target, board = fit_touched_board(self.task, self.measured)
         off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
         self.operator.report(
             f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
@@ -209,18 +211,25 @@ class Wizard:
                 self.operator.report(f"place {k + 1} is passed over: {error}")
         self.logbook.record_entry(BoardTouch(k, T_b_f))
 
-    def _wants_more(self, progress: Progress) -> bool:
+    def _wants_more(self, progress: CalibrationProgress) -> bool:
         count, wanted = len(progress.samples), progress.wanted
         if count < wanted:
             return True
         if progress.result is not None:
             return self.operator.confirm(Question("Take one more line?", False))
-        if count >= MOST_LINES * wanted or progress.refusal is None:
+        if count >= MAX_LINES_RATIO * wanted or progress.refusal is None:
             return False
         self.operator.report(str(progress.refusal))
         return self.operator.confirm(Question("Take one more line?", True))
 
-    def _take(self, target: PlaneTarget, board: Board, progress: Progress, *, fresh: bool) -> None:
+    def _take(
+        self,
+        target: PlaneTarget,
+        board: BoardRectangle,
+        progress: CalibrationProgress,
+        *,
+        fresh: bool,
+    ) -> None:
         """Take the line of the pose with most information; pass over a pose that shows none."""
         if self.measured.skipped_in_a_row >= MAX_SKIPPED_IN_A_ROW:
             raise CalibrationRefused(
@@ -242,7 +251,7 @@ class Wizard:
             return
         reached = self.arm.move_linear(there.T_b_f).T_b_f
         shot = PosedProfile(what, reached, self.laser.capture())
-        samples, refused = line_samples([shot], self.task.noise)
+        samples, refused = fit_line_samples([shot], self.task.noise)
         if samples:
             self.logbook.record_entry(LaserLineTaken(shot, fresh))
         else:
@@ -257,7 +266,7 @@ class Wizard:
         All other poses are reached from here on a straight line that was checked from here.
         """
         state = self.arm.state().T_b_f
-        ready = ready_poses(self.task, state)
+        ready = start_poses_over_board(self.task, state)
         if _same(state, ready[0]):
             return state
         question = "Move to where the sensor stands square over the board?"
@@ -283,4 +292,6 @@ class Wizard:
 
 def _same(T_1: Array, T_2: Array) -> bool:
     shift = float(np.linalg.norm(T_1[:3, 3] - T_2[:3, 3]))
-    return shift < THERE and rotation_angle_between(T_1, T_2) < THERE
+    return (
+        shift < POSE_REACHED_TOLERANCE and rotation_angle_between(T_1, T_2) < POSE_REACHED_TOLERANCE
+    )

@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.file import Calibrated, to_file, write_calibration
+from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import calibrate_profiles
-from tjscan.calibration.plucker import Plane
+from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import pair, read_points, read_poses
-from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, stated_plane
+from tjscan.calibration.recorded import pair_profiles_with_poses, read_points, read_poses
+from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane, plane_stated_beforehand
 from tjscan.cli.calibration_output import print_calibration
 from tjscan.cli.console import print_message
 from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
@@ -49,7 +49,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
     noise = _noise(options)
     shots = _shots(options, options.lines, options.poses)
     result = calibrate_profiles(shots, _target(options, shots, noise), noise, print_message)
-    found = to_file(
+    found = to_calibration_file(
         result,
         noise,
         arm=options.arm_id or UNNAMED,
@@ -57,7 +57,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         date=datetime.now(UTC).replace(microsecond=0),
     )
     write_calibration(file, found, Provenance.written_now(options.lines.name, "f"))
-    print_calibration(Calibrated(file, found, result.caveats), json=json)
+    print_calibration(SavedCalibration(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         print_message(
             "name the devices with --arm-id and --laser-id, or a scan will refuse that file"
@@ -71,7 +71,7 @@ def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProf
     table = read_profiles(lines, form)
     for bad in table.bad:
         print_message(f"{lines}: {bad}; left out")
-    return pair(table.profiles, read_poses(poses), poses)
+    return pair_profiles_with_poses(table.profiles, read_poses(poses), poses)
 
 
 def _noise(options: RecordedOptions) -> NoiseModel:
@@ -81,7 +81,7 @@ def _noise(options: RecordedOptions) -> NoiseModel:
 
 def _target(
     options: RecordedOptions, shots: list[PosedProfile], noise: NoiseModel
-) -> PlaneTarget | SphereTarget | None:
+) -> PlaneTarget | BallTarget | None:
     given = [name for name in options.given if name in TARGETS]
     if len(given) != 1:
         raise ConfigurationError(
@@ -90,7 +90,7 @@ def _target(
         )
     flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
     if options.plane is not None:
-        return stated_plane(_plane(options.plane), flange_b, noise.touch)
+        return plane_stated_beforehand(_plane(options.plane), flange_b, noise.touch)
     if options.touched is not None:
         return fit_plane(read_points(options.touched), noise.touch, flange_b)
     if options.unknown_plane:
@@ -98,16 +98,16 @@ def _target(
     radius = options.sphere_radius_mm
     if radius is not None and not 0 < radius < np.inf:
         raise ConfigurationError("a ball has a positive radius", key="--sphere-radius-mm")
-    return SphereTarget(None if radius is None else 1e-3 * radius)
+    return BallTarget(None if radius is None else 1e-3 * radius)
 
 
-def _plane(text: str) -> Plane:
+def _plane(text: str) -> PluckerPlane:
     """A x + B y + C z + D = 0, D in millimetres."""
     try:
         numbers: Array = np.array([float(part) for part in text.split(",")])
         if numbers.shape != (4,) or not np.isfinite(numbers).all():
             raise ValueError("four finite numbers are needed")
-        return Plane(numbers[:3], 1e-3 * float(numbers[3]))
+        return PluckerPlane(numbers[:3], 1e-3 * float(numbers[3]))
     except ValueError as error:
         raise ConfigurationError(
             f"{text!r} is no plane A,B,C,D in millimetres: {error}", key="--plane"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from tjscan.calibration.file import Calibrated, ResidualTable
+from tjscan.calibration.file import ResidualEntry, SavedCalibration
 from tjscan.cli.console import print_message, stderr
 
 
-def print_calibration(done: Calibrated, *, json: bool) -> None:
+def print_calibration(done: SavedCalibration, *, json: bool) -> None:
     """Print a calibration on stderr, and as JSON on stdout if asked."""
     found = done.calibration
     table = Table(box=None, pad_edge=False)
@@ -32,7 +32,7 @@ def print_calibration(done: Calibrated, *, json: bool) -> None:
         print(found.model_dump_json(indent=2))
 
 
-def _row(residual: ResidualTable) -> tuple[str, ...]:
+def _row(residual: ResidualEntry) -> tuple[str, ...]:
     return (
         residual.name,
         "yes" if residual.used else "BAD",

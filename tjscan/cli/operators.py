@@ -7,20 +7,20 @@ import sys
 import numpy as np
 import questionary
 
-from tjscan.calibration.operator import Nobody, Operator, Question
-from tjscan.calibration.session import Progress
+from tjscan.calibration.operator import Operator, Question, SilentOperator
+from tjscan.calibration.session import CalibrationProgress
 from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 
 
-class UnattendedOperator(Nobody):
+class UnattendedOperator(SilentOperator):
     """Nobody answers; what happens is printed."""
 
     def report(self, message: str) -> None:
         """Print what happened."""
         print_message(message)
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CalibrationProgress) -> None:
         """Print the uncertainty of the calibration so far."""
         sure, lines = progress.uncertainty, len(progress.samples)
         how = f"standard uncertainty {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
-from tjscan.calibration.operator import Nobody
+from tjscan.calibration.operator import SilentOperator
 from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
 from tjscan.cli.operators import TerminalOperator
@@ -88,7 +88,7 @@ def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
 def _attendant(job: ScanJob) -> stations.StationAttendant:
     """Who confirms that the arm stands at its station: a simulated one is there at once."""
     if job.arm.driver == "simulated":
-        return Nobody()
+        return SilentOperator()
     return TerminalOperator("scan one station at a time, with --station")
 
 

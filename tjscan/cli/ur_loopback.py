@@ -38,6 +38,6 @@ def ur_loopback(
     attached
         End when stdin ends.
     """
-    from tjscan.robot.loopback.serve import serve
+    from tjscan.robot.loopback.serve import run_loopback_server
 
-    serve(model, host, hz, home_deg=home_deg, fast=not realtime, attached=attached)
+    run_loopback_server(model, host, hz, home_deg=home_deg, fast=not realtime, attached=attached)

@@ -27,10 +27,10 @@ from tjscan.laser.optics import RaycastSurface
 from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import Clearance
-from tjscan.robot.collision import CollisionModel, check_links
+from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.robot.drivers import ARMS, ArmContext
+from tjscan.robot.drivers import ARMS, ArmDriverInputs
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.solids import Solid
@@ -56,7 +56,7 @@ class Cell:
     arm: Arm
     laser: LineLaser
     T_f_s: Array
-    clearance: Clearance
+    clearance: ClearPathPlanner
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -167,7 +167,7 @@ def make_cell(
     arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
     with ARMS.explain_missing_package(job.arm.driver):
         device = arm_driver.make(
-            ArmContext(
+            ArmDriverInputs(
                 clearance.kinematics,
                 MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
                 seed=0 if simulation is None else simulation.seed,
@@ -230,7 +230,7 @@ def _surface(joint: JointDefinition) -> RaycastSurface:
     return RaycastSurface(mesh.vertices, mesh.triangles, joint_relief_height(joint))
 
 
-def clearance_of_job(job: CellJob) -> Clearance:
+def clearance_of_job(job: CellJob) -> ClearPathPlanner:
     """What a job's arm keeps clear of, whichever driver moves it.
 
     Raises
@@ -242,7 +242,7 @@ def clearance_of_job(job: CellJob) -> Clearance:
     with add_file_to_errors(key="arm.model"):
         kinematics = Kinematics.load(job.arm.model)
     with add_file_to_errors(key="clearance.ignore"):
-        check_links(kinematics, table.ignore)
+        check_ignored_links(kinematics, table.ignore)
     with add_file_to_errors(key="arm.model"):
         model = CollisionModel(
             kinematics,
@@ -251,7 +251,7 @@ def clearance_of_job(job: CellJob) -> Clearance:
             self_collision=table.self_collision,
             ignored=table.ignore,
         )
-    return Clearance(kinematics, model, table)
+    return ClearPathPlanner(kinematics, model, table)
 
 
 def _in_b(table: PlacedSolidSettings, job: CellJob) -> Solid:

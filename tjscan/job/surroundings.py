@@ -11,8 +11,8 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, EulerAngles, PoseSettings, Position
 from tjscan.job.fields import LengthMm
-from tjscan.robot.margins import Margins
-from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
+from tjscan.robot.margins import ClearanceMargins
+from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
 
 MOST: Final = 300
 """Solids of a cell: each is held against every link of the arm, at every step of a path."""
@@ -58,7 +58,7 @@ class SolidSettings(PoseSettings):
         return Solid(self.name, self._shape, self.T)
 
     @property
-    def _shape(self) -> Shape:
+    def _shape(self) -> SolidShape:
         if self.size is not None:
             return Box(self.size)
         shape = Cylinder if self.kind == "cylinder" else Capsule
@@ -73,7 +73,7 @@ class PlacedSolidSettings(SolidSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClearanceSettings(Margins):
+class ClearanceSettings(ClearanceMargins):
     """The table [clearance]: what the arm keeps clear of, and how far.
 
     Parameters

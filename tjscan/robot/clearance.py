@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
-from tjscan.robot.collision import CollisionModel, Pair
+from tjscan.robot.collision import BodyPair, CollisionModel
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.margins import Margins
+from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.path import joint_waypoints, linear_waypoints
 
 RESOLUTION: Final = 1e-3
@@ -22,7 +22,7 @@ ROUNDING: Final = 1e-4
 """Metres by which a path that begins within a margin may come nearer still."""
 
 
-class Clearance:
+class ClearPathPlanner:
     """Plans paths of an arm and refuses those that do not keep clear.
 
     A path that begins within a margin is allowed as long as it comes no nearer, so that an arm
@@ -39,16 +39,16 @@ class Clearance:
     """
 
     def __init__(
-        self, kinematics: Kinematics, model: CollisionModel, margins: Margins | None = None
+        self, kinematics: Kinematics, model: CollisionModel, margins: ClearanceMargins | None = None
     ) -> None:
         self.kinematics, self._model = kinematics, model
-        self.margins = Margins() if margins is None else margins
+        self.margins = ClearanceMargins() if margins is None else margins
 
     def see(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
         """Keep clear of a surface that has been measured. See `CollisionModel.see`."""
         self._model.see(vertices_b, triangles)
 
-    def nearest(self, q: Array) -> tuple[Pair, float] | None:
+    def nearest(self, q: Array) -> tuple[BodyPair, float] | None:
         """The two bodies nearest to each other and their distance in metres; none without bodies.
 
         Parameters
@@ -178,7 +178,7 @@ def _where(share: float) -> str:
     return "" if share in (0, 1) else f"{share:.0%} of the way there, "
 
 
-def _say(pair: Pair, share: float, distance: float, margin: float) -> str:
+def _say(pair: BodyPair, share: float, distance: float, margin: float) -> str:
     if share == 0 and distance <= 0:
         return (
             f"where the arm stands, {pair.moving} already overlaps {pair.other} by "

@@ -25,7 +25,7 @@ FREE_WRIST: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class UrGeometry:
+class UrDhLengths:
     """Standard DH lengths in metres; the twists are 90, 0, 0, 90, -90, 0 degrees."""
 
     d1: float
@@ -36,7 +36,7 @@ class UrGeometry:
     d6: float
 
 
-def configurations(geometry: UrGeometry, T_0_6: Array, free_wrist: float) -> Array:
+def all_configurations(geometry: UrDhLengths, T_0_6: Array, free_wrist: float) -> Array:
     """All joint configurations that hold a pose, whatever the joint limits.
 
     Parameters
@@ -57,7 +57,7 @@ def configurations(geometry: UrGeometry, T_0_6: Array, free_wrist: float) -> Arr
     return np.array(found).reshape(-1, 6)
 
 
-def _configurations(g: UrGeometry, T_0_6: Array, free_wrist: float) -> Iterator[list[float]]:
+def _configurations(g: UrDhLengths, T_0_6: Array, free_wrist: float) -> Iterator[list[float]]:
     R, z6 = T_0_6[:3, :3], T_0_6[:3, 2]
     p5 = T_0_6[:3, 3] - g.d6 * z6
     # z1 = (sin q1, -cos q1, 0), and the wrist stands d4 along it: p5 . z1 = d4.
@@ -76,7 +76,7 @@ def _configurations(g: UrGeometry, T_0_6: Array, free_wrist: float) -> Iterator[
 
 
 def _wrists(
-    g: UrGeometry,
+    g: UrDhLengths,
     T_0_6: Array,
     p5: Array,
     lean: float,
@@ -99,7 +99,7 @@ def _wrists(
 
 
 def _planar(
-    g: UrGeometry, T_0_6: Array, q1: float, q5: float, q6: float
+    g: UrDhLengths, T_0_6: Array, q1: float, q5: float, q6: float
 ) -> Iterator[tuple[float, float, float]]:
     """Joints 2, 3, 4: two links and a hand in the plane square to z1."""
     T_0_1 = pose(rot_z(q1) @ rot_x(pi / 2), [0, 0, g.d1])

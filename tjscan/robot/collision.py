@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Chain, Kinematics
-from tjscan.robot.solids import Box, Capsule, Cylinder, Shape, Solid
+from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
 
 TOOL: Final = "tool"
 """Stands for every solid the arm carries where pairs are ignored."""
@@ -36,7 +36,7 @@ slimmer there, pass each other; an assumption about what is carried, too."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class BodyPair:
     """Two bodies that must keep apart.
 
     Parameters
@@ -98,7 +98,7 @@ class CollisionModel:
         If a mesh that the URDF names can't be read.
     """
 
-    pairs: tuple[Pair, ...]
+    pairs: tuple[BodyPair, ...]
     reach: Array
 
     def __init__(
@@ -159,7 +159,7 @@ class CollisionModel:
                 geometry.addCollisionPair(pin.CollisionPair(i, k))
                 # What is carried comes last: it is the clearer name of the two.
                 moving, other = (second, first) if own else (first, second)
-                pairs.append(Pair(moving.name, other.name, own))
+                pairs.append(BodyPair(moving.name, other.name, own))
                 reach.append(self._reach(first, second))
         self.pairs = tuple(pairs)
         self.reach = np.array(reach).reshape(len(pairs), self._chain.model.nq)
@@ -186,7 +186,7 @@ class CollisionModel:
         return reach
 
 
-def check_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> None:
+def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> None:
     """Check that pairs to ignore name links of the arm, or ``tool``.
 
     Raises
@@ -252,7 +252,7 @@ def _standing(chain: Chain, solid: Solid) -> _Body:
     return _Body(geometry, solid.name, solid.name)
 
 
-def _shape(shape: Shape) -> Any:
+def _shape(shape: SolidShape) -> Any:
     if isinstance(shape, Box):
         return coal.Box(*shape.size)
     kinds = {Cylinder: coal.Cylinder, Capsule: coal.Capsule}

@@ -15,8 +15,8 @@ from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import Clearance
-from tjscan.robot.latch import StopLatch
+from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.motion_lock import MotionLock
 
 LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
@@ -108,12 +108,12 @@ class CollisionCheckedArm:
     """
 
     def __init__(
-        self, arm: Arm, clearance: Clearance, T_f_s: Array, *, lifts: Iterable[float] = LIFTS
+        self, arm: Arm, clearance: ClearPathPlanner, T_f_s: Array, *, lifts: Iterable[float] = LIFTS
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
         self._report: EventListener = _ignore
-        self._latch = StopLatch()
+        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Connect the arm."""

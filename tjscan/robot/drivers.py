@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArmContext:
+class ArmDriverInputs:
     """What an arm may be made from, besides its own settings.
 
     Parameters
@@ -54,7 +54,7 @@ class ArmContext:
 
 
 @dataclass(frozen=True)
-class ArmDriver(Driver[ArmContext, Arm]):
+class ArmDriver(Driver[ArmDriverInputs, Arm]):
     """How an arm is made from a job file; see `Driver`.
 
     Parameters
@@ -67,7 +67,7 @@ class ArmDriver(Driver[ArmContext, Arm]):
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
 
 
-def _simulated(context: ArmContext, settings: NoSettings) -> SimulatedArm:
+def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
     import numpy as np
 
     from tjscan.robot.simulated import SimulatedArm
@@ -90,7 +90,7 @@ def _simulated(context: ArmContext, settings: NoSettings) -> SimulatedArm:
         )
 
 
-def _replayed(context: ArmContext, settings: NoSettings) -> ReplayedArm:
+def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     from tjscan.robot.replay import ReplayedArm
 
     return ReplayedArm(*context.recording())

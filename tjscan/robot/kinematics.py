@@ -23,7 +23,7 @@ import pinocchio as pin
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
-from tjscan.robot.closed_form import UrGeometry, configurations
+from tjscan.robot.closed_form import UrDhLengths, all_configurations
 from tjscan.robot.models.generate import ARMS
 
 MODELS: Final = tuple(ARMS)
@@ -310,7 +310,7 @@ class Kinematics:
             T_root_0 = self._model.jointPlacements[1]
             T_6_f = self._model.frames[self._flange].placement
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
-            return configurations(self._geometry, T_0_6.homogeneous, free_wrist=float(near[5]))
+            return all_configurations(self._geometry, T_0_6.homogeneous, free_wrist=float(near[5]))
         random = np.random.default_rng(0)
         spread = np.linspace(0.2, np.pi, RESTARTS)[:, None]
         seeds = near + spread * random.standard_normal((RESTARTS, near.size))
@@ -406,7 +406,7 @@ def _check_chain(model: Any, flange: int, urdf: Path) -> None:
         )
 
 
-def _ur_geometry(model: Any) -> UrGeometry | None:
+def _ur_geometry(model: Any) -> UrDhLengths | None:
     """DH lengths if the arm is of the Universal Robots type, up to its calibration.
 
     A joint's frame may slide along its axis; the DH length sums up what lies on that axis.
@@ -422,4 +422,4 @@ def _ur_geometry(model: Any) -> UrGeometry | None:
     if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATED:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
-    return UrGeometry(*(float(length) for length in lengths))
+    return UrDhLengths(*(float(length) for length in lengths))

@@ -11,7 +11,7 @@ from tjscan.core.units import MM, FileKey, Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Margins(Settings):
+class ClearanceMargins(Settings):
     """What a path keeps.
 
     Parameters

@@ -100,7 +100,9 @@ class JointPath:
         return np.asarray(_spline(self.q)(u))
 
 
-def timed(q: Array, points_b: Array, velocity: Array, limits: MotionLimits) -> JointPath:
+def fastest_joint_path(
+    q: Array, points_b: Array, velocity: Array, limits: MotionLimits
+) -> JointPath:
     """Give a path the shortest trapezoid of speed that keeps the limits.
 
     With path speed v = du/dt and path acceleration a, a joint has speed q' v and acceleration

@@ -11,7 +11,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
-from tjscan.robot.motion import JointPath, MotionLimits, timed
+from tjscan.robot.motion import JointPath, MotionLimits, fastest_joint_path
 
 SPACING: Final = 5e-3
 """Metres between the waypoints of a line; the spline between them strays by micrometres."""
@@ -50,14 +50,14 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
         As `linear_waypoints` does.
     """
     waypoints, points_b = linear_waypoints(kinematics, q, T_b_f)
-    return timed(waypoints, points_b, kinematics.velocity, limits)
+    return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
 
 def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
     """Move all joints in proportion, from `q` to `goal`, each of shape (n,), in radians."""
     waypoints = joint_waypoints(q, goal)
     points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
-    return timed(waypoints, points_b, kinematics.velocity, limits)
+    return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
 
 def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Array, Array]:

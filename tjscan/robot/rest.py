@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.errors import ArmFault
 from tjscan.robot.arm import Arm, ArmState
 
-STILL: Final = 2e-4
+STILL_TOLERANCE: Final = 2e-4
 """Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
 
 WINDOW: Final = 0.25
@@ -53,7 +53,7 @@ def await_rest(
     while True:
         pause(PAUSE)
         state, moment = arm.state(), now()
-        if turned(start, state) > STILL:
+        if largest_joint_rotation(start, state) > STILL_TOLERANCE:
             since, start = moment, state
         elif moment - since >= WINDOW:
             return state
@@ -72,13 +72,13 @@ def check_still(before: ArmState, after: ArmState) -> None:
     ArmFault
         If it has.
     """
-    if (angle := turned(before, after)) > STILL:
+    if (angle := largest_joint_rotation(before, after)) > STILL_TOLERANCE:
         raise ArmFault(
             f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
             "deg. Let it stand, leave freedrive, then start again."
         )
 
 
-def turned(before: ArmState, after: ArmState) -> float:
+def largest_joint_rotation(before: ArmState, after: ArmState) -> float:
     """Largest angle in radians by which a joint turned from one state to another."""
     return float(np.abs(after.q - before.q).max())

@@ -16,8 +16,8 @@ from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, pose, readonly_copy
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.latch import StopLatch
 from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 
 REPEATABILITY: Final = 5e-5
@@ -82,7 +82,7 @@ class SimulatedArm(DeviceBase):
         self._now = (readonly_copy(q), time)
         self._error = self._draw_error()
         self._connected = False
-        self._latch = StopLatch()
+        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Make ready to move."""

@@ -50,7 +50,7 @@ class Capsule:
     length: float
 
 
-Shape = Box | Cylinder | Capsule
+SolidShape = Box | Cylinder | Capsule
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class Solid:
     """
 
     name: str
-    shape: Shape
+    shape: SolidShape
     T: Array
 
     def __post_init__(self) -> None:

@@ -8,16 +8,16 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from tjscan.calibration.file import Calibrated, to_file, write_calibration
+from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.logbook import Logbook
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.plucker import plane_through
-from tjscan.calibration.probe import Probe
-from tjscan.calibration.session import Task
-from tjscan.calibration.simulated import SimulatedProbe
+from tjscan.calibration.probe import TouchProbe
+from tjscan.calibration.session import CalibrationPlan
+from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import CALIBRATION_RECORDING
-from tjscan.calibration.window import Window
-from tjscan.calibration.wizard import Wizard
+from tjscan.calibration.wizard import CalibrationWizard
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import sole_writer
@@ -48,7 +48,7 @@ PROBE_STREAM: Final = 2
 
 def start_calibration(
     job: CalibrationJob, job_file: Path, directory: Path, operator: Operator
-) -> Calibrated:
+) -> SavedCalibration:
     """Calibrate as a job says, and leave a directory behind that can be resumed.
 
     Raises
@@ -68,7 +68,7 @@ def start_calibration(
     return resume_calibration(directory, operator)
 
 
-def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
+def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Go on with a calibration where it was left; raises as `start_calibration` does."""
     job = read_calibration_job(directory / JOB)
     file = directory / CALIBRATION
@@ -86,11 +86,11 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
     cell, probe = make_board_cell(job, T_f_s)
     with sole_writer(directory), Logbook(directory, T_f_s) as logbook, cell:
         task = calibration_task(job, T_f_s)
-        outcome = Wizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
+        outcome = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.started_at
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
-    found = to_file(
+    found = to_calibration_file(
         outcome.result,
         job.board.noise,
         arm=job.arm.device,
@@ -99,10 +99,10 @@ def resume_calibration(directory: Path, operator: Operator) -> Calibrated:
         verification=outcome.verification,
     )
     write_calibration(file, found, Provenance.written_now(job_label_of_run(directory), "f"))
-    return Calibrated(file, found, outcome.result.caveats)
+    return SavedCalibration(file, found, outcome.result.caveats)
 
 
-def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
+def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
     """Make the cell of a calibration, and the probe that touches its board.
 
     Parameters
@@ -129,7 +129,7 @@ def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Probe]:
         position=board.position, euler_zyx=board.euler_zyx
     )
     cell = make_cell(job, T_f_s, lambda: SimulatedScene(_board_surface(board.size), truth.T))
-    probe = SimulatedProbe(
+    probe = SimulatedTouchProbe(
         cell.arm,
         np.array(board.probe_tip),
         board.T,
@@ -147,7 +147,7 @@ def _board_surface(size: tuple[float, float]) -> RaycastSurface:
     return RaycastSurface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
 
 
-def calibration_task(job: CalibrationJob, T_f_s: Array) -> Task:
+def calibration_task(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:
     """What a calibration is to do.
 
     Parameters
@@ -158,13 +158,13 @@ def calibration_task(job: CalibrationJob, T_f_s: Array) -> Task:
         About where the laser sits.
     """
     model, board = laser_model_of_job(job), job.board
-    return Task(
+    return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
         np.array(board.probe_tip),
         T_f_s,
         # That other lasers of this class open their fan as the simulated one is an assumption.
-        Window(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
+        MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
         board.noise,
         board.touches,
         board.lines,

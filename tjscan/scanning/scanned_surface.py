@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.robot.clearance import Clearance
+from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.scanning.section import ScannedSection, View
 
 
@@ -22,7 +22,9 @@ class ScannedSurfaceObstacle:
         What was found before.
     """
 
-    def __init__(self, clearance: Clearance, sections: Iterable[ScannedSection] = ()) -> None:
+    def __init__(
+        self, clearance: ClearPathPlanner, sections: Iterable[ScannedSection] = ()
+    ) -> None:
         self._clearance = clearance
         self._points_b = [section.points_b for section in sections]
         self._update()

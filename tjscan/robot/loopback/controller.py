@@ -12,22 +12,22 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.faults import Fault, Order
+from tjscan.robot.loopback.faults import InjectedFault, ScheduledFault
 from tjscan.robot.loopback.motion import Motion
-from tjscan.robot.loopback.program import Program, read_offset
-from tjscan.robot.loopback.wire import REGISTERS, Value, zero
+from tjscan.robot.loopback.program import ControlScript, first_register_of_script
+from tjscan.robot.loopback.wire import REGISTERS, Value, default_output
 
-SPEED_UP: Final = 25
+FAST_TIME_FACTOR: Final = 25
 """A tick of a fast controller is worth as many ticks of motion."""
 
-MISSED_BY: Final = 0.01
+MISSED_TARGET_ERROR: Final = 0.01
 """Radians by which the wrist stops short when it is asked to miss."""
 
-UNLOCK_AFTER: Final = 5.0
+UNLOCK_DELAY: Final = 5.0
 """Seconds on the controller's clock that a protective stop lasts at least."""
 
 
-class Mode(IntEnum):
+class RobotPower(IntEnum):
     """Power of the robot, as RTDE numbers it."""
 
     POWER_OFF = 3
@@ -35,7 +35,7 @@ class Mode(IntEnum):
     RUNNING = 7
 
 
-class Safety(IntEnum):
+class SafetyState(IntEnum):
     """State of the safety system, as RTDE numbers it."""
 
     NORMAL = 1
@@ -43,7 +43,7 @@ class Safety(IntEnum):
     ROBOT_EMERGENCY_STOP = 7
 
 
-class Runtime(IntEnum):
+class ProgramState(IntEnum):
     """State of the program, as RTDE numbers it."""
 
     STOPPED = 1
@@ -52,9 +52,9 @@ class Runtime(IntEnum):
 
 
 SAFETY_BITS: Final = {
-    Safety.NORMAL: 1 << 0,
-    Safety.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
-    Safety.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
+    SafetyState.NORMAL: 1 << 0,
+    SafetyState.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
+    SafetyState.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
 }
 
 
@@ -85,7 +85,11 @@ class Controller:
         tell: Callable[[str], None],
     ) -> None:
         self.kinematics, self.tell = kinematics, tell
-        self.mode, self.safety, self.runtime = Mode.RUNNING, Safety.NORMAL, Runtime.STOPPED
+        self.mode, self.safety, self.runtime = (
+            RobotPower.RUNNING,
+            SafetyState.NORMAL,
+            ProgramState.STOPPED,
+        )
         self.remote = True
         self.refusing = self.deaf = self.frozen = self.dropping = False
         self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
@@ -97,13 +101,13 @@ class Controller:
         self.time = 0.0
         self.patience = inf
         self._wall = self._heard = 0.0
-        self._tick, self._worth = 1 / hz, SPEED_UP if fast else 1
-        self._stopped_at = -UNLOCK_AFTER
+        self._tick, self._worth = 1 / hz, FAST_TIME_FACTOR if fast else 1
+        self._stopped_at = -UNLOCK_DELAY
         self._motion: Motion | None = None
         self._elapsed = 0.0
         self._missing = False
-        self._program: Program | None = None
-        self._orders: list[Order] = []
+        self._program: ControlScript | None = None
+        self._orders: list[ScheduledFault] = []
         self._moves = 0
 
     # What the network asks of it
@@ -120,48 +124,52 @@ class Controller:
             self._advance(self._motion, step)
         if (
             self._program is not None
-            and self.runtime is Runtime.PLAYING
+            and self.runtime is ProgramState.PLAYING
             and not self._program.turn()
         ):
             self.stop_program()
 
     def load(self, script: str) -> bool:
         """Start a script; it is the client's own control script, or it is refused."""
-        if self.mode is not Mode.RUNNING or self.safety is not Safety.NORMAL or not self.remote:
+        if (
+            self.mode is not RobotPower.RUNNING
+            or self.safety is not SafetyState.NORMAL
+            or not self.remote
+        ):
             return False
-        offset = read_offset(script)
+        offset = first_register_of_script(script)
         if offset is None:
             return False
         self.stop_program()
         self.tell("program started")
-        self._program, self.runtime = Program(self, offset), Runtime.PLAYING
+        self._program, self.runtime = ControlScript(self, offset), ProgramState.PLAYING
         return True
 
     def stop_program(self) -> None:
         """End the program, and the motion with it."""
         if self._program is not None:
             self.tell("program stopped")
-        self._program, self.runtime, self.patience = None, Runtime.STOPPED, inf
+        self._program, self.runtime, self.patience = None, ProgramState.STOPPED, inf
         self.halt()
 
-    def order(self, order: Order) -> None:
+    def order(self, order: ScheduledFault) -> None:
         """Bring a fault about, now or in a later move."""
         if order.move:
-            self._orders.append(Order(order.fault, self._moves + order.move))
+            self._orders.append(ScheduledFault(order.fault, self._moves + order.move))
         else:
             self._bring(order.fault)
 
     def unlock(self) -> bool:
         """Release a protective stop, if it has lasted long enough."""
-        if self.safety is Safety.PROTECTIVE_STOP:
-            if self.time - self._stopped_at < UNLOCK_AFTER:
+        if self.safety is SafetyState.PROTECTIVE_STOP:
+            if self.time - self._stopped_at < UNLOCK_DELAY:
                 return False
-            self.safety = Safety.NORMAL
+            self.safety = SafetyState.NORMAL
         return True
 
-    def power(self, mode: Mode) -> None:
+    def power(self, mode: RobotPower) -> None:
         """Switch the robot on or off."""
-        if mode is not Mode.RUNNING:
+        if mode is not RobotPower.RUNNING:
             self.stop_program()
         self.mode = mode
 
@@ -185,7 +193,7 @@ class Controller:
             return self.output_double[int(number)]
         if name in _OUTPUTS:
             return _OUTPUTS[name](self)
-        return zero(name)
+        return default_output(name)
 
     def tcp_pose(self) -> list[float]:
         """Position in metres and rotation vector of the active TCP in frame b."""
@@ -220,9 +228,9 @@ class Controller:
 
     def protective_stop(self) -> None:
         """Stop as the safety system does; the program pauses."""
-        self.safety, self._stopped_at = Safety.PROTECTIVE_STOP, self.time
+        self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
         if self._program is not None:
-            self.runtime = Runtime.PAUSED
+            self.runtime = ProgramState.PAUSED
         self.halt()
 
     # Motion and faults
@@ -239,43 +247,43 @@ class Controller:
                 self._bring(order.fault)
         elif self._elapsed >= motion.duration:
             if self._missing:
-                self.q, self._missing = self.q - MISSED_BY * np.eye(6)[5], False
+                self.q, self._missing = self.q - MISSED_TARGET_ERROR * np.eye(6)[5], False
             self.halt()
 
-    def _bring(self, fault: Fault) -> None:
-        if fault is Fault.PROTECTIVE_STOP:
+    def _bring(self, fault: InjectedFault) -> None:
+        if fault is InjectedFault.PROTECTIVE_STOP:
             self.protective_stop()
-        elif fault is Fault.EMERGENCY_STOP:
-            self.safety = Safety.ROBOT_EMERGENCY_STOP
-            self.power(Mode.POWER_OFF)
-        elif fault is Fault.POWER_OFF:
-            self.power(Mode.POWER_OFF)
-        elif fault is Fault.LOCAL_MODE:
+        elif fault is InjectedFault.EMERGENCY_STOP:
+            self.safety = SafetyState.ROBOT_EMERGENCY_STOP
+            self.power(RobotPower.POWER_OFF)
+        elif fault is InjectedFault.POWER_OFF:
+            self.power(RobotPower.POWER_OFF)
+        elif fault is InjectedFault.LOCAL_MODE:
             self.remote = False
             self.stop_program()
-        elif fault is Fault.STOP_PROGRAM:
+        elif fault is InjectedFault.STOP_PROGRAM:
             self.stop_program()
-        elif fault is Fault.DROP_LINK:
+        elif fault is InjectedFault.DROP_LINK:
             self.dropping = True
-        elif fault is Fault.FREEZE:
+        elif fault is InjectedFault.FREEZE:
             self.frozen = True
-        elif fault is Fault.REFUSE_TARGETS:
+        elif fault is InjectedFault.REFUSE_TARGETS:
             self.refusing = True
-        elif fault is Fault.MISS_TARGET:
+        elif fault is InjectedFault.MISS_TARGET:
             self._missing = True
-        elif fault is Fault.REFUSE_STOP:
+        elif fault is InjectedFault.REFUSE_STOP:
             self.deaf = True
-        elif fault is Fault.HOME:
+        elif fault is InjectedFault.HOME:
             self.halt()
             self.q = self._home.copy()
         else:
             self._clear()
 
     def _clear(self) -> None:
-        self.mode, self.safety, self.remote = Mode.RUNNING, Safety.NORMAL, True
+        self.mode, self.safety, self.remote = RobotPower.RUNNING, SafetyState.NORMAL, True
         self.refusing = self.deaf = self.frozen = self._missing = False
         self._orders.clear()
-        if self.runtime is Runtime.PAUSED:
+        if self.runtime is ProgramState.PAUSED:
             self.stop_program()
 
 
@@ -291,7 +299,7 @@ _OUTPUTS: Final[dict[str, Callable[[Controller], Value]]] = {
     "safety_mode": lambda c: int(c.safety),
     "runtime_state": lambda c: int(c.runtime),
     "robot_status_bits": lambda c: (
-        int(c.mode > Mode.POWER_OFF) | int(c.runtime is Runtime.PLAYING) << 1
+        int(c.mode > RobotPower.POWER_OFF) | int(c.runtime is ProgramState.PLAYING) << 1
     ),
     "safety_status_bits": lambda c: SAFETY_BITS[c.safety],
     "payload": lambda c: c.payload,

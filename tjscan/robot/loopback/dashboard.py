@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from tjscan.robot.loopback.controller import Controller, Mode, Runtime
+from tjscan.robot.loopback.controller import Controller, ProgramState, RobotPower
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 SERIAL: Final = "00000000000"
 """No real arm has this serial number."""
 
 
-class Dashboard:
+class DashboardServer:
     """Answers lines.
 
     Parameters
@@ -40,13 +40,13 @@ class Dashboard:
             "get robot model": lambda: model.upper().removesuffix("E"),
             "is in remote control": lambda: str(controller.remote).lower(),
             "running": lambda: (
-                f"Program running: {str(controller.runtime is Runtime.PLAYING).lower()}"
+                f"Program running: {str(controller.runtime is ProgramState.PLAYING).lower()}"
             ),
             "programstate": lambda: f"{controller.runtime.name} loopback",
             "stop": self._stop,
-            "power on": lambda: self._power(Mode.IDLE, "Powering on"),
-            "brake release": lambda: self._power(Mode.RUNNING, "Brake releasing"),
-            "power off": lambda: self._power(Mode.POWER_OFF, "Powering off"),
+            "power on": lambda: self._power(RobotPower.IDLE, "Powering on"),
+            "brake release": lambda: self._power(RobotPower.RUNNING, "Brake releasing"),
+            "power off": lambda: self._power(RobotPower.POWER_OFF, "Powering off"),
             "unlock protective stop": self._unlock,
             "close popup": lambda: "closing popup",
             "close safety popup": lambda: "closing safety popup",
@@ -67,7 +67,7 @@ class Dashboard:
         self._controller.stop_program()
         return "Stopped"
 
-    def _power(self, mode: Mode, answer: str) -> str:
+    def _power(self, mode: RobotPower, answer: str) -> str:
         self._controller.power(mode)
         return answer
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 from tjscan.core.errors import ConfigurationError, nearest_word
 
 
-class Fault(StrEnum):
+class InjectedFault(StrEnum):
     """What can go wrong with a controller; what sets it right, and its arm where it started."""
 
     PROTECTIVE_STOP = "protective-stop"
@@ -26,7 +26,7 @@ class Fault(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class ScheduledFault:
     """A fault and when it comes.
 
     Parameters
@@ -37,11 +37,11 @@ class Order:
         0: at once. Else half way through the move of this number, counted from now.
     """
 
-    fault: Fault
+    fault: InjectedFault
     move: int = 0
 
 
-def parse_order(line: str) -> Order:
+def parse_scheduled_fault(line: str) -> ScheduledFault:
     """Read ``FAULT`` (at once) or ``FAULT N`` (half way through the N-th move from now).
 
     Raises
@@ -50,11 +50,11 @@ def parse_order(line: str) -> Order:
         If it is neither.
     """
     word, _, when = line.strip().partition(" ")
-    if word not in list(Fault):
-        close = nearest_word(word, list(Fault))
+    if word not in list(InjectedFault):
+        close = nearest_word(word, list(InjectedFault))
         raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
     if not when:
-        return Order(Fault(word))
+        return ScheduledFault(InjectedFault(word))
     if not when.strip().isdigit() or int(when) < 1:
         raise ConfigurationError(f"a fault comes in move 1, 2, ... (found {when.strip()!r})")
-    return Order(Fault(word), int(when))
+    return ScheduledFault(InjectedFault(word), int(when))

@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits, timed
+from tjscan.robot.motion import MotionLimits, fastest_joint_path
 from tjscan.robot.path import FEWEST, JOINT_SPACING, linear_path
 
 UNBOUNDED: Final = 1e3
@@ -40,7 +40,7 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Braking:
+class DecelerationMotion:
     """From a speed to rest, along that speed.
 
     Parameters
@@ -62,12 +62,14 @@ class Braking:
         return np.asarray(self.q + share * self.speed)
 
 
-def braking(motion: Motion, time: float, deceleration: float) -> Braking:
+def decelerate_motion(motion: Motion, time: float, deceleration: float) -> DecelerationMotion:
     """Stop a motion at a time, the leading axis with a deceleration in rad/s²."""
     q = motion.at(time)
     speed = (motion.at(time + INSTANT) - q) / INSTANT
     fastest = float(np.abs(speed).max())
-    return Braking(q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1))
+    return DecelerationMotion(
+        q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1)
+    )
 
 
 def joint_motion(
@@ -78,7 +80,7 @@ def joint_motion(
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
     limits = MotionLimits(UNBOUNDED, UNBOUNDED, 1.0, acceleration)
-    return timed(waypoints, points_b, np.full(len(q), speed), limits)
+    return fastest_joint_path(waypoints, points_b, np.full(len(q), speed), limits)
 
 
 def linear_motion(

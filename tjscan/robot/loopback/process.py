@@ -12,7 +12,7 @@ from typing import Final, Self
 
 from tjscan.core.errors import ArmNotConnected, ArmNotResponding
 
-PATIENCE: Final = 60.0
+REPLY_TIMEOUT: Final = 60.0
 """Seconds to wait for a line; a busy machine takes its time."""
 
 
@@ -82,7 +82,7 @@ class LoopbackProcess:
         """
         while True:
             try:
-                line = self._lines.get(timeout=PATIENCE)
+                line = self._lines.get(timeout=REPLY_TIMEOUT)
             except queue.Empty:
                 raise ArmNotResponding(f"the loopback controller does not say {wanted}") from None
             if line is None:

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.motion import (
     Motion,
-    braking,
+    decelerate_motion,
     joint_motion,
     linear_motion,
 )
@@ -38,13 +38,13 @@ LINEAR_STOP: Final = 0.25
 """rad/s² per m/s²: a linear stop is braked in joint space here, about as fast."""
 
 
-def read_offset(script: str) -> int | None:
+def first_register_of_script(script: str) -> int | None:
     """First register that a control script uses, or None where it is another script."""
     found = re.search(r"# int register offset\n\s*(\d+)", script)
     return int(found[1]) if found and "def rtde_control" in script else None
 
 
-class Host(Protocol):
+class ScriptHost(Protocol):
     """What a control script finds on the controller that runs it."""
 
     kinematics: Kinematics
@@ -86,7 +86,7 @@ class Host(Protocol):
         ...
 
 
-class Program:
+class ControlScript:
     """The control script as it runs.
 
     Parameters
@@ -97,7 +97,7 @@ class Program:
         First register it uses, 0 or 24.
     """
 
-    def __init__(self, controller: Host, offset: int) -> None:
+    def __init__(self, controller: ScriptHost, offset: int) -> None:
         self._controller, self._offset = controller, offset
         self._executed = False
         self._waiting = False
@@ -210,7 +210,7 @@ class Program:
         progress = self._controller.progress
         self._end_asynchronous()
         if progress is not None:
-            self._controller.brake(braking(*progress, deceleration))
+            self._controller.brake(decelerate_motion(*progress, deceleration))
         if self._int(1) == 1:
             self._begin_asynchronous()
 

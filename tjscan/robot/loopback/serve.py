@@ -14,10 +14,10 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import Controller
-from tjscan.robot.loopback.server import Server, check_address
+from tjscan.robot.loopback.server import LoopbackServer, check_is_loopback_address
 
 
-def serve(
+def run_loopback_server(
     model: str, host: str, hz: float, *, home_deg: Sequence[float], fast: bool, attached: bool
 ) -> None:
     """Serve until interrupted, or until stdin ends if it is attached to that.
@@ -29,7 +29,7 @@ def serve(
     ConfigurationError
         If the arm, the address, the frequency or the joint angles can't be.
     """
-    check_address(host)
+    check_is_loopback_address(host)
     if not 1 <= hz <= 1000:
         raise ConfigurationError(f"it ticks 1 to 1000 times a second (found {hz:g})", key="hz")
     with add_file_to_errors(key="model"):
@@ -46,7 +46,7 @@ def serve(
         # In the background there is a terminal, but nobody to read from: carry on without.
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     controller = Controller(kinematics, q, hz=hz, fast=fast, tell=_tell)
-    asyncio.run(Server(controller, model, host, hz, _tell).run(attached=attached))
+    asyncio.run(LoopbackServer(controller, model, host, hz, _tell).run(attached=attached))
 
 
 def _tell(line: str) -> None:

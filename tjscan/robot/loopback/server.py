@@ -14,9 +14,9 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.robot.loopback.controller import Controller
-from tjscan.robot.loopback.dashboard import GREETING, Dashboard
-from tjscan.robot.loopback.faults import parse_order
-from tjscan.robot.loopback.wire import HEADER, Registry, Session
+from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
+from tjscan.robot.loopback.faults import parse_scheduled_fault
+from tjscan.robot.loopback.wire import HEADER, InputOwners, RtdeSession
 
 RTDE_PORT: Final = 30004
 SCRIPT_PORTS: Final = (30001, 30002, 30003)
@@ -34,7 +34,7 @@ BACKLOG: Final = 1 << 16
 _SCRIPT_END: Final = re.compile(r"^end\s*?\n", re.MULTILINE)
 
 
-def check_address(host: str) -> None:
+def check_is_loopback_address(host: str) -> None:
     """Refuse any address but this machine's own.
 
     Raises
@@ -55,7 +55,7 @@ def check_address(host: str) -> None:
 
 
 @dataclass(eq=False)
-class Server:
+class LoopbackServer:
     """Serves one controller.
 
     Parameters
@@ -79,10 +79,10 @@ class Server:
     tell: Callable[[str], None]
 
     def __post_init__(self) -> None:
-        check_address(self.host)
-        self._registry = Registry()
-        self._sessions: dict[Session, asyncio.StreamWriter] = {}
-        self._dashboard = Dashboard(self.controller, self.model, VERSION)
+        check_is_loopback_address(self.host)
+        self._registry = InputOwners()
+        self._sessions: dict[RtdeSession, asyncio.StreamWriter] = {}
+        self._dashboard = DashboardServer(self.controller, self.model, VERSION)
         self._thawed = asyncio.Event()
 
     async def run(self, *, attached: bool) -> None:
@@ -148,7 +148,7 @@ class Server:
 
     def _obey(self, line: str) -> None:
         try:
-            order = parse_order(line)
+            order = parse_scheduled_fault(line)
         except ConfigurationError as error:
             self.tell(f"refused {error}")
             return
@@ -156,7 +156,7 @@ class Server:
         self.tell(f"ordered {line.strip()}")
 
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        session = Session(writer.write, VERSION, self.hz, self._registry, self.controller.write)
+        session = RtdeSession(writer.write, VERSION, self.hz, self._registry, self.controller.write)
         self._sessions[session] = writer
         try:
             await self._serve(self._packages(reader, session), writer)
@@ -164,7 +164,7 @@ class Server:
             del self._sessions[session]
             session.close()
 
-    async def _packages(self, reader: asyncio.StreamReader, session: Session) -> None:
+    async def _packages(self, reader: asyncio.StreamReader, session: RtdeSession) -> None:
         while True:
             size, kind = HEADER.unpack(await reader.readexactly(HEADER.size))
             payload = await reader.readexactly(size - HEADER.size)

@@ -74,7 +74,7 @@ INPUT_TYPES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class RtdeRecipe:
     """Variables that travel together.
 
     Parameters
@@ -106,7 +106,7 @@ class Recipe:
         return found
 
 
-class Registry:
+class InputOwners:
     """Which client writes which input: no two may write the same."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class Registry:
         return INPUT_TYPES.get(name, "NOT_FOUND")
 
 
-class Session:
+class RtdeSession:
     """What one RTDE client has agreed with the controller.
 
     Parameters
@@ -151,13 +151,13 @@ class Session:
         send: Callable[[bytes], None],
         version: tuple[int, int, int, int],
         hz: float,
-        registry: Registry,
+        registry: InputOwners,
         write: Callable[[str, Value], None],
     ) -> None:
         self._send, self._version, self._hz = send, version, hz
         self._registry, self._write = registry, write
-        self._inputs: dict[int, Recipe] = {}
-        self._outputs: Recipe | None = None
+        self._inputs: dict[int, RtdeRecipe] = {}
+        self._outputs: RtdeRecipe | None = None
         self._started = False
         self._every, self._count = 1, 0
 
@@ -195,7 +195,7 @@ class Session:
         frequency, names = unpack(">d", payload[:8])[0], _names(payload[8:])
         kinds = [OUTPUT_TYPES.get(name, "NOT_FOUND") for name in names]
         if "NOT_FOUND" not in kinds:
-            self._outputs = Recipe(names, tuple(kinds))
+            self._outputs = RtdeRecipe(names, tuple(kinds))
             self._every = max(1, round(self._hz / frequency))
         self._reply(OUTPUTS, b"\x01" + ",".join(kinds).encode())
 
@@ -205,7 +205,7 @@ class Session:
         number = 0
         if not {"IN_USE", "NOT_FOUND"} & set(kinds):
             number = len(self._inputs) + 1
-            self._inputs[number] = Recipe(names, tuple(kinds))
+            self._inputs[number] = RtdeRecipe(names, tuple(kinds))
         self._reply(INPUTS, bytes([number]) + ",".join(kinds).encode())
 
     def _reply(self, kind: int, payload: bytes) -> None:
@@ -216,7 +216,7 @@ def _names(payload: bytes) -> tuple[str, ...]:
     return tuple(name for name in payload.decode().split(",") if name)
 
 
-def zero(name: str) -> Value:
+def default_output(name: str) -> Value:
     """An output that shows nothing."""
     size = {"VECTOR3D": 3, "VECTOR6D": 6, "VECTOR6INT32": 6}.get(OUTPUT_TYPES[name])
     return 0 if size is None else [0] * size

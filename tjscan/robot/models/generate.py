@@ -133,7 +133,7 @@ class Capsule:
         return x, y, z
 
 
-def bodies(arm: ArmModel) -> tuple[Capsule, ...]:
+def link_capsules(arm: ArmModel) -> tuple[Capsule, ...]:
     """One capsule for each link, base first, in the frame of the link."""
     thick, thin = arm.arm_radius, arm.wrist_radius
     upper, fore = arm.upper_arm_side, arm.forearm_side
@@ -149,12 +149,12 @@ def bodies(arm: ArmModel) -> tuple[Capsule, ...]:
     )
 
 
-def urdf(name: str) -> str:
+def urdf_text(name: str) -> str:
     """Text of the URDF of a model in `ARMS`."""
     arm = ARMS[name]
     robot = ET.Element("robot", name=name)
     masses = (BASE_MASS, *arm.masses)
-    for link, mass, body in zip(LINKS, masses, bodies(arm), strict=True):
+    for link, mass, body in zip(LINKS, masses, link_capsules(arm), strict=True):
         _add_link(robot, link, mass, body)
     ET.SubElement(robot, "link", name="flange")
 
@@ -183,10 +183,10 @@ def urdf(name: str) -> str:
     return f'<?xml version="1.0"?>\n{head}\n{ET.tostring(robot, encoding="unicode")}\n'
 
 
-def write(folder: Path) -> None:
+def write_urdfs(folder: Path) -> None:
     """Write the URDF of every model into `folder`."""
     for name in ARMS:
-        (folder / f"{name}.urdf").write_text(urdf(name), encoding="utf-8")
+        (folder / f"{name}.urdf").write_text(urdf_text(name), encoding="utf-8")
 
 
 def _add_link(robot: ET.Element, name: str, mass: float, body: Capsule) -> None:
@@ -235,4 +235,4 @@ def _text(vector: Vector) -> str:
 
 
 if __name__ == "__main__":
-    write(Path(__file__).parent)
+    write_urdfs(Path(__file__).parent)

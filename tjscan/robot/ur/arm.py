@@ -19,14 +19,14 @@ from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.latch import StopLatch
 from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect
 from tjscan.robot.ur.identity import UrIdentity, identify
-from tjscan.robot.ur.moving import POLL, arrive, carry_out, check_target
-from tjscan.robot.ur.session import Session
+from tjscan.robot.ur.moving import POLL, await_arrival, check_target, execute_move
+from tjscan.robot.ur.session import ControllerSession
 from tjscan.robot.ur.settings import UrSettings
 
 
@@ -49,9 +49,9 @@ class UrArm(DeviceBase):
     ) -> None:
         self.kinematics, self.settings = kinematics, settings
         self.limits = MotionLimits() if limits is None else limits
-        self._session: Session | None = None
+        self._session: ControllerSession | None = None
         self._identity: UrIdentity | None = None
-        self._latch = StopLatch()
+        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -128,7 +128,7 @@ class UrArm(DeviceBase):
         self._latch.clear()
 
     @property
-    def _connected(self) -> Session:
+    def _connected(self) -> ControllerSession:
         if self._session is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
@@ -140,19 +140,21 @@ class UrArm(DeviceBase):
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
-    def _linear_command(self, session: Session, path: JointPath, T_b_f: Array) -> MoveCommand:
+    def _linear_command(
+        self, session: ControllerSession, path: JointPath, T_b_f: Array
+    ) -> MoveCommand:
         return linear_command(session, self.kinematics, path, T_b_f)
 
     def _move(
         self,
         T_b_f: Array,
         plan: Callable[[Array, Array], JointPath],
-        order: Callable[[Session, JointPath, Array], MoveCommand],
+        order: Callable[[ControllerSession, JointPath, Array], MoveCommand],
     ) -> ArmState:
         session = self._connected
         with self._latch.move():
             path = plan(session.state().q, T_b_f)
             if path.duration > 0:
                 check_target(session, T_b_f)
-                carry_out(session, self._latch, order(session, path, T_b_f), T_b_f)
-            return arrive(session, self._latch, self.settings, T_b_f)
+                execute_move(session, self._latch, order(session, path, T_b_f), T_b_f)
+            return await_arrival(session, self._latch, self.settings, T_b_f)

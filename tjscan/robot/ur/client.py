@@ -17,9 +17,9 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from tjscan.robot.ur.messages import HOST_GONE, Answer, Request, Six, Snapshot
+from tjscan.robot.ur.messages import HOST_GONE, Answer, ControllerState, Request, SixNumbers
 
-FREQUENCY: Final = 125.0
+RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
 
 OUTPUTS: Final = [
@@ -34,20 +34,20 @@ OUTPUTS: Final = [
 PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 """Older controllers have no such outputs."""
 
-WATCHDOG: Final = 1.0
+WATCHDOG_HZ: Final = 1.0
 """Hz: a controller that hears less often from this process stops the arm."""
 
 FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
-STOP: Final = 2.0
+STOP_DECELERATION: Final = 2.0
 """rad/s² with which the arm is stopped when nobody watches over it."""
 
-UNFOLLOWED: Final = 1.0
+UNFOLLOWED_LIMIT: Final = 1.0
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
 
-class Client:
+class RtdeClient:
     """Both RTDE links to one controller."""
 
     def __init__(self) -> None:
@@ -64,18 +64,18 @@ class Client:
         from rtde_receive import RTDEReceiveInterface
 
         try:
-            self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS + PAYLOAD_OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS + PAYLOAD_OUTPUTS)
         except (RuntimeError, ValueError):
             self._reports_payload = False
-            self._receive = RTDEReceiveInterface(host, FREQUENCY, OUTPUTS)
-        self._control = RTDEControlInterface(host, FREQUENCY)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS)
+        self._control = RTDEControlInterface(host, RTDE_HZ)
 
     def watch(self) -> bool:
         """Let the controller stop the arm when this process falls silent."""
-        self._watched = bool(self._control.setWatchdog(WATCHDOG))
+        self._watched = bool(self._control.setWatchdog(WATCHDOG_HZ))
         return self._watched
 
-    def follow(self) -> Snapshot:
+    def follow(self) -> ControllerState:
         """Read the state for the main process, which waits for a move: it is awake."""
         now = self.look()
         self._followed = time.monotonic()
@@ -83,11 +83,11 @@ class Client:
             self._before = None  # it knows that the move has ended
         return now
 
-    def look(self) -> Snapshot:
+    def look(self) -> ControllerState:
         """Read the state."""
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
         reported = self._reports_payload
-        return Snapshot(
+        return ControllerState(
             connected=bool(receive.isConnected() and self._control.isConnected()),
             time=receive.getTimestamp(),
             q=tuple(receive.getActualQ()),
@@ -102,7 +102,7 @@ class Client:
             centre_of_gravity=tuple(receive.getPayloadCog()) if reported else None,
         )
 
-    def set_tcp(self, T_f_tcp: Six) -> bool:
+    def set_tcp(self, T_f_tcp: SixNumbers) -> bool:
         """Set the active TCP."""
         return bool(self._control.setTcp(list(T_f_tcp)))
 
@@ -114,22 +114,22 @@ class Client:
         """Set the payload."""
         return bool(self._control.setPayload(mass, list(centre_of_gravity)))
 
-    def pose_is_safe(self, tcp: Six) -> bool:
+    def pose_is_safe(self, tcp: SixNumbers) -> bool:
         """Ask whether a pose is within the safety limits."""
         return bool(self._control.isPoseWithinSafetyLimits(list(tcp)))
 
-    def inverse(self, tcp: Six, near: Six) -> list[float]:
+    def inverse(self, tcp: SixNumbers, near: SixNumbers) -> list[float]:
         """Ask the controller, which knows its own calibration; nothing if there is no solution."""
         if not self._control.getInverseKinematicsHasSolution(list(tcp), list(near)):
             return []
         return list(self._control.getInverseKinematics(list(tcp), list(near)))
 
-    def move_joint(self, q: Six, speed: float, acceleration: float) -> bool:
+    def move_joint(self, q: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a move in joint space."""
         self._expect_to_be_followed()
         return bool(self._control.moveJ(list(q), speed, acceleration, True))
 
-    def move_linear(self, tcp: Six, speed: float, acceleration: float) -> bool:
+    def move_linear(self, tcp: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a linear move."""
         self._expect_to_be_followed()
         return bool(self._control.moveL(list(tcp), speed, acceleration, True))
@@ -153,7 +153,7 @@ class Client:
     @property
     def host_gone(self) -> bool:
         """Whether the main process no longer follows the move under way."""
-        if self._before is None or time.monotonic() - self._followed < UNFOLLOWED:
+        if self._before is None or time.monotonic() - self._followed < UNFOLLOWED_LIMIT:
             return False
         status = self._control.getAsyncOperationProgressEx()
         if not status.isAsyncOperationRunning() and status.operationId() != self._before:
@@ -164,7 +164,7 @@ class Client:
         """Stop the arm and end the control script: nobody watches over the arm."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
-            self._control.stopJ(STOP)
+            self._control.stopJ(STOP_DECELERATION)
             self._control.stopScript()
 
     def _expect_to_be_followed(self) -> None:
@@ -172,7 +172,7 @@ class Client:
         self._before = self._control.getAsyncOperationProgressEx().operationId()
 
 
-def serve(connection: Connection, client: Client) -> None:
+def answer_requests(connection: Connection, client: RtdeClient) -> None:
     """Do as asked until the main process is gone, or leaves a move unfollowed."""
     while not client.host_gone:
         try:
@@ -195,10 +195,10 @@ def serve(connection: Connection, client: Client) -> None:
         client.feed_watchdog()
     with suppress(Exception):  # the library raises what it likes
         client.emergency_exit()
-    refuse(connection)
+    refuse_requests(connection)
 
 
-def refuse(connection: Connection) -> None:
+def refuse_requests(connection: Connection) -> None:
     """Do nothing more, and answer why, until the main process is gone."""
     with suppress(EOFError, OSError):
         while True:
@@ -209,7 +209,7 @@ def refuse(connection: Connection) -> None:
 def main() -> None:
     """Serve the socket whose number is the only argument."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to handle
-    serve(Connection(int(sys.argv[1])), Client())
+    answer_requests(Connection(int(sys.argv[1])), RtdeClient())
     # The library's destructors would wait half a second, or for a controller that is gone.
     os._exit(0)
 

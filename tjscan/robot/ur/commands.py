@@ -11,7 +11,7 @@ from tjscan.core.errors import TargetRefused
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointPath
-from tjscan.robot.ur.session import Session
+from tjscan.robot.ur.session import ControllerSession
 
 NO_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
@@ -50,7 +50,7 @@ class MoveCommand:
 
 
 def linear_command(
-    session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
+    session: ControllerSession, kinematics: Kinematics, path: JointPath, T_b_f: Array
 ) -> MoveCommand:
     """Order a straight line of the flange along a path that ends at a pose.
 
@@ -66,7 +66,7 @@ def linear_command(
     return MoveCommand("move_linear", session.tcp_at(T_b_f), *_bounds(path, length))
 
 
-def joint_command(session: Session, path: JointPath, T_b_f: Array) -> MoveCommand:
+def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> MoveCommand:
     """Order a line in joint space along a path that ends at a pose.
 
     The controller knows how its arm differs from the drawing; ours is the configuration.
@@ -88,7 +88,7 @@ def joint_command(session: Session, path: JointPath, T_b_f: Array) -> MoveComman
 
 
 def _turn_command(
-    session: Session, kinematics: Kinematics, path: JointPath, T_b_f: Array
+    session: ControllerSession, kinematics: Kinematics, path: JointPath, T_b_f: Array
 ) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])

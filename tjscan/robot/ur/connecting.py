@@ -20,11 +20,11 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.ur.dashboard import Dashboard
-from tjscan.robot.ur.faults import fault_of, start_fault
-from tjscan.robot.ur.link import ClientFailed, Link
-from tjscan.robot.ur.messages import Snapshot
-from tjscan.robot.ur.session import Session, unready
+from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
+from tjscan.robot.ur.link import ClientFailed, ClientProcess
+from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.ur.session import ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
 Pause = Callable[[], object]
@@ -43,7 +43,7 @@ Less than the clearance's default margins: what is planned on the model holds fo
 """
 
 
-def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Session:
+def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> ControllerSession:
     """Connect, set TCP and payload, and read them back; nothing moves.
 
     Raises
@@ -53,12 +53,12 @@ def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Sessi
     ConfigurationError
         If it is another model than it should be.
     """
-    dashboard = Dashboard(settings.host)
+    dashboard = DashboardClient(settings.host)
     try:
-        if (fault := unready(dashboard)) is not None:
+        if (fault := not_ready_fault(dashboard)) is not None:
             raise fault
         _await_nobody(dashboard, pause)
-        session = Session(dashboard, Link(), settings.silence_limit)
+        session = ControllerSession(dashboard, ClientProcess(), settings.silence_limit)
     except BaseException:
         dashboard.close()
         raise
@@ -72,7 +72,9 @@ def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Sessi
     return session
 
 
-def _begin(session: Session, settings: UrSettings, kinematics: Kinematics, pause: Pause) -> None:
+def _begin(
+    session: ControllerSession, settings: UrSettings, kinematics: Kinematics, pause: Pause
+) -> None:
     host = settings.host
     try:
         session.link.ask(NoneType, "connect", host, limit=settings.connect_limit)
@@ -82,10 +84,12 @@ def _begin(session: Session, settings: UrSettings, kinematics: Kinematics, pause
         _set_payload(session, settings, pause)
         _check_model(session, kinematics)
     except ClientFailed as failed:
-        raise unready(session.dashboard) or start_fault(host, str(failed)) from None
+        raise not_ready_fault(session.dashboard) or connection_start_fault(
+            host, str(failed)
+        ) from None
 
 
-def _await_nobody(dashboard: Dashboard, pause: Pause) -> None:
+def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
     """See that no program runs: the client library would end it without asking."""
     limit = time.monotonic() + STARTS  # the dashboard is slow to report a program's end
     while dashboard.value("running").lower() == "true":
@@ -97,16 +101,16 @@ def _await_nobody(dashboard: Dashboard, pause: Pause) -> None:
         pause()
 
 
-def _await_program(link: Link, pause: Pause) -> None:
+def _await_program(link: ClientProcess, pause: Pause) -> None:
     """Let both links show the program that was started."""
     limit = time.monotonic() + STARTS
-    while (fault := fault_of(link.ask(Snapshot, "look", limit=STARTS))) is not None:
+    while (fault := fault_from_state(link.ask(ControllerState, "look", limit=STARTS))) is not None:
         if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
             raise fault
         pause()
 
 
-def _set_tcp(session: Session) -> None:
+def _set_tcp(session: ControllerSession) -> None:
     """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
     session.ask(bool, "set_tcp", (0.0,) * 6)
     offset = session.ask(list, "tcp")
@@ -116,7 +120,7 @@ def _set_tcp(session: Session) -> None:
     session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
 
 
-def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:
+def _set_payload(session: ControllerSession, settings: UrSettings, pause: Pause) -> None:
     if settings.payload is None:
         return
     session.ask(bool, "set_payload", settings.payload, settings.payload_centre)
@@ -128,14 +132,14 @@ def _set_payload(session: Session, settings: UrSettings, pause: Pause) -> None:
         pause()
 
 
-def _carries(now: Snapshot, wanted: Array) -> bool:
+def _carries(now: ControllerState, wanted: Array) -> bool:
     """Whether the payload is the one asked for, or is not reported at all."""
     if now.payload is None or now.centre_of_gravity is None:
         return True
     return bool(np.abs(np.array([now.payload, *now.centre_of_gravity]) - wanted).max() < SAME)
 
 
-def _check_model(session: Session, kinematics: Kinematics) -> None:
+def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
     state = session.state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
     if apart > OTHER_ARM:

@@ -20,7 +20,7 @@ LONGEST: Final = 4096
 """Bytes of a line."""
 
 
-class Dashboard:
+class DashboardClient:
     """A connection to the dashboard; a context manager.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
-from tjscan.robot.drivers import ARMS, ArmContext, ArmDriver
+from tjscan.robot.drivers import ARMS, ArmDriver, ArmDriverInputs
 from tjscan.robot.ur.settings import UrSettings
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ CLIENT: Final = "rtde_control"
 """Module of the package ur-rtde."""
 
 
-def _make(context: ArmContext, settings: UrSettings) -> UrArm:
+def _make(context: ArmDriverInputs, settings: UrSettings) -> UrArm:
     from tjscan.robot.ur.arm import UrArm
 
     # The client library is loaded in a process of its own alone, so look whether it is there.

@@ -15,7 +15,7 @@ from tjscan.core.errors import (
     ProtectiveStop,
     RegistersInUse,
 )
-from tjscan.robot.ur.messages import PLAYING, RobotMode, SafetyMode, Snapshot
+from tjscan.robot.ur.messages import PLAYING, ControllerState, RobotMode, SafetyMode
 
 _EMERGENCY: Final = "an emergency stop is pressed. Release it, switch the arm on, then start again."
 _PROTECTIVE: Final = (
@@ -74,7 +74,7 @@ def program_fault(running: str) -> ArmFault | None:
     return ProgramStopped(_PROGRAM) if running.lower() == "false" else None
 
 
-def fault_of(now: Snapshot) -> ArmFault | None:
+def fault_from_state(now: ControllerState) -> ArmFault | None:
     """What is wrong, as far as a snapshot shows, the cause before its consequences."""
     if not now.connected:
         return ArmConnectionLost(_LINK)
@@ -85,7 +85,7 @@ def fault_of(now: Snapshot) -> ArmFault | None:
     return None if now.runtime_state == PLAYING else ProgramStopped(_PROGRAM)
 
 
-def start_fault(host: str, words: str) -> ArmFault:
+def connection_start_fault(host: str, words: str) -> ArmFault:
     """What kept the client library from starting, by its own words."""
     if "already in use" in words:
         return RegistersInUse(_REGISTERS)

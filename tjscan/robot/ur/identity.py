@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tjscan.core.devices import DeviceIdentity
-from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.dashboard import DashboardClient
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,8 @@ class UrIdentity(DeviceIdentity):
     payload: float | None = None
 
 
-def identify(dashboard: Dashboard, payload: float | None) -> UrIdentity:
-    """Ask which arm it is; raises as `Dashboard.ask` does."""
+def identify(dashboard: DashboardClient, payload: float | None) -> UrIdentity:
+    """Ask which arm it is; raises as `DashboardClient.ask` does."""
     return UrIdentity(
         model=_told(dashboard.ask("get robot model")),
         serial=_told(dashboard.ask("get serial number")),

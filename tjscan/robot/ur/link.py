@@ -27,7 +27,7 @@ class ClientFailed(Exception):
     """The client library raised something; for the driver to interpret."""
 
 
-class Link:
+class ClientProcess:
     """A process with the client library in it.
 
     Raises nothing itself until it is asked something.

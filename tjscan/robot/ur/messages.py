@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-Six = tuple[float, float, float, float, float, float]
+SixNumbers = tuple[float, float, float, float, float, float]
 """Joint angles, or a position and a rotation vector."""
 
 
@@ -41,7 +41,7 @@ PLAYING = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class ControllerState:
     """What the controller says of itself at one moment.
 
     Parameters
@@ -66,9 +66,9 @@ class Snapshot:
 
     connected: bool
     time: float
-    q: Six
-    speed: Six
-    tcp: Six
+    q: SixNumbers
+    speed: SixNumbers
+    tcp: SixNumbers
     robot_mode: int
     safety_mode: int
     runtime_state: int

@@ -16,10 +16,10 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.arm import ArmState
-from tjscan.robot.latch import StopLatch
+from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.ur.commands import MoveCommand
-from tjscan.robot.ur.messages import Snapshot
-from tjscan.robot.ur.session import Session
+from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.ur.session import ControllerSession
 from tjscan.robot.ur.settings import UrSettings
 
 POLL: Final = 0.004
@@ -41,7 +41,7 @@ CREEP: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
 
 
-def check_target(session: Session, T_b_f: Array) -> None:
+def check_target(session: ControllerSession, T_b_f: Array) -> None:
     """Ask the controller whether a pose is within its safety limits.
 
     Raises
@@ -58,7 +58,9 @@ def check_target(session: Session, T_b_f: Array) -> None:
         )
 
 
-def carry_out(session: Session, latch: StopLatch, order: MoveCommand, T_b_f: Array) -> None:
+def execute_move(
+    session: ControllerSession, latch: MotionLock, order: MoveCommand, T_b_f: Array
+) -> None:
     """Set a move off and see it to its end; whatever interrupts it leaves the arm at rest.
 
     Raises
@@ -81,7 +83,7 @@ def carry_out(session: Session, latch: StopLatch, order: MoveCommand, T_b_f: Arr
         raise
 
 
-def _follow(session: Session, latch: StopLatch, before: Snapshot) -> None:
+def _follow(session: ControllerSession, latch: MotionLock, before: ControllerState) -> None:
     """Watch a move until it has ended."""
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
@@ -111,7 +113,9 @@ def _follow(session: Session, latch: StopLatch, before: Snapshot) -> None:
             )
 
 
-def arrive(session: Session, latch: StopLatch, settings: UrSettings, T_b_f: Array) -> ArmState:
+def await_arrival(
+    session: ControllerSession, latch: MotionLock, settings: UrSettings, T_b_f: Array
+) -> ArmState:
     """Wait until the arm rests, and check where.
 
     Raises

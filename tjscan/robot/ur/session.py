@@ -12,16 +12,16 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ArmConnectionLost, ArmFault, ArmNotResponding, ProgramStopped
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState
-from tjscan.robot.ur.dashboard import Dashboard
+from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.faults import (
-    fault_of,
+    fault_from_state,
     power_fault,
     program_fault,
     remote_fault,
     safety_fault,
 )
-from tjscan.robot.ur.link import ClientFailed, Link
-from tjscan.robot.ur.messages import Snapshot
+from tjscan.robot.ur.link import ClientFailed, ClientProcess
+from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.watch import ClockWatch
 
 T = TypeVar("T")
@@ -33,7 +33,7 @@ SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
 
 
-class Session:
+class ControllerSession:
     """Questions and commands to a controller; after the first fault it passes none on.
 
     Parameters
@@ -46,14 +46,16 @@ class Session:
         Seconds for which the controller's clock may stand.
     """
 
-    def __init__(self, dashboard: Dashboard, link: Link, silence_limit: float) -> None:
+    def __init__(
+        self, dashboard: DashboardClient, link: ClientProcess, silence_limit: float
+    ) -> None:
         self.dashboard, self.link = dashboard, link
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
         self._watch, self._limit = ClockWatch(silence_limit), silence_limit + SLACK
 
-    def look(self) -> Snapshot:
+    def look(self) -> ControllerState:
         """What the arm says of itself.
 
         Raises
@@ -63,7 +65,7 @@ class Session:
         """
         return self._look("look")
 
-    def follow(self) -> Snapshot:
+    def follow(self) -> ControllerState:
         """Look at the move under way; the client stops it when nobody does for long."""
         return self._look("follow")
 
@@ -71,7 +73,7 @@ class Session:
         """Joint angles, flange pose and time; raises as `look` does."""
         return self.state_of(self.look())
 
-    def state_of(self, now: Snapshot) -> ArmState:
+    def state_of(self, now: ControllerState) -> ArmState:
         """Joint angles, flange pose and time at one moment."""
         return ArmState(
             np.array(now.q), pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f, now.time
@@ -82,7 +84,7 @@ class Session:
         return tuple(pose_vector.pose_to_vector(T_b_f @ inverse_pose(self.T_tcp_f)).tolist())
 
     def ask(self, kind: type[T], name: str, *arguments: object) -> T:
-        """Let the client do something, see `Link.ask`; what it raises becomes the arm's fault."""
+        """As `ClientProcess.ask`; what the client raises becomes the arm's fault."""
         try:
             return self._working.ask(kind, name, *arguments)
         except ClientFailed as failed:
@@ -145,17 +147,17 @@ class Session:
         self.dashboard.close()
 
     @property
-    def _working(self) -> Link:
+    def _working(self) -> ClientProcess:
         if self.fault is not None:
             raise self.fault
         return self.link
 
-    def _look(self, name: str) -> Snapshot:
+    def _look(self, name: str) -> ControllerState:
         link = self._working
         try:
-            now = link.ask(Snapshot, name, limit=self._limit)
+            now = link.ask(ControllerState, name, limit=self._limit)
             self._watch.see(now)
-            fault = fault_of(now)
+            fault = fault_from_state(now)
         except ArmFault as found:
             fault = found
         except ClientFailed as failed:
@@ -169,7 +171,7 @@ class Session:
         if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):
                 running = self.dashboard.value("running")
-                return unready(self.dashboard) or program_fault(running) or fault
+                return not_ready_fault(self.dashboard) or program_fault(running) or fault
         return fault
 
     def _end_program(self, because: BaseException | None) -> None:
@@ -182,7 +184,7 @@ class Session:
                 self.stop_program(because)
 
 
-def unready(dashboard: Dashboard) -> ArmFault | None:
+def not_ready_fault(dashboard: DashboardClient) -> ArmFault | None:
     """What keeps the arm from moving by its dashboard, the cause before its consequences."""
     return (
         safety_fault(dashboard.value("safetystatus"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from tjscan.core.errors import ArmNotResponding
-from tjscan.robot.ur.messages import Snapshot
+from tjscan.robot.ur.messages import ControllerState
 
 
 class ClockWatch:
@@ -23,7 +23,7 @@ class ClockWatch:
         self._since = 0.0
         self._seen = 0.0
 
-    def see(self, now: Snapshot) -> None:
+    def see(self, now: ControllerState) -> None:
         """Compare with what was seen before."""
         moment = time.monotonic()
         # While nobody looked, nothing is known: a pause between two looks counts for nothing.

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from tjscan.core.errors import ArmFault
 
 
-class StopLatch:
+class MotionLock:
     """One move at a time, and none after a stop until that is taken back.
 
     Whoever moves an arm holds `move` from the moment a move is ordered until it has ended, and

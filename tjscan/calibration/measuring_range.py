@@ -10,7 +10,7 @@ from tjscan.core.frames import Array
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class MeasuringRange:
     """The measuring range in the laser plane. Metres, radians.
 
     Parameters
@@ -39,7 +39,7 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenLines:
+class VisibleLines:
     """Where lines on a plane lie in the window, n of them at once, in frame s.
 
     Parameters
@@ -57,7 +57,7 @@ class SeenLines:
     columns: Array
 
 
-def see_plane(window: Window, u_s: Array, u0_s: Array) -> SeenLines:
+def lines_on_plane(window: MeasuringRange, u_s: Array, u0_s: Array) -> VisibleLines:
     """Lines in which planes cut the window.
 
     Parameters
@@ -89,4 +89,4 @@ def see_plane(window: Window, u_s: Array, u0_s: Array) -> SeenLines:
     ends[~seen] = np.nan
     span = np.where(seen, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 0.0)
     columns = np.where(seen, (high - low) / (2 * tan) * (window.columns - 1) + 1, 0.0)
-    return SeenLines(ends, span, columns)
+    return VisibleLines(ends, span, columns)
