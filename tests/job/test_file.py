@@ -40,7 +40,7 @@ def test_lengths_become_metres_once(tmp_path: Path) -> None:
     job = read_scan_job(write(tmp_path, JOB))
     assert job.calibration.T_f_s is not None
     assert job.calibration.T_f_s[:3, 3] == pytest.approx((0.0, -0.115, 0.168))
-    assert job.starts[0].T[:3, 3] == pytest.approx((0.8, 0.0, 0.3))
+    assert job.start_poses[0].T[:3, 3] == pytest.approx((0.8, 0.0, 0.3))
 
 
 @pytest.mark.parametrize(

@@ -113,14 +113,14 @@ class TestWholeJoint:
     """The example with both its stations."""
 
     def test_its_bases_are_wrong_by_millimetres_and_a_degree_or_two(self) -> None:
-        for job in read_scan_job(WHOLE).places:
+        for job in read_scan_job(WHOLE).jobs_by_station:
             off = inverse_pose(job.T_w_b) @ job.T_w_b_true
             assert 5e-3 < np.linalg.norm(off[:3, 3]) < 10e-3
             assert np.radians(1) < rotation_angle_between(np.eye(4), off) < np.radians(2)
 
     def test_it_goes_all_round_and_overlaps_at_both_crowns(self) -> None:
         seen = []
-        for job in read_scan_job(WHOLE).places:
+        for job in read_scan_job(WHOLE).jobs_by_station:
             assert job.joint is not None
             result = scan(WHOLE, {}, job.station[0].name)
             assert plan_is_fulfilled(result.stop, job.scan), result.detail
@@ -153,7 +153,7 @@ def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
     job = read_scan_job(
         WHOLE, {"station.right.direction": "clockwise", "station.right.sections": 7}
     )
-    left, right = job.places
+    left, right = job.jobs_by_station
     assert (left.scan.direction, left.scan.sections) == ("counterclockwise", None)
     assert (right.scan.direction, right.scan.sections) == ("clockwise", 7)
     assert right.stations == ("right",)
@@ -161,7 +161,7 @@ def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
 
 
 def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
-    left, right = (job.simulation for job in read_scan_job(WHOLE).places)
+    left, right = (job.simulation for job in read_scan_job(WHOLE).jobs_by_station)
     assert left is not None
     assert right is not None
     assert left.seed != right.seed
@@ -170,7 +170,7 @@ def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
 
 def test_a_job_at_no_station_is_refused_with_their_names() -> None:
     with pytest.raises(ConfigurationError, match="left, right"):
-        read_scan_job(WHOLE).starts  # noqa: B018
+        read_scan_job(WHOLE).start_poses  # noqa: B018
     with pytest.raises(ConfigurationError, match="did you mean: left"):
         read_scan_job(WHOLE).at("lefft")
     with pytest.raises(ConfigurationError, match="it has none"):
@@ -248,7 +248,7 @@ def test_an_option_for_a_station_that_is_none_is_refused(key: str, hint: str) ->
 def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -> None:
     import tomli_w
 
-    for job in read_scan_job(file).places:
+    for job in read_scan_job(file).jobs_by_station:
         copy = tmp_path / "copy.toml"
         text = tomli_w.dumps(config.table_to_dict(job))
         copy.write_text(text, encoding="utf-8")
@@ -260,7 +260,7 @@ def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -
 def test_a_real_arm_stands_at_one_station() -> None:
     real = {"arm.driver": "ur", "arm.ur.host": "127.0.0.9"}
     with pytest.raises(ConfigurationError, match="--station"):
-        read_scan_job(WHOLE, real).places  # noqa: B018
+        read_scan_job(WHOLE, real).jobs_by_station  # noqa: B018
     assert len(read_scan_job(WHOLE, real).at("left").places) == 1
 
 

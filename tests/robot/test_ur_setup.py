@@ -22,7 +22,7 @@ pytest.importorskip("rtde_control")
 @pytest.fixture(scope="module")
 def loopback() -> Iterator[LoopbackProcess]:
     """A controller whose arm was led to about the first start pose."""
-    angles = standing(read_scan_job(PAPER).starts[0].T).strip("[]").split(", ")
+    angles = standing(read_scan_job(PAPER).start_poses[0].T).strip("[]").split(", ")
     with LoopbackProcess(address(), "--fast", "--home-deg", *angles) as process:
         yield process
     assert client_processes() == []
@@ -39,7 +39,7 @@ def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
     loopback.heard()
     assert tjscan("teach", job, "--which", "second", *ur(loopback)) == 0
     assert not any(line.startswith("move") for line in loopback.heard())
-    first, second = (start.T for start in read_scan_job(job).starts)
+    first, second = (start.T for start in read_scan_job(job).start_poses)
     off = second[:3, 3] - first[:3, 3]
     assert np.abs(off).max() < 2 * HALF_DIGIT[0]
 

@@ -75,7 +75,7 @@ def test_an_arm_that_stands_at_a_start_pose_sees_its_groove() -> None:
 
     from tjscan.job import read_scan_job
 
-    T = read_scan_job(PAPER).starts[0].T
+    T = read_scan_job(PAPER).start_poses[0].T
     home = [float(word) for word in standing(T).strip("[]").split(",")]
     findings = {f.what: f for f in check_job_and_cell(PAPER, {"simulation.arm.home_deg": home})}
     assert "and a groove" in findings["profile"].detail

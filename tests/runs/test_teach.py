@@ -27,12 +27,12 @@ def test_the_pose_written_is_the_pose_read_and_all_else_stays(
 ) -> None:
     job = example(tmp_path, EXAMPLES / "ur10e.toml")
     before, old = job.read_text(encoding="utf-8"), read_scan_job(job)
-    T = read_scan_job(job).starts[0].T
+    T = read_scan_job(job).start_poses[0].T
     stands = pose(T[:3, :3] @ rot_y(0.02), T[:3, 3] + (0.003, -0.012, 0.004))
     home = standing(stands)
     assert tjscan("teach", job, "--which", which, "--simulation.arm.home_deg", home, "--json") == 0
     new, told = read_scan_job(job), json.loads(capsys.readouterr().out)
-    found = new.starts[which == "second"]
+    found = new.start_poses[which == "second"]
     assert np.abs(found.T[:3, 3] - stands[:3, 3]).max() < HALF_DIGIT[0]
     assert rotation_angle_between(found.T, stands) < 2 * HALF_DIGIT[1]
     assert tuple(told["position_mm"]) == MM.to_file(found.position)
@@ -76,8 +76,8 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
     assert text.endswith(rest)
     assert link.is_symlink()
     assert stat.S_IMODE(job.stat().st_mode) == 0o640
-    assert read_scan_job(link).starts[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
-    assert read_scan_job(link).starts[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
+    assert read_scan_job(link).start_poses[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
+    assert read_scan_job(link).start_poses[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
 
 
 @settings(max_examples=50)

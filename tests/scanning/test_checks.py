@@ -36,7 +36,7 @@ def nothing_further(to: SetPoint) -> None:
     moved = np.linalg.norm(T_b_s[:3, 3] - LAST.view.T_b_s[:3, 3])
     turned = rotation_angle_between(LAST.view.T_b_s, T_b_s)
     lever = np.linalg.norm(to.T_s_t[:3, 3])
-    assert turned <= REQUEST.largest_turn + 1e-6
+    assert turned <= REQUEST.max_rotation + 1e-6
     assert (
         moved
         <= FARTHEST * REQUEST.length + 2 * lever * np.sin(turned / 2) + LARGEST_VIEW_SHIFT + 1e-3
@@ -89,7 +89,7 @@ def test_the_papers_set_points_and_every_nudge_of_them_pass(
         ViewAdjustment(offset=offset * LARGEST_SHIFT),
         ViewAdjustment(work_angle=offset * TURN),
     ):
-        check_set_point(nudge.applied(to, PLAN.direction), request, PLAN)
+        check_set_point(nudge.adjusted_set_point(to, PLAN.direction), request, PLAN)
 
 
 def test_a_hand_may_have_held_the_sensor_otherwise_but_not_anyhow() -> None:

@@ -31,7 +31,7 @@ from tjscan.scanning.target import ScanDirection
 
 ANGLE = 0.175
 SKIPPING = {"scan.skip.enabled": True}
-IDEAL = SetPoint(ring_section(ANGLE).T_b_t, PLAN.target(GROOVE.work_angle))
+IDEAL = SetPoint(ring_section(ANGLE).T_b_t, PLAN.target_pose_in_sensor(GROOVE.work_angle))
 offs = arrays(np.float64, 6, elements=st.floats(-0.3, 0.3))
 
 
@@ -49,7 +49,7 @@ def test_a_raised_sensor_and_a_smaller_work_angle_are_the_same_deviation() -> No
     for direction, sign in ((ScanDirection.COUNTERCLOCKWISE, 1), (ScanDirection.CLOCKWISE, -1)):
         plan = replace(PLAN, direction=direction)
         taken = ring_section(ANGLE, plan=plan)
-        wanted = SetPoint(taken.T_b_t, plan.target(GROOVE.work_angle + 0.02))
+        wanted = SetPoint(taken.T_b_t, plan.target_pose_in_sensor(GROOVE.work_angle + 0.02))
         off = view_deviation(taken, wanted)
         assert off[3] == pytest.approx(sign * 0.02, abs=1e-9)
 
@@ -109,7 +109,7 @@ def test_a_scan_that_skips_is_as_good_with_fewer_views(file: Path, step_mm: int)
         if scan.view.substep is Substep.PREDICTION:
             ideal = SetPoint(
                 correction_target_pose(before.T_b_g, scan.T_b_g),
-                plan.target(scan.groove.work_angle),
+                plan.target_pose_in_sensor(scan.groove.work_angle),
             )
             assert plan.skip.allows_skipping(view_deviation(scan, ideal), np.zeros(6))
 
@@ -130,12 +130,12 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     options = [word for key, value in keys.items() for word in (f"--{key}", str(value).lower())]
     run = tmp_path / "run"
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
-    whole = read_recorded_scan(run).read_sections(find_groove)
+    whole = read_recorded_scan(run).reread_sections(find_groove)
     assert Substep.PREDICTION in {scan.view.substep for scan in whole}
     recording = recording_files(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
-    again = read_recorded_scan(run).read_sections(find_groove)
+    again = read_recorded_scan(run).reread_sections(find_groove)
     assert [s.view.substep for s in again] == [s.view.substep for s in whole]
     for one, other in zip(again, whole, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-12)

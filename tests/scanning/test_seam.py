@@ -46,7 +46,7 @@ def test_at_the_crown_the_seam_bends_as_both_tubes_do() -> None:
     true = world.definition
     # There z = R - (r phi)²/2R, and the radius about the axis is r.
     expected = np.hypot(1 / true.brace_radius, 1 / true.leg_radius)
-    assert fit_tubes_to_sections(recent_section_arrays(scans)).curvature() == pytest.approx(
+    assert fit_tubes_to_sections(recent_section_arrays(scans)).seam_curvature() == pytest.approx(
         expected, rel=0.05
     )
 
@@ -76,7 +76,7 @@ def test_how_far_a_point_lies_outside_a_tube_is_exact(
         np.full(2, 1 / radius),
     )
     point = np.tile((along, c, h), (2, 1, 1))
-    distance, slope = walls.outside(point, np.tile((0.0, 0.0, 1.0), (2, 1, 1)))
+    distance, slope = walls.offsets_and_slopes(point, np.tile((0.0, 0.0, 1.0), (2, 1, 1)))
     true = np.hypot(h + radius, c)
     np.testing.assert_allclose(distance, true - radius, atol=1e-12)
     np.testing.assert_allclose(slope, (h + radius) / true, atol=1e-12)
@@ -84,6 +84,6 @@ def test_how_far_a_point_lies_outside_a_tube_is_exact(
 
 def test_a_wall_without_curvature_is_a_plane() -> None:
     walls = LocalWalls(np.zeros((2, 3)), np.eye(3)[[2, 2]], np.eye(3)[[1, 1]], np.zeros(2))
-    distance, slope = walls.outside(np.full((2, 1, 3), 0.03), np.full((2, 1, 3), 0.6))
+    distance, slope = walls.offsets_and_slopes(np.full((2, 1, 3), 0.03), np.full((2, 1, 3), 0.6))
     np.testing.assert_allclose(distance, 0.03)
     np.testing.assert_allclose(slope, 0.6)

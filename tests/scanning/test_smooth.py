@@ -179,7 +179,8 @@ def test_the_hand_lags_within_the_tolerances_and_turns_less(direction: ScanDirec
     lazy = tube_fit_predictor(replace(world.plan, criterion=SKIP))(scans, 0.04)
     seen = world.look(lazy)
     ideal = SetPoint(
-        correction_target_pose(last.T_b_g, seen.T_b_g), world.plan.target(seen.groove.work_angle)
+        correction_target_pose(last.T_b_g, seen.T_b_g),
+        world.plan.target_pose_in_sensor(seen.groove.work_angle),
     )
     off = view_deviation(seen, ideal)
     assert abs(off[3]) < SKIP.work_angle

@@ -43,7 +43,9 @@ def test_it_is_read(old: Path) -> None:
     assert (len(scan.views), list(scan.sections)) == (6, [0, 1, 2, 3])
     assert scan.stop.startswith("number of sections reached")
     assert scan.events[-1].name == "stop"
-    for section, again in zip(scan.sections.values(), scan.read_sections(find_groove), strict=True):
+    for section, again in zip(
+        scan.sections.values(), scan.reread_sections(find_groove), strict=True
+    ):
         np.testing.assert_allclose(again.points_b, section.points_b, atol=READERS)
         np.testing.assert_allclose(again.T_b_g, section.T_b_g, atol=READERS)
 

@@ -94,7 +94,7 @@ def scan_example(
             predictor,
             stop=stop,
         )
-        first, second = job.starts
+        first, second = job.start_poses
         return scanner.run(first.T, second.T)
 
 

@@ -166,6 +166,6 @@ def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:
     y = unit_vector(y - (y @ x) * x)
     groove = bevel_sections(joint, np.array([phi]))
     lean = float(groove.dihedral[0]) - np.pi / 2
-    T_s_t = plan.target(0.5 * float(groove.groove_angle[0]) - lean)
+    T_s_t = plan.target_pose_in_sensor(0.5 * float(groove.groove_angle[0]) - lean)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
     return T_j_t @ inverse_pose(T_F_S @ T_s_t)

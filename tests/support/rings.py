@@ -38,7 +38,7 @@ def ring_section(
 ) -> ScannedSection:
     """A section that is seen as the plan wants it, but for `off`, a change of frame t in t."""
     reverse = pose(R_REVERSED) if plan.direction is ScanDirection.CLOCKWISE else np.eye(4)
-    T_b_g, T_s_t = ring_pose(turned), plan.target(groove.work_angle)
+    T_b_g, T_s_t = ring_pose(turned), plan.target_pose_in_sensor(groove.work_angle)
     T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse_pose(T_s_t)
     seen = section_seen(groove, inverse_pose(T_b_s) @ T_b_g)
     nothing = Profile(np.zeros(1), np.zeros(1))

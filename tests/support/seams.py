@@ -104,7 +104,7 @@ class Seam:
             T_b_t = correction_target_pose(last.T_b_g, scan.T_b_g)
             short = step - np.linalg.norm(scan.T_b_g[:3, 3] - last.T_b_g[:3, 3])
             T_b_t[:3, 3] += short * T_b_t[:3, 0]
-            to = SetPoint(T_b_t, self.plan.target(scan.groove.work_angle))
+            to = SetPoint(T_b_t, self.plan.target_pose_in_sensor(scan.groove.work_angle))
             scan = exact.look(to, near.view.index)
         return scan
 
@@ -130,7 +130,7 @@ class Seam:
             np.column_stack((x, y, np.cross(x, y))),
             joint.leg.point(azimuth, joint.brace_radius),
         )
-        return SetPoint(self.T_b_j @ T_j_t, self.plan.target(0.15))
+        return SetPoint(self.T_b_j @ T_j_t, self.plan.target_pose_in_sensor(0.15))
 
 
 @cache

@@ -130,7 +130,7 @@ class CellJob(FileModel):
         return self._at(i)
 
     @property
-    def places(self) -> tuple[Self, ...]:
+    def jobs_by_station(self) -> tuple[Self, ...]:
         """The job at each station that its arm stands at.
 
         A simulated arm stands at all of them, a real one at one.
@@ -189,7 +189,7 @@ class ScanJob(CellJob):
         return self
 
     @property
-    def starts(self) -> tuple[PoseSettings, PoseSettings]:
+    def start_poses(self) -> tuple[PoseSettings, PoseSettings]:
         """The first and the second taught pose of the flange in frame b.
 
         Raises

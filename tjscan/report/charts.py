@@ -169,6 +169,6 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
 
 def _along(data: ReportData) -> tuple[Array, str]:
     """Where the sections stand on a chart, and what that is called."""
-    if (azimuths := data.azimuths) is not None:
+    if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"

@@ -116,7 +116,7 @@ class ReportData:
         return self.directory.resolve().name
 
     @property
-    def azimuths(self) -> Array | None:
+    def unwrapped_azimuths(self) -> Array | None:
         """Azimuths of the sections in degrees, without a jump; None where they are not known."""
         azimuths = np.array([section.azimuth for section in self.sections])
         if np.isnan(azimuths).any():
@@ -124,7 +124,7 @@ class ReportData:
         unbroken = np.degrees(np.unwrap(azimuths))
         return np.asarray(unbroken - 360 * np.floor((unbroken.mean() + 180) / 360))
 
-    def place_of(self, section: MeasuredSection) -> StationRunData | None:
+    def station_of_section(self, section: MeasuredSection) -> StationRunData | None:
         """Where a section was scanned from, the first where it was several; None if not there."""
         first = section.station.split("+")[0]  # which the section's number is of
         return next((place for place in self.places if place.name == first), None)

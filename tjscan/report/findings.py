@@ -66,7 +66,7 @@ def describe_coverage(data: ReportData) -> str:
     data : ReportData
         The run.
     """
-    azimuths = data.azimuths
+    azimuths = data.unwrapped_azimuths
     if azimuths is None:
         return f"azimuths are not known in frame {data.summary.frame}"
     if _closed(data):
@@ -76,7 +76,11 @@ def describe_coverage(data: ReportData) -> str:
 
 
 def _closed(data: ReportData) -> bool:
-    azimuths = np.sort(np.mod(data.azimuths, 360)) if data.azimuths is not None else None
+    azimuths = (
+        np.sort(np.mod(data.unwrapped_azimuths, 360))
+        if data.unwrapped_azimuths is not None
+        else None
+    )
     if azimuths is None or len(azimuths) < 3:
         return False
     steps = np.diff(azimuths, append=azimuths[0] + 360)

@@ -59,7 +59,7 @@ def _chosen(
     """Sections whose profiles are there, evenly chosen."""
     there = []
     for section in data.sections:
-        place = data.place_of(section)
+        place = data.station_of_section(section)
         if place is not None and (found := place.profile_of_section(section.index)) is not None:
             there.append((section, place, *found))
     count = min(SHOWN, len(there))

@@ -77,7 +77,7 @@ def check_job_and_cell(
     def read() -> str:
         with add_file_to_errors(job_file):
             job = read_scan_job(job_file, overrides)
-            jobs.extend(job.places if station is None else (job.at(station),))
+            jobs.extend(job.jobs_by_station if station is None else (job.at(station),))
         return f"{job_file} is sound"
 
     yield (finding := _look("job", read))
@@ -118,7 +118,7 @@ def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
         if laser.sound and arm.sound:
             yield _look("profile", partial(_profile, cell, groove_reader(job)))
         if arm.sound:
-            first, second = (start.T for start in job.starts)
+            first, second = (start.T for start in job.start_poses)
             yield _look("first pose", partial(_path, cell, first))
             yield _look("second pose", partial(_path, cell, first, second))
 

@@ -62,10 +62,10 @@ def check_scan_job(context: RunContext) -> None:
         If a taught pose is, or the way there is blocked.
     """
     with add_file_to_errors(context.job_file):
-        places = context.job.places
+        places = context.job.jobs_by_station
     for place in places:
         with replace(context, job=place).cell() as cell:
-            cell.arm.check(*(start.T for start in place.starts))
+            cell.arm.check(*(start.T for start in place.start_poses))
 
 
 def scan_in_cell(
@@ -77,7 +77,7 @@ def scan_in_cell(
 ) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
     stop, read = stop or StopRequest(), groove_reader(job)
-    sections = () if done is None else done.read_sections(read)
+    sections = () if done is None else done.reread_sections(read)
     seen = ScannedSurfaceObstacle(cell.clearance, sections)
     journal = CombinedJournal(journal, seen)
     with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
@@ -87,7 +87,7 @@ def scan_in_cell(
         try:
             if done is not None and len(sections) >= 2:
                 return scanner.resume(done, sections)
-            first, second = job.starts
+            first, second = job.start_poses
             return scanner.run(first.T, second.T)
         except TjscanError as error:
             if stop.stop_now:

@@ -171,7 +171,7 @@ def read_station(directory: Path) -> StationRun:
         name = _name(job, job_file)
         read = groove_reader(job)
         done = read_recorded_scan(directory)
-        sections = done.read_sections(read)
+        sections = done.reread_sections(read)
         joint = RunContext(job, job_file).joint
     if not (directory / SUMMARY).is_file():
         raise ConfigurationError(

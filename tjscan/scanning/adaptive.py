@@ -75,7 +75,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
         allowed = (
             (_change(angles, steps) <= adaptive.angle_change)
             & (_change(_areas(sections, track), steps) <= adaptive.area_change)
-            & (fit_tubes_to_sections(track).curvature() * steps <= adaptive.turn)
+            & (fit_tubes_to_sections(track).seam_curvature() * steps <= adaptive.turn)
         )
         return float(steps[max(0, int(np.logical_and.accumulate(allowed).sum()) - 1)])
 

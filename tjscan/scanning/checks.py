@@ -93,10 +93,10 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
         )
     T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
     turn = rotation_angle_between(step.last.view.T_b_s, T_b_s)
-    if turn > step.largest_turn:
+    if turn > step.max_rotation:
         raise SetPointRefused(
             f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
-            f"{np.degrees(step.largest_turn):.0f}° are plausible for a step of "
+            f"{np.degrees(step.max_rotation):.0f}° are plausible for a step of "
             f"{1e3 * step.length:.1f} mm"
         )
     beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
@@ -134,7 +134,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made",
         )
     turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
-    if turn > step.largest_turn:
+    if turn > step.max_rotation:
         raise GrooveNotFound(
             "implausible",
             f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "

@@ -72,7 +72,7 @@ class ScanPlan(Settings):
             enabled = self.prediction == SMOOTH
         return self.criterion if enabled else None
 
-    def target(self, work_angle: float) -> Array:
+    def target_pose_in_sensor(self, work_angle: float) -> Array:
         """T_s_t for a groove with this work angle, shape (4, 4)."""
         p_s_t = (self.offset, 0.0, self.standoff)
         return target_pose_in_sensor(work_angle, self.pull_angle, p_s_t, self.direction)

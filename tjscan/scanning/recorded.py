@@ -100,7 +100,9 @@ class RecordedScan:
         last = self.events[-1] if self.events else None
         return last.detail if last is not None and last.name == ScanEvent.STOP else ""
 
-    def read_sections(self, read: Callable[[Profile], GrooveSection]) -> tuple[ScannedSection, ...]:
+    def reread_sections(
+        self, read: Callable[[Profile], GrooveSection]
+    ) -> tuple[ScannedSection, ...]:
         """The finished sections, read once more from their profiles.
 
         Parameters

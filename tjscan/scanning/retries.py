@@ -109,7 +109,7 @@ class ViewAdjustment:
     standoff: float = 0.0
     work_angle: float = 0.0
 
-    def applied(self, to: SetPoint, direction: ScanDirection) -> SetPoint:
+    def adjusted_set_point(self, to: SetPoint, direction: ScanDirection) -> SetPoint:
         """The set-point from which the groove is seen so.
 
         Parameters
@@ -211,7 +211,7 @@ def fallback_set_points(
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
     elif isinstance(error, GrooveNotFound):
         for nudge in view_adjustments(error, seen, before, step.last):
-            yield str(nudge), nudge.applied(to, direction)
+            yield str(nudge), nudge.adjusted_set_point(to, direction)
 
 
 def _halfway(T_1: Array, T_2: Array) -> Array:

@@ -213,7 +213,7 @@ class Scanner:
         predicted = self._scan(Substep.PREDICTION, ahead, step)
 
         # Correction substep
-        T_s_t = self._plan.target(predicted.groove.work_angle)  # (14)
+        T_s_t = self._plan.target_pose_in_sensor(predicted.groove.work_angle)  # (14)
         ideal = SetPoint(correction_target_pose(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
         if self._needs_no_correction(predicted, ideal, ahead, step):
             return predicted
@@ -313,7 +313,7 @@ class Scanner:
         """
         groove = self._setup.read(view.profile)
         check_section_orientation(groove)
-        T_s_t = self._plan.target(groove.work_angle) if T_s_t is None else T_s_t
+        T_s_t = self._plan.target_pose_in_sensor(groove.work_angle) if T_s_t is None else T_s_t
         section = ScannedSection(view, groove, T_s_t)
         if step is not None:
             check_section_one_step_ahead(section, step)

@@ -97,7 +97,7 @@ class StepRequest:
         return self.last.T_b_g[:3, 3]
 
     @property
-    def largest_turn(self) -> float:
+    def max_rotation(self) -> float:
         """Radians that sensor or groove may turn over the step."""
         turn = min(EXTRA_TURN + self.length / TIGHTEST_BEND, LARGEST_TURN)
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn

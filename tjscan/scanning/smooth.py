@@ -54,7 +54,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             ahead = ExpectedSection.from_track(
                 track, fit_tubes_to_sections(track), last.T_b_g, step
             )
-            guess = ahead.guess(track, R_b_now)
+            guess = ahead.initial_section(track, R_b_now)
             section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
             covariance = ahead.covariance(section, _R_b_s(ideal))
             slack = _slack(plan, covariance, track, step)
@@ -93,9 +93,9 @@ def _settle(
         If they don't come to rest.
     """
     for _ in range(ROUNDS):
-        found = ahead.refined(section, R_b_s)
-        T_b_t, work_angle = ahead.ideal(found, R_b_s)
-        T_s_t = plan.target(work_angle)
+        found = ahead.newton_refined(section, R_b_s)
+        T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
+        T_s_t = plan.target_pose_in_sensor(work_angle)
         R_s_t = T_s_t[:3, :3]
         turned = T_b_t[:3, :3] @ _lag(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
         moved = max(np.abs(found - section).max(), np.abs(turned @ R_s_t.T - R_b_s).max())

@@ -31,7 +31,7 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
     )
     settings = settings_of(trial)
     job, joint = settings.job, settings.joint.definition("joint")
-    plan, first, second = job.scan, *(start.T for start in job.starts)
+    plan, first, second = job.scan, *(start.T for start in job.start_poses)
     assert job.joint is not None
     assert job.calibration.T_f_s is not None
     T_j_b = np.linalg.inv(job.joint.T_w_j)
@@ -44,7 +44,9 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
             T_j_b @ T_b_f @ job.calibration.T_f_s,
             ideal_sensor_pose(joint, azimuth, plan),
         )
-        T_s_t = plan.target(0.0)  # any frame in the groove: its origin is what the operator sees
+        T_s_t = plan.target_pose_in_sensor(
+            0.0
+        )  # any frame in the groove: its origin is what the operator sees
         off = (T_j_s @ T_s_t)[:3, 3] - (ideal @ T_s_t)[:3, 3]
         # Uniform on each of three axes: the corner of the cube is the furthest.
         assert np.linalg.norm(off) < np.sqrt(3) * 3e-3

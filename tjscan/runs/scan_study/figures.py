@@ -68,12 +68,12 @@ class PredictionBarChart:
         """
         return self.groups.get((case, step_mm))
 
-    def place(self, case: Value | None, step_mm: float) -> float:
+    def bar_position(self, case: Value | None, step_mm: float) -> float:
         """Where a bar stands on the axis; for the parameters see `at`."""
         width = WIDTH / len(self.cases)
         return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
 
-    def bars(
+    def draw_bars(
         self,
         axes: Any,
         value: Callable[[ScanOutcome], float | None],
@@ -99,7 +99,7 @@ class PredictionBarChart:
                 found = self.at(case, step)
                 if found is None:
                     continue
-                x, colour = self.place(case, step), COLOURS.get(case, OTHER)
+                x, colour = self.bar_position(case, step), COLOURS.get(case, OTHER)
                 if not found.complete:
                     axes.plot(x, 0.0, "x", color=colour, markersize=6, clip_on=False, zorder=3)
                     continue
@@ -139,7 +139,7 @@ class PredictionBarChart:
             more = (*more, Line2D([], [], label="no complete scan", **style))
         axes.legend(handles=[*known, *more], fontsize="small")
 
-    def papers(self, axes: Any, bars: Sequence[PaperBar]) -> None:
+    def draw_paper_bars(self, axes: Any, bars: Sequence[PaperBar]) -> None:
         """Mark the bars that the paper gives a number for.
 
         Parameters
@@ -151,7 +151,7 @@ class PredictionBarChart:
         """
         shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
         for bar in shown:
-            x = self.place(bar.case, bar.step_mm)
+            x = self.bar_position(bar.case, bar.step_mm)
             axes.plot(x, bar.value, "D", color="#d62728", markersize=5, zorder=3)
 
 
@@ -159,9 +159,9 @@ def draw_step_lengths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     """Mean step with its standard deviation, and its error (the paper's Fig. 13 and 14)."""
     chart, figure = PredictionBarChart(rows), _figure(12, 4.5)
     length, error = figure.subplots(1, 2)
-    chart.bars(length, lambda m: m.step_mean_mm, spread=lambda m: m.step_std_mm)
+    chart.draw_bars(length, lambda m: m.step_mean_mm, spread=lambda m: m.step_std_mm)
     length.set_ylabel("mean step / mm (line: standard deviation)")
-    chart.bars(error, lambda m: m.step_error_percent)
+    chart.draw_bars(error, lambda m: m.step_error_percent)
     for case in chart.cases:
         if isinstance(case, int) and (largest := LARGEST_STEP_ERROR_PERCENT.get(case)):
             for sign in (-1, 1):
@@ -182,11 +182,11 @@ def draw_travel_and_rotation(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
 
     chart, figure = PredictionBarChart(rows), _figure(12, 4.5)
     travel, rotation = figure.subplots(1, 2)
-    chart.bars(travel, lambda m: m.travel_mm, below=lambda m: m.travel_prediction_mm)
-    chart.papers(travel, TRAVEL_MM)
+    chart.draw_bars(travel, lambda m: m.travel_mm, below=lambda m: m.travel_prediction_mm)
+    chart.draw_paper_bars(travel, TRAVEL_MM)
     travel.set_ylabel("flange travel / mm (light: prediction, dark: correction)")
-    chart.bars(rotation, lambda m: m.rotation_deg, below=lambda m: m.rotation_prediction_deg)
-    chart.papers(rotation, ROTATION_DEG)
+    chart.draw_bars(rotation, lambda m: m.rotation_deg, below=lambda m: m.rotation_prediction_deg)
+    chart.draw_paper_bars(rotation, ROTATION_DEG)
     rotation.set_ylabel("flange rotation / °")
     mark = Line2D([], [], color="#d62728", marker="D", linestyle="", label="the paper, on steel")
     chart.legend(travel, mark)

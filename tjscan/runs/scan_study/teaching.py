@@ -88,7 +88,7 @@ def ideal_sensor_pose(
     x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
     y = unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
-    T_s_t = plan.target(_work_angle(joint, sections.bevel[0], azimuth, tangent))
+    T_s_t = plan.target_pose_in_sensor(_work_angle(joint, sections.bevel[0], azimuth, tangent))
     return T_j_t @ (np.eye(4) if error is None else error) @ inverse_pose(T_s_t)
 
 

@@ -84,7 +84,7 @@ class LocalWalls:
     across: Array
     curvatures: Array
 
-    def outside(self, points: Array, tangents: Array) -> tuple[Array, Array]:
+    def offsets_and_slopes(self, points: Array, tangents: Array) -> tuple[Array, Array]:
         """How far points lie outside their walls, and how tangents lead out of them.
 
         Parameters
@@ -149,7 +149,7 @@ class FittedTubes:
         """The walls for parameters of shape (..., 10), the most likely ones where left out."""
         return _walls(self.bases, self.theta if thetas is None else thetas)
 
-    def curvature(self) -> float:
+    def seam_curvature(self) -> float:
         """Curvature of the seam beside the last section, 1/m."""
         walls = self.walls()
         n_1, n_2 = walls.normals
@@ -170,7 +170,7 @@ class FittedTubes:
         own = np.diagonal(precision, axis1=1, axis2=2)
         return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
-    def residuals_at(self, at: float) -> tuple[Array, Array, Array]:
+    def expected_residuals_at(self, at: float) -> tuple[Array, Array, Array]:
         """What the tubes will leave at a place along the groove (metres).
 
         Returns
@@ -252,7 +252,7 @@ def _fit(track: RecentSections, sigmas: Array) -> FittedTubes:
 def _residuals(walls: LocalWalls, track: RecentSections) -> Array:
     # Both of a wall's places at once; the tangents count at the first.
     n = len(track.along)
-    distances, slopes = walls.outside(
+    distances, slopes = walls.offsets_and_slopes(
         np.concatenate((track.points, track.ends), axis=1),
         np.concatenate((track.tangents, track.tangents), axis=1),
     )

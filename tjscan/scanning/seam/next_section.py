@@ -41,7 +41,7 @@ class ExpectedSection:
     shape : ndarray, shape (3,)
         Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
     residuals : ndarray, shape (4,)
-        What the tubes leave, see `FittedTubes.residuals_at`.
+        What the tubes leave, see `FittedTubes.expected_residuals_at`.
     shape_sigmas, residual_sigmas : ndarray
         Standard deviations of both.
     residual_jacobian : ndarray, shape (4, 10)
@@ -82,10 +82,10 @@ class ExpectedSection:
                 for one in zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
             ]
         )
-        left = (values[[0, 1, 4, 5]] for values in seam.residuals_at(step))
+        left = (values[[0, 1, 4, 5]] for values in seam.expected_residuals_at(step))
         return cls(T_b_g, seam, step, *shape.T, *left)
 
-    def guess(self, track: RecentSections, R_b_s: Array) -> Array:
+    def initial_section(self, track: RecentSections, R_b_s: Array) -> Array:
         """A section straight on along the seam, shape (5,), to start from.
 
         Parameters
@@ -103,7 +103,7 @@ class ExpectedSection:
             (track.origins[-1] + self.step * t, np.arctan2(flat[:, 2], flat[:, 0]))
         )
 
-    def refined(self, section: Array, R_b_s: Array) -> Array:
+    def newton_refined(self, section: Array, R_b_s: Array) -> Array:
         """A section one Newton step nearer to what a plane of this orientation cuts, shape (5,).
 
         Parameters
@@ -118,7 +118,7 @@ class ExpectedSection:
         J = (values[1:] - values[0]).T / _DIFFERENCE
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
-    def ideal(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
+    def ideal_frame_and_work_angle(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
         """Ideal frame t in b, eq. (12), and work angle (radians), eq. (16), of a section.
 
         Parameters
@@ -174,7 +174,7 @@ class ExpectedSection:
         lengths = self.shape[:2] if lengths is None else lengths
         tangents = _tangents(section, R_b_s)
         points = section[..., None, :3] + lengths[:, None] * tangents
-        distances, slopes = walls.outside(points[..., None, :], tangents[..., None, :])
+        distances, slopes = walls.offsets_and_slopes(points[..., None, :], tangents[..., None, :])
         gone = np.linalg.norm(section[..., :3] - self.T_b_g[:3, 3], axis=-1) - self.step
         on_walls = np.concatenate((distances[..., 0], slopes[..., 0]), axis=-1) - self.residuals
         gone = np.broadcast_to(gone[..., None], (*on_walls.shape[:-1], 1))
@@ -182,7 +182,10 @@ class ExpectedSection:
 
     def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
         """Position, rotation vector and work angle of another section's ideal in this one's t."""
-        (T, _), (T_other, work_angle) = self.ideal(section, R_b_s), self.ideal(other, R_b_s)
+        (T, _), (T_other, work_angle) = (
+            self.ideal_frame_and_work_angle(section, R_b_s),
+            self.ideal_frame_and_work_angle(other, R_b_s),
+        )
         return np.append(pose_vector.pose_to_vector(inverse_pose(T) @ T_other), work_angle)
 
 
