@@ -28,9 +28,9 @@ class BoardSimulator:
     ----------
     T_f_s : ndarray, shape (4, 4)
         The truth that calibration looks for.
-    plane : Plane
+    plane : PluckerPlane
         The board, frame b.
-    window : Window
+    window : MeasuringRange
         The laser's range.
     noise : NoiseModel, optional
         Errors; none at all without it.

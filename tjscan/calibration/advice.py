@@ -121,7 +121,7 @@ class SuggestedPose:
     ----------
     T_b_f : ndarray, shape (4, 4)
         Flange pose.
-    before, after : Uncertainty
+    before, after : HandEyeUncertainty
         Expected without and with that line.
     """
 
@@ -149,11 +149,11 @@ def candidate_poses(
         The sensor on the flange, as far as it is known.
     target : PlaneTarget
         The plane; its normal points to the sensor's side.
-    board : Board
+    board : BoardRectangle
         Where on the plane lines may lie.
-    window : Window
+    window : MeasuringRange
         The sensor's range.
-    grid : PoseGrid
+    grid : CandidatePoseGrid
         What to try.
     x_b : array_like, shape (3,), optional
         Direction of x_s at yaw zero, best that of now; along the board's first side if left out.
@@ -212,7 +212,7 @@ def suggest_pose(
         The sensor on the flange, as far as it is known.
     target : PlaneTarget
         The plane, touched or unknown.
-    window : Window
+    window : MeasuringRange
         The sensor's range.
     noise : NoiseModel
         What lines and poses err by.

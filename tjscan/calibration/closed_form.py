@@ -146,7 +146,7 @@ def sensor_position(lines: LineBundle, plane: PluckerPlane, R_f_s: Array) -> tup
     ----------
     lines : LineBundle
         Lines on the plane.
-    plane : Plane
+    plane : PluckerPlane
         Frame b.
     R_f_s : ndarray, shape (3, 3)
         Rotation of the sensor on the flange.
@@ -176,7 +176,7 @@ def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolut
     ----------
     lines : LineBundle
         In general position; `tjscan.calibration.motion.check_condition` says whether they are.
-    plane : Plane
+    plane : PluckerPlane
         Frame b.
 
     Notes
@@ -203,7 +203,7 @@ def share_on_same_side(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> 
     ----------
     lines : LineBundle
         Lines, and where the flange was.
-    plane : Plane
+    plane : PluckerPlane
         Frame b.
     p_f_s : ndarray, shape (3,)
         Position of the sensor on the flange, metres.

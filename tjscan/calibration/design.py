@@ -84,7 +84,7 @@ def predict_lines(
         About where the sensor sits on the flange.
     target : PlaneTarget
         The board.
-    window : Window
+    window : MeasuringRange
         The laser's measuring range.
     noise : NoiseModel
         Errors of points and poses.
@@ -136,7 +136,7 @@ def predict_uncertainty(
         About where the sensor sits on the flange.
     target : PlaneTarget
         The board.
-    window : Window
+    window : MeasuringRange
         The laser's measuring range.
     noise : NoiseModel
         Errors of points and poses.

@@ -138,7 +138,7 @@ class HandEyeCalibration:
     method : str
         What it rests on: ``plane touched``, ``plane unknown``, ``sphere of known radius`` or
         ``sphere of unknown radius``.
-    residuals : tuple of Residual
+    residuals : tuple of SampleResidual
         One per sample, in their order.
     condition : float
         Of eq. (21), first over fifth singular value; for a sphere, of the scaled normal
@@ -153,7 +153,7 @@ class HandEyeCalibration:
         The ball's centre; none for a plane.
     radius : float or None
         The ball's radius; none for a plane.
-    closed_form : ClosedForm or None
+    closed_form : ClosedFormSolution or None
         What eq. (20)-(25) gave, with all lines; none without a touched plane.
     """
 
@@ -287,7 +287,7 @@ def calibrate_on_ball(
     ----------
     samples : sequence of ArcSample
         Five arcs or more, at different heights of the ball.
-    sphere : SphereTarget
+    sphere : BallTarget
         The ball; where it lies is found together with the sensor.
     noise : NoiseModel
         What arcs and poses err by.

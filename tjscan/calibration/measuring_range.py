@@ -62,7 +62,7 @@ def lines_on_plane(window: MeasuringRange, u_s: Array, u0_s: Array) -> VisibleLi
 
     Parameters
     ----------
-    window : Window
+    window : MeasuringRange
         The measuring range.
     u_s, u0_s : ndarray, shapes (n, 3) and (n,)
         The planes ``u · p + u0 = 0`` in frame s.

@@ -22,7 +22,7 @@ def calibrate_profiles(
     ----------
     profiles : sequence of PosedProfile
         Profiles and their poses.
-    target : PlaneTarget, SphereTarget or None
+    target : PlaneTarget, BallTarget or None
         The board or the ball; none for a board whose place is unknown.
     noise : NoiseModel
         What they err by.

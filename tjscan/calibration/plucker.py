@@ -111,7 +111,7 @@ def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
     ----------
     T_b_s : ndarray, shape (..., 4, 4)
         Poses of s in b.
-    line_s : Line
+    line_s : PluckerLine
         One, or one for each pose.
     """
     screw = (line_transform_matrix(T_b_s) @ line_s.screw[..., None])[..., 0]
@@ -125,7 +125,7 @@ def transform_plane(T_b_s: Array, plane_s: PluckerPlane) -> PluckerPlane:
     ----------
     T_b_s : ndarray, shape (4, 4)
         Pose of s in b.
-    plane_s : Plane
+    plane_s : PluckerPlane
         In frame s.
     """
     u = T_b_s[:3, :3] @ plane_s.u
@@ -137,9 +137,9 @@ def incidence_residuals(line: PluckerLine, plane: PluckerPlane) -> Array:
 
     Parameters
     ----------
-    line : Line
+    line : PluckerLine
         One or many, with unit directions.
-    plane : Plane
+    plane : PluckerPlane
         In the same frame.
 
     Returns

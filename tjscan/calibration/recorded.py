@@ -109,7 +109,7 @@ def pair_profiles_with_poses(
     ----------
     profiles : mapping of str to Profile
         As `read_profiles` names them.
-    poses : RecordedPoses
+    poses : FlangePoseList
         As many.
     file : Path
         The poses' file, for messages.

@@ -39,7 +39,7 @@ class RefinedEstimate:
         Weighted sum of squares that is left, the target's prior included.
     dof : int
         Its expectation if the noise model is right.
-    linearised : Linearised
+    linearised : LinearisedModel
         Of all profiles, the unused ones too, at this estimate.
     used : ndarray of bool, shape (n,)
         Which profiles it rests on.
@@ -86,7 +86,7 @@ def refine(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> Refin
 
     Parameters
     ----------
-    model : Model
+    model : TargetModel
         The profiles.
     T_f_s : ndarray, shape (4, 4)
         Start for the sensor on the flange.

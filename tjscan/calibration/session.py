@@ -55,7 +55,7 @@ class CalibrationPlan:
         The probe's tip in frame f, in metres. The flange's z points into the board to touch.
     T_f_s : ndarray, shape (4, 4)
         About where the sensor sits on the flange.
-    window : Window
+    window : MeasuringRange
         What the sensor sees.
     noise : NoiseModel
         What measurements err by.
@@ -87,7 +87,7 @@ class CalibrationProgress:
         The lines there are.
     wanted : int
         Lines to take.
-    expected : Uncertainty
+    expected : HandEyeUncertainty
         As the geometry of the poses predicts it, from the first line on.
     result : HandEyeCalibration or None
         What the lines give.
@@ -145,7 +145,7 @@ def start_poses_over_board(task: CalibrationPlan, near: Array) -> list[Array]:
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         The board, the laser's range, and about how the sensor sits.
     near : ndarray, shape (4, 4)
         Flange pose whose turn is preferred.
@@ -164,7 +164,7 @@ def touched_points(task: CalibrationPlan, measured: MeasuredSoFar) -> dict[int, 
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         Has the tip in frame f.
     measured : Measured
         The touches.
@@ -180,7 +180,7 @@ def fit_touched_board(
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         Has the tip, its error and the side that the board is seen from.
     measured : Measured
         The touches.
@@ -201,7 +201,7 @@ def worst_touch(task: CalibrationPlan, measured: MeasuredSoFar) -> int:
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         Has the tip in frame f.
     measured : Measured
         Three touches or more.
@@ -219,7 +219,7 @@ def current_progress(
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         Has the noise model and about how the sensor sits.
     measured : Measured
         The lines.
@@ -250,15 +250,15 @@ def next_pose(
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         About how the sensor sits, and the laser's range.
     measured : Measured
         The lines taken, and the poses passed over.
     target : PlaneTarget
         The board as touched.
-    board : Board
+    board : BoardRectangle
         Its extent.
-    progress : Progress
+    progress : CalibrationProgress
         Result so far.
     reachable : callable
         Whether the arm reaches a flange pose.

@@ -25,7 +25,7 @@ class SimulatedTouchProbe:
         The tip in frame f, in metres.
     T_b_board : ndarray, shape (4, 4)
         About where the board is: the tip comes down square to it.
-    plane : Plane
+    plane : PluckerPlane
         Where it truly is, frame b.
     sigma : float
         Standard deviation of the tip about it, in metres, in each axis.

@@ -38,9 +38,9 @@ def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> R
 
     Parameters
     ----------
-    model : Model
+    model : TargetModel
         The profiles.
-    estimate : Estimate
+    estimate : RefinedEstimate
         With all of them in use.
     """
     n, k = estimate.linearised.residuals.shape

@@ -30,7 +30,7 @@ class BallModel:
         Of the arcs.
     covariances : ndarray, shape (n, 3, 3)
         Of centre x, centre z and radius of each arc.
-    sphere : SphereTarget
+    sphere : BallTarget
         The ball.
     noise : NoiseModel
         For the arm's errors.
@@ -53,7 +53,7 @@ class BallModel:
             Flange poses, as the arm read them.
         fits : list of ArcFit
             The arc seen from each.
-        sphere : SphereTarget
+        sphere : BallTarget
             The ball.
         noise : NoiseModel
             For the arm's errors.

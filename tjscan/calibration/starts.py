@@ -96,7 +96,7 @@ def ball_start_parameters(model: BallModel, centre_b: Array) -> Array:
 
     Parameters
     ----------
-    model : SphereModel
+    model : BallModel
         The arcs.
     centre_b : ndarray, shape (3,)
         About where the ball is, frame b, metres.

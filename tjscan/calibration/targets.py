@@ -37,7 +37,7 @@ class PlaneTarget:
 
     Parameters
     ----------
-    plane : Plane
+    plane : PluckerPlane
         The board, frame b.
     centre_b : ndarray, shape (3,)
         The point on it that heights count from, in metres.
@@ -70,7 +70,7 @@ class PlaneTarget:
 
         Parameters
         ----------
-        plane : Plane
+        plane : PluckerPlane
             A start for it, frame b.
         near_b : array_like, shape (3,)
             Heights count from the point of the plane next to this one; metres.
@@ -133,7 +133,7 @@ def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: flo
 
     Parameters
     ----------
-    plane : Plane
+    plane : PluckerPlane
         The board, frame b; its normal may point either way.
     flange_b : array_like, shape (3,)
         About where the flange was: on the side that lines are seen from.

@@ -64,7 +64,7 @@ class CalibrationWizard:
 
     Parameters
     ----------
-    task : Task
+    task : CalibrationPlan
         What is to be done.
     arm, laser, probe
         The devices, connected.
@@ -132,7 +132,7 @@ class CalibrationWizard:
         ----------
         target : PlaneTarget
             The board as touched.
-        board : Board
+        board : BoardRectangle
             Its extent.
 
         Raises
@@ -163,7 +163,7 @@ class CalibrationWizard:
             The calibration to verify.
         target : PlaneTarget
             The board as touched.
-        board : Board
+        board : BoardRectangle
             Its extent.
 
         Raises

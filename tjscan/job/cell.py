@@ -49,7 +49,7 @@ class Cell:
         The laser.
     T_f_s : ndarray, shape (4, 4)
         Pose of the laser in the flange frame.
-    clearance : Clearance
+    clearance : ClearPathPlanner
         What the arm's paths keep; scanned surfaces are added to it.
     """
 

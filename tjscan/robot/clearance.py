@@ -34,7 +34,7 @@ class ClearPathPlanner:
         The arm.
     model : CollisionModel
         What must keep apart.
-    margins : Margins, optional
+    margins : ClearanceMargins, optional
         How far apart.
     """
 

@@ -41,7 +41,7 @@ def all_configurations(geometry: UrDhLengths, T_0_6: Array, free_wrist: float) -
 
     Parameters
     ----------
-    geometry : UrGeometry
+    geometry : UrDhLengths
         The arm.
     T_0_6 : ndarray, shape (4, 4)
         Pose of DH frame 6 in DH frame 0.

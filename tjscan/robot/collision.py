@@ -87,7 +87,7 @@ class CollisionModel:
 
     Attributes
     ----------
-    pairs : tuple of Pair
+    pairs : tuple of BodyPair
         What `distances` returns, in its order.
     reach : ndarray, shape (p, n)
         The bodies of a pair come nearer by at most so many metres per radian of each joint.

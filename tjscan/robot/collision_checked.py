@@ -95,7 +95,7 @@ class CollisionCheckedArm:
     ----------
     arm : Arm
         The arm that moves.
-    clearance : Clearance
+    clearance : ClearPathPlanner
         What its paths must keep.
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange: detours draw it back along its z axis.

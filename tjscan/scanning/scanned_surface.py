@@ -16,7 +16,7 @@ class ScannedSurfaceObstacle:
 
     Parameters
     ----------
-    clearance : Clearance
+    clearance : ClearPathPlanner
         Receives the surface after every section.
     sections : iterable of ScannedSection, optional
         What was found before.

@@ -31,7 +31,7 @@ class ScheduledFault:
 
     Parameters
     ----------
-    fault : Fault
+    fault : InjectedFault
         What.
     move : int
         0: at once. Else half way through the move of this number, counted from now.

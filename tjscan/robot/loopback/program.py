@@ -91,7 +91,7 @@ class ControlScript:
 
     Parameters
     ----------
-    controller : Host
+    controller : ScriptHost
         Runs it.
     offset : int
         First register it uses, 0 or 24.

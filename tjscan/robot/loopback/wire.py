@@ -140,7 +140,7 @@ class RtdeSession:
         Of the controller: major, minor, bugfix, build.
     hz : float
         How often the controller publishes at most.
-    registry : Registry
+    registry : InputOwners
         Who writes which input.
     write : callable
         Is given each input that arrives: its name and its value.

@@ -38,9 +38,9 @@ class ControllerSession:
 
     Parameters
     ----------
-    dashboard : Dashboard
+    dashboard : DashboardClient
         To stop the arm without the client.
-    link : Link
+    link : ClientProcess
         The client.
     silence_limit : float
         Seconds for which the controller's clock may stand.
