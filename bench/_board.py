@@ -66,7 +66,7 @@ class BoardSimulator:
 
     def touches(self, points_b: Array, rng: np.random.Generator) -> Array:
         """Where the arm says that its probe tip touched the plane next to points, shape (n, 3)."""
-        points = points_b - self.plane.distance(points_b)[:, None] * self.plane.u
+        points = points_b - self.plane.signed_distances(points_b)[:, None] * self.plane.u
         sigma = 0.0 if self.noise is None else self.noise.touch
         return np.asarray(points + sigma * rng.standard_normal(points.shape))
 
@@ -99,6 +99,6 @@ def points_rms(result: HandEyeCalibration, samples: Sequence[LineSample]) -> flo
         # Scatter lies in the laser plane, square to the line; points are spread along it evenly.
         scatter = float(np.cross(u_s, fit.direction_s)[1]) * fit.scatter
         spread = residual.tilt * fit.span / np.sqrt(12)
-        squares += fit.count * (residual.offset**2 + spread**2 + scatter**2)
-        count += fit.count
+        squares += fit.point_count * (residual.offset**2 + spread**2 + scatter**2)
+        count += fit.point_count
     return float(np.sqrt(squares / count))

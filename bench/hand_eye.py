@@ -83,11 +83,11 @@ class Stage:
         )
         centre = np.array((0.8, 0.1, 0.05))
         plane = plane_through(centre, (0.05, 0.02, 1.0))
-        axes = PlaneTarget.unknown(plane, centre).axes_b
+        axes = PlaneTarget.from_fitted_plane(plane, centre).axes_b
         grid = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * HALF_BOARD
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
-        board = BoardRectangle.touched(places, target)
+        board = BoardRectangle.through_touched_points(places, target)
         hand = BoardSimulator(T_F_S, plane, window)
         return cls(plane, window, places, target, wizards_poses(hand, target, board))
 
@@ -195,7 +195,7 @@ def spoiled(
         k = i % LINES
         taken[k] = Profile(taken[k].x_s, taken[k].z_s + SPOILED_BY * (-1) ** (i // LINES))
         result = calibrate_on_plane(samples(stage.poses, taken), target, NOISE)
-        named += result.bad == (f"line {k + 1}",)
+        named += result.rejected_samples == (f"line {k + 1}",)
         errors.append(error(result.T_f_s))
     p, r = rms(errors)
     return [

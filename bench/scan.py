@@ -88,7 +88,7 @@ def profile_ms() -> float:
     job = read_scan_job(JOBS["ccw"])
     cell, times = RunContext(job, JOBS["ccw"]).cell(), []
     with cell:
-        cell.arm.move_joint(job.start_poses[0].T)
+        cell.arm.move_joint_to_pose(job.start_poses[0].T)
         for _ in range(200):
             start = perf_counter()
             cell.laser.capture()

@@ -62,7 +62,7 @@ def scan(seed: int) -> Scanned:
     stations, truth = [], []
     whole = read_scan_job(EXAMPLE, {"simulation.seed": seed})
     for name in whole.stations:
-        job = whole.at(name)
+        job = whole.job_of_station(name)
         joint = RunContext(job, EXAMPLE).joint
         if joint is None or job.joint is None:
             raise SystemExit(f"{EXAMPLE} names no joint to compare with")

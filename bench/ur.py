@@ -83,8 +83,8 @@ def arm_at(host: str) -> UrArm:
 
 def park(loopback: LoopbackProcess) -> None:
     """Set a controller right, and its arm where it started."""
-    loopback.order("clear")
-    loopback.order("home")
+    loopback.schedule_fault("clear")
+    loopback.schedule_fault("home")
 
 
 def driven(host: str) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def as_it_should(loopback: LoopbackProcess, fault: InjectedFault) -> tuple[bool,
     park(loopback)
     with arm_at(loopback.host) as arm:
         now = fault in (InjectedFault.REFUSE_TARGETS, InjectedFault.MISS_TARGET)
-        loopback.order(str(fault) if now else f"{fault} 1")
+        loopback.schedule_fault(str(fault) if now else f"{fault} 1")
         start = perf_counter()
         try:
             arm.move_linear(beside_home(0.08))
@@ -125,7 +125,9 @@ def as_it_should(loopback: LoopbackProcess, fault: InjectedFault) -> tuple[bool,
 def survives(loopback: LoopbackProcess, fault: InjectedFault, seconds: float, move: int) -> bool:
     """Whether a scan with a fault in it ends in that fault, with a recording that reads."""
     park(loopback)
-    timer = Timer(0.0 if move else seconds, loopback.order, [f"{fault} {move}" if move else fault])
+    timer = Timer(
+        0.0 if move else seconds, loopback.schedule_fault, [f"{fault} {move}" if move else fault]
+    )
     timer.start()
     job = read_scan_job(PAPER, driven(loopback.host))
     with TemporaryDirectory() as folder:

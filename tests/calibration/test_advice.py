@@ -37,7 +37,7 @@ from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, transform_points
 
 TARGET = target()
-BOARD = BoardRectangle.touched(PLACES, TARGET)
+BOARD = BoardRectangle.through_touched_points(PLACES, TARGET)
 
 
 def planned(
@@ -79,7 +79,7 @@ def test_suggested_poses_keep_the_whole_line_on_the_board_and_in_range() -> None
     for T_b_f in planned():
         profile = EXACT_HAND.profile(T_b_f, np.random.default_rng(0))
         points = transform_points(T_b_f @ T_F_S, profile.points_s)
-        assert BOARD.holds(points).all()
+        assert BOARD.contains_points(points).all()
         assert np.ptp(profile.points_s[:, 0]) > 0.03
 
 
@@ -103,7 +103,7 @@ def test_suggested_poses_are_well_conditioned_also_when_the_mount_is_known_rough
 
 
 def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:
-    unknown = PlaneTarget.unknown(PLANE, CENTRE)
+    unknown = PlaneTarget.from_fitted_plane(PLANE, CENTRE)
     poses = planned(target=unknown)
     taken = samples(poses, shots(poses, HAND, np.random.default_rng(0)))
     assert calibrate_on_plane(taken, None, NOISE).uncertainty.position < 0.5e-3

@@ -35,7 +35,7 @@ def test_an_exact_line_comes_back(angle: float, z: float) -> None:
     fit = fit_line(Profile(*board(angle, z)), NOISE)
     np.testing.assert_allclose(fit.direction_s, (np.cos(angle), 0, np.sin(angle)), atol=1e-12)
     np.testing.assert_allclose(fit.point_s, (0, 0, z), atol=1e-12)
-    assert fit.count == COLUMNS
+    assert fit.point_count == COLUMNS
 
 
 @given(seed=st.integers(0, 2**32 - 1), spatter=st.floats(0, 0.3))

@@ -101,7 +101,7 @@ def test_it_needs_no_more_than_five_lines() -> None:
 def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = samples(POSES, shots(POSES, HAND, rng))
-    model = PlaneModel.of(POSES, [s.fit for s in taken], target(rng), NOISE)
+    model = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], target(rng), NOISE)
     T, by = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), 0.02 * rng.standard_normal(3)
     found, h = model.linearise(T, by), 1e-6
     for i in range(6):
@@ -122,7 +122,9 @@ def test_residuals_scatter_as_their_covariance_says() -> None:
     T_b_f = np.repeat(steep[None], 1500, axis=0)
     taken = samples(T_b_f, shots(T_b_f, HAND, rng))
     exact = replace(target(), plane=PLANE)
-    found = PlaneModel.of(T_b_f, [s.fit for s in taken], exact, NOISE).linearise(T_F_S, np.zeros(3))
+    found = PlaneModel.from_line_fits(T_b_f, [s.fit for s in taken], exact, NOISE).linearise(
+        T_F_S, np.zeros(3)
+    )
     # 1,500 draws give a variance to 3.7 %; four of those.
     stated = found.covariance.mean(axis=0)
     sigma = np.sqrt(np.diag(stated))
@@ -179,7 +181,7 @@ def test_one_spoiled_line_is_named_and_left_out(k: int) -> None:
     clean = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
     profiles[k] = raised(profiles[k], 2 * MM * (-1) ** k)
     spoiled = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
-    assert spoiled.bad == (f"line {k + 1}",)
+    assert spoiled.rejected_samples == (f"line {k + 1}",)
     assert f"line {k + 1}" in spoiled.caveats[0]
     assert spoiled.uncertainty.position < 1.5 * clean.uncertainty.position
     assert abs(spoiled.residuals[k].offset) == pytest.approx(2 * MM, rel=0.4)
@@ -195,18 +197,20 @@ def test_two_spoiled_lines_are_named(seed: int) -> None:
     for k in bad:
         profiles[k] = raised(profiles[k], 2 * MM)
     result = calibrate_on_plane(samples(POSES, profiles), board, NOISE)
-    assert result.bad == tuple(f"line {k + 1}" for k in bad)
+    assert result.rejected_samples == tuple(f"line {k + 1}" for k in bad)
 
 
 def test_good_lines_are_seldom_blamed() -> None:
-    assert sum(len(calibrated(seed).bad) for seed in range(100, 160)) <= 1  # 0.06 expected
+    assert (
+        sum(len(calibrated(seed).rejected_samples) for seed in range(100, 160)) <= 1
+    )  # 0.06 expected
 
 
 def test_leaving_a_line_out_moves_the_result_as_foretold() -> None:
     rng = np.random.default_rng(5)
     taken = samples(POSES, shots(POSES, HAND, rng))
     board = target(rng)
-    model = PlaneModel.of(POSES, [s.fit for s in taken], board, NOISE)
+    model = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], board, NOISE)
     every = np.ones(12, dtype=bool)
     whole = refine(model, T_F_S, np.zeros(3), every)
     foretold = leave_one_out(whole)

@@ -76,7 +76,7 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = arcs(rng, 6)
     poses = np.stack([s.T_b_f for s in taken])
-    model = BallModel.of(poses, [s.fit for s in taken], BallTarget(), NOISE)
+    model = BallModel.from_arc_fits(poses, [s.fit for s in taken], BallTarget(), NOISE)
     T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), np.append(BALL_B + 0.01, 0.031)
     found, h = model.linearise(T, where), 1e-6
     for i in range(6):
@@ -94,7 +94,7 @@ def test_a_bad_pose_is_named() -> None:
     T = taken[3].T_b_f.copy()
     T[:3, 3] += 2e-3
     taken[3] = ArcSample("arc 4", T, taken[3].fit)
-    assert calibrate_on_ball(taken, BallTarget(RADIUS), NOISE).bad == ("arc 4",)
+    assert calibrate_on_ball(taken, BallTarget(RADIUS), NOISE).rejected_samples == ("arc 4",)
 
 
 def test_poses_that_only_translate_are_refused() -> None:

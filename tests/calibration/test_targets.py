@@ -31,7 +31,7 @@ def test_the_plane_is_as_certain_as_it_says() -> None:
     for _ in range(400):
         found = target(rng)
         # The truth in the terms of what was found.
-        height = PLANE.distance(found.centre_b)
+        height = PLANE.signed_distances(found.centre_b)
         tilts = found.axes_b @ PLANE.u / (found.plane.u @ PLANE.u)
         wrong = np.array((*tilts, height))
         squares.append(wrong @ found.information @ wrong)
@@ -63,9 +63,9 @@ def test_a_bad_touch_is_named() -> None:
 @settings(max_examples=20, deadline=None)
 def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
     near = np.random.default_rng(seed).standard_normal(3)
-    unknown = PlaneTarget.unknown(PLANE, near)
+    unknown = PlaneTarget.from_fitted_plane(PLANE, near)
     assert not unknown.known
-    assert PLANE.distance(unknown.centre_b) == pytest.approx(0.0, abs=EXACT)
+    assert PLANE.signed_distances(unknown.centre_b) == pytest.approx(0.0, abs=EXACT)
     np.testing.assert_allclose(unknown.axes_b @ PLANE.u, 0, atol=EXACT)
     np.testing.assert_allclose(unknown.boxplus(np.zeros(3)).u, PLANE.u, atol=EXACT)
 

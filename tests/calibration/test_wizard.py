@@ -132,7 +132,7 @@ class Knocked:
 class Clumsy:
     """The cell's probe, that slips by 3 mm at some touches."""
 
-    order = "Touch"
+    operator_instruction = "Touch"
 
     def __init__(self, probe: SimulatedTouchProbe, slips: int) -> None:
         self._probe, self._slips = probe, slips
@@ -361,7 +361,7 @@ def test_a_board_that_is_not_flat_is_refused_in_the_end(tmp_path: Path) -> None:
 def test_a_line_taken_while_something_moved_is_named(tmp_path: Path) -> None:
     stage = Stage(tmp_path, board__lines=10)
     result = stage.run(Watcher(), laser=Knocked(stage.cell, after=6, until=7)).result
-    assert result.bad == ("line 7",)
+    assert result.rejected_samples == ("line 7",)
 
 
 def test_a_fresh_line_that_contradicts_is_refused_unless_the_operator_insists(
@@ -401,7 +401,7 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
     class JoggingHand:
         """Reads the pose that the hand left the arm in."""
 
-        order = JoggedProbe(stage.cell.arm).order
+        operator_instruction = JoggedProbe(stage.cell.arm).operator_instruction
 
         def touch(self, place_b: Array) -> Array:
             T_b_f = JoggedProbe(stage.cell.arm).touch(place_b)
@@ -410,7 +410,7 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
 
     def answer(question: Question) -> bool:
         if question.text.startswith("Jog"):
-            stage.cell.arm.move_joint(hand.touch(next(places)))
+            stage.cell.arm.move_joint_to_pose(hand.touch(next(places)))
         return question.default
 
     outcome = stage.run(Watcher(answer), probe=JoggingHand())

@@ -68,7 +68,7 @@ def test_simple_kriging_is_the_conditional_mean_of_the_joint_normal(kernel: Kern
     P = np.linalg.inv(joint)
     expected = y.mean() - np.linalg.solve(P[9:, 9:], P[9:, :9] @ (y - y.mean()))
     fit = SimpleKriging.fit(kernel, X, y, 0.2)
-    np.testing.assert_allclose(fit.at(x_star), expected, atol=1e-6)
+    np.testing.assert_allclose(fit.predict_mean(x_star), expected, atol=1e-6)
     assert fit.change(-0.33, 0.35) == pytest.approx(expected[1] - expected[0], abs=1e-6)
 
 
@@ -90,7 +90,7 @@ def test_ordinary_kriging_solves_the_kriging_equations(kernel: Kernel, h_star: f
     weights, multiplier = solved[:9], solved[9]
     variance = prior - np.sum(weights * k_star, axis=0) - h_star * multiplier
     kriging = OrdinaryKriging(X, y, sigma_n, kernel)
-    predict = kriging.at if h_star else partial(kriging.change, start=start)
+    predict = kriging.predict if h_star else partial(kriging.change, start=start)
     values, sigmas = predict(x_star)
     np.testing.assert_allclose(values, weights.T @ y, atol=1e-9)
     np.testing.assert_allclose(sigmas, np.sqrt(variance), atol=1e-9)
@@ -98,7 +98,7 @@ def test_ordinary_kriging_solves_the_kriging_equations(kernel: Kernel, h_star: f
 
 def test_one_measured_value_is_all_that_is_known_of_the_mean() -> None:
     kriging = OrdinaryKriging(np.zeros(1), np.array([2.5]), np.array([0.3]), Matern52(1.0, 0.1))
-    (near, far), (sigma_near, sigma_far) = kriging.at(np.array([0.0, 100.0]))
+    (near, far), (sigma_near, sigma_far) = kriging.predict(np.array([0.0, 100.0]))
     assert (near, far) == pytest.approx((2.5, 2.5))
     assert sigma_near == pytest.approx(0.3)
     assert sigma_far == pytest.approx(np.sqrt(1 + 1 + 0.3**2))  # of both values and the noise
@@ -108,7 +108,7 @@ def test_one_measured_value_is_all_that_is_known_of_the_mean() -> None:
 @given(st.floats(-100, 100))
 def test_a_constant_added_to_all_values_is_added_to_the_prediction(c: float) -> None:
     y, sigma_n = measured()
-    at, plus = (OrdinaryKriging(X, v, sigma_n, KERNELS[0]).at(X + 0.01) for v in (y, y + c))
+    at, plus = (OrdinaryKriging(X, v, sigma_n, KERNELS[0]).predict(X + 0.01) for v in (y, y + c))
     np.testing.assert_allclose(plus[0], at[0] + c, atol=1e-9)
     np.testing.assert_array_equal(plus[1], at[1])
 
@@ -116,23 +116,26 @@ def test_a_constant_added_to_all_values_is_added_to_the_prediction(c: float) -> 
 def test_kriging_returns_what_was_measured_and_forgets_far_away() -> None:
     values = np.sin(10 * X)
     kriging = OrdinaryKriging(X, values, np.full(9, 1e-6), Matern52(1.0, 0.15))
-    at, sigma = kriging.at(X)
+    at, sigma = kriging.predict(X)
     np.testing.assert_allclose(at, values, atol=1e-5)
     assert sigma.max() < 1e-4
-    far, far_sigma = kriging.at(np.array([5.0]))
+    far, far_sigma = kriging.predict(np.array([5.0]))
     assert abs(far[0]) < 1.0
     assert far_sigma[0] > 1.0  # the process's own, and that of its mean
     change, none = kriging.change(np.array([X[3], 0.05]), X[3])
     assert change[0] == pytest.approx(0.0, abs=1e-9)
     assert none[0] == pytest.approx(0.0, abs=1e-6)
-    assert change[1] == pytest.approx(kriging.at(np.array([0.05]))[0][0] - values[3], abs=1e-4)
+    assert change[1] == pytest.approx(kriging.predict(np.array([0.05]))[0][0] - values[3], abs=1e-4)
 
 
 def test_kriging_averages_noise() -> None:
     rng = np.random.default_rng(4)
     kernel = Matern52(0.3, 0.15)
     off = [
-        OrdinaryKriging(X, 3 + rng.standard_normal(9), np.ones(9), kernel).at(np.zeros(1))[0][0] - 3
+        OrdinaryKriging(X, 3 + rng.standard_normal(9), np.ones(9), kernel).predict(np.zeros(1))[0][
+            0
+        ]
+        - 3
         for _ in range(200)
     ]
     assert np.std(off) < 0.5

@@ -78,7 +78,7 @@ def test_a_real_arm_scans_with_a_replayed_laser_and_nothing_simulated(tmp_path: 
     with LoopbackProcess(address(), "--fast") as loopback:
         options = ("--arm.ur.host", loopback.host, "--laser.recording", run, "--out", again)
         assert tjscan("scan", file, *sections, *options) == 0
-        assert any(line.startswith("move") for line in loopback.heard())
+        assert any(line.startswith("move") for line in loopback.unread_output())
     first, second = (json.loads((d / "summary.json").read_text()) for d in (run, again))
     assert (first["frame"], second["frame"]) == ("j", "b")
     assert first["sections"] == second["sections"] == 4

@@ -41,7 +41,7 @@ ELSEWHERE = pose_from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
-    job = read_scan_job(file, overrides).at(station)
+    job = read_scan_job(file, overrides).job_of_station(station)
     return scan_in_cell(RunContext(job, file).cell(), job, Notes())
 
 
@@ -67,15 +67,15 @@ def test_what_is_measured_in_b_does_not_depend_on_where_w_is(tmp_path: Path) -> 
 def test_solids_about_the_workpiece_stand_where_the_base_is_believed_to_be(
     tmp_path: Path,
 ) -> None:
-    job = read_scan_job(WHOLE).at("left")
+    job = read_scan_job(WHOLE).job_of_station("left")
     data = data_of(WHOLE)
     T_b_w = inverse_pose(pose_of(data["station"][0]))
     for solid in data["clearance"]["solid"]:
         if solid.pop("frame", "b") == "w":
             solid |= {**solid, **_table(T_b_w @ pose_of(solid))}
-    in_b = read_scan_job(written(tmp_path, data)).at("left")
+    in_b = read_scan_job(written(tmp_path, data)).job_of_station("left")
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (5, 6)):
-        told, same = (clearance_of_job(one).nearest(q) for one in (job, in_b))
+        told, same = (clearance_of_job(one).nearest_bodies(q) for one in (job, in_b))
         assert told is not None
         assert same is not None
         assert told[0] == same[0]
@@ -90,7 +90,7 @@ def _table(T: Array) -> dict[str, Any]:
 
 def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     result = scan(WHOLE, {"scan.sections": 5}, "left")
-    job = read_scan_job(WHOLE).at("left")
+    job = read_scan_job(WHOLE).job_of_station("left")
     joint = RunContext(job, WHOLE).joint
     assert job.joint is not None
     assert joint is not None
@@ -139,8 +139,8 @@ class TestWholeJoint:
 @pytest.mark.parametrize("key", ["station.right.length_mm", "station.1.length_mm"])
 def test_keys_of_a_station_are_replaced_by_its_name_or_number(key: str) -> None:
     job = read_scan_job(WHOLE, {key: 500.0})
-    assert job.at("right").scan.length == 0.5
-    assert job.at("left").scan.length == 0.87
+    assert job.job_of_station("right").scan.length == 0.5
+    assert job.job_of_station("left").scan.length == 0.87
 
 
 def test_a_station_called_with_a_dash_is_named_by_an_option(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
     assert (left.scan.direction, left.scan.sections) == ("counterclockwise", None)
     assert (right.scan.direction, right.scan.sections) == ("clockwise", 7)
     assert right.stations == ("right",)
-    assert right.at("right") == right.at() == right
+    assert right.job_of_station("right") == right.job_of_station() == right
 
 
 def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
@@ -172,9 +172,9 @@ def test_a_job_at_no_station_is_refused_with_their_names() -> None:
     with pytest.raises(ConfigurationError, match="left, right"):
         read_scan_job(WHOLE).start_poses  # noqa: B018
     with pytest.raises(ConfigurationError, match="did you mean: left"):
-        read_scan_job(WHOLE).at("lefft")
+        read_scan_job(WHOLE).job_of_station("lefft")
     with pytest.raises(ConfigurationError, match="it has none"):
-        read_scan_job(PAPER).at("left")
+        read_scan_job(PAPER).job_of_station("left")
 
 
 def _doubled(data: dict[str, Any]) -> None:
@@ -254,14 +254,14 @@ def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -
         copy.write_text(text, encoding="utf-8")
         again = read_scan_job(copy)
         assert isinstance(again, ScanJob)
-        assert again == job == again.at()
+        assert again == job == again.job_of_station()
 
 
 def test_a_real_arm_stands_at_one_station() -> None:
     real = {"arm.driver": "ur", "arm.ur.host": "127.0.0.9"}
     with pytest.raises(ConfigurationError, match="--station"):
         read_scan_job(WHOLE, real).jobs_by_station  # noqa: B018
-    assert len(read_scan_job(WHOLE, real).at("left").places) == 1
+    assert len(read_scan_job(WHOLE, real).job_of_station("left").jobs_by_station) == 1
 
 
 def test_the_doctor_looks_at_every_station(capsys: pytest.CaptureFixture[str]) -> None:
@@ -283,6 +283,8 @@ def test_a_calibration_is_made_at_one_station(
     assert tjscan("calibrate", file, "--unattended", "--out", out) == 2
     assert "choose one with --station: left, right" in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
-    job = read_calibration_job(file).at("right")
+    job = read_calibration_job(file).job_of_station("right")
     assert job.stations == ("right",)
-    np.testing.assert_allclose(job.T_w_b, read_scan_job(WHOLE).at("right").T_w_b, atol=SAME)
+    np.testing.assert_allclose(
+        job.T_w_b, read_scan_job(WHOLE).job_of_station("right").T_w_b, atol=SAME
+    )

@@ -87,17 +87,17 @@ class Spy(DeviceBase):
     def state(self) -> ArmState:
         return self.arm.state()
 
-    def check(self, *T_b_f: Array) -> None:
+    def check_moves(self, *T_b_f: Array) -> None:
         self.told += [("check", T) for T in T_b_f]
-        self.arm.check(*T_b_f)
+        self.arm.check_moves(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         self.told.append(("linear", T_b_f))
         return self.arm.move_linear(T_b_f)
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         self.told.append(("joint", T_b_f))
-        return self.arm.move_joint(T_b_f, near)
+        return self.arm.move_joint_to_pose(T_b_f, near)
 
     def stop(self) -> None:
         self.arm.stop()
@@ -151,7 +151,7 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
     along = np.linspace(0, 1, 300)[:, None]
     closest = np.min([model.distances(q) - margins for q in HOME + along * (goal - HOME)])
     try:
-        keeps.joint(HOME, T_b_f)
+        keeps.end_of_joint_move(HOME, T_b_f)
     except PathBlocked:
         assert closest < RESOLUTION
     else:
@@ -160,7 +160,7 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
 
 def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> None:
     with pytest.raises(PathBlocked) as refusal:
-        clearance(post(0.0)).linear(HOME, aside(0.5))
+        clearance(post(0.0)).end_of_linear_move(HOME, aside(0.5))
     blocked = refusal.value
     assert (blocked.moving, blocked.other) == ("sensor", "post")
     # 40 mm of the sensor, 20 mm of the post, 10 mm of margin before its middle, 250 mm away.
@@ -171,14 +171,14 @@ def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> 
 
 def test_a_path_past_a_solid_says_how_near_it_comes() -> None:
     with pytest.raises(PathBlocked, match=r"within 6\.0 mm of post, where 10 mm") as refusal:
-        clearance(post(-0.11 - 0.006)).linear(HOME, aside(0.5))
+        clearance(post(-0.11 - 0.006)).end_of_linear_move(HOME, aside(0.5))
     assert refusal.value.distance == pytest.approx(0.006, abs=1e-4)
 
 
 def test_a_wider_margin_refuses_all_that_a_narrower_one_does() -> None:
     def passes(margin: float) -> bool:
         try:
-            clearance(post(-0.15), margin=margin).linear(HOME, aside(0.5))
+            clearance(post(-0.15), margin=margin).end_of_linear_move(HOME, aside(0.5))
         except PathBlocked:
             return False
         return True
@@ -190,32 +190,32 @@ def test_a_thin_solid_between_two_waypoints_is_met() -> None:
     x, y, z = kinematics().forward(HOME)[:3, 3] + (0, 0, -0.06)
     pin = Solid("pin", Capsule(1e-3, 0.02), pose(p=(x, y + 0.2525, z)))
     with pytest.raises(PathBlocked, match="pin"):
-        clearance(pin, margin=0.0).linear(HOME, aside(0.5))
+        clearance(pin, margin=0.0).end_of_linear_move(HOME, aside(0.5))
     with pytest.raises(PathBlocked, match="pin"):
-        clearance(pin, margin=0.0).joint(HOME, aside(0.5))
+        clearance(pin, margin=0.0).end_of_joint_move(HOME, aside(0.5))
 
 
 def test_a_path_that_begins_too_near_may_lead_away_but_not_nearer() -> None:
     wall = Solid("wall", Box((0.08, 0.02, 0.08)), pose(p=aside(0.055)[:3, 3] - (0, 0, 0.06)))
     keeps = clearance(wall)  # 5 mm from the sensor
-    keeps.linear(HOME, aside(-0.1))
+    keeps.end_of_linear_move(HOME, aside(-0.1))
     with pytest.raises(PathBlocked, match="wall"):
-        keeps.linear(HOME, aside(0.002))
+        keeps.end_of_linear_move(HOME, aside(0.002))
 
 
 def test_an_arm_that_stands_in_something_is_not_moved() -> None:
     with pytest.raises(PathBlocked, match="where the arm stands, sensor already overlaps post"):
-        clearance(post(0.0, y=0.0)).linear(HOME, aside(-0.3))
+        clearance(post(0.0, y=0.0)).end_of_linear_move(HOME, aside(-0.3))
 
 
 def test_an_arm_does_not_run_into_itself() -> None:
     folded = HOME + np.radians([0, 0, 62, 0, 0, 0])
     with pytest.raises(PathBlocked) as refusal:
-        clearance().joint(HOME, kinematics().forward(folded))
+        clearance().end_of_joint_move(HOME, kinematics().forward(folded))
     assert refusal.value.other in kinematics().link_names
     free = CollisionModel(kinematics(), tool=[TIP], self_collision=False)
     assert free.pairs == ()
-    ClearPathPlanner(kinematics(), free).joint(HOME, kinematics().forward(folded))
+    ClearPathPlanner(kinematics(), free).end_of_joint_move(HOME, kinematics().forward(folded))
 
 
 def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
@@ -229,8 +229,8 @@ def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
     sizes = [kinematics().smallest_singular_value(q) for q in path]
     assert sizes[-1] < sizes[0] < 0.2
     with pytest.raises(PoseUnreachable, match="too near to a singularity"):
-        keeps.linear(start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
-    keeps.linear(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
+        keeps.end_of_linear_move(start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
+    keeps.end_of_linear_move(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -251,7 +251,7 @@ def test_a_clear_path_is_passed_on_unchanged() -> None:
     arm, spy = spied(clearance(post(-0.5)))
     with arm:
         arm.move_linear(aside(0.3))
-        arm.move_joint(aside(0.1))
+        arm.move_joint_to_pose(aside(0.1))
     assert [name for name, _ in spy.told] == ["linear", "joint"]
     np.testing.assert_array_equal([T for _, T in spy.told], [aside(0.3), aside(0.1)])
 
@@ -260,7 +260,7 @@ def test_a_clear_path_is_passed_on_unchanged() -> None:
 def test_a_post_in_the_way_is_passed_round_at_the_least_lift_that_clears_it(straight: bool) -> None:
     arm, spy = spied(clearance(post(-0.06)))
     with arm:
-        reached = (arm.move_linear if straight else arm.move_joint)(aside(0.5))
+        reached = (arm.move_linear if straight else arm.move_joint_to_pose)(aside(0.5))
     assert len(spy.told) == 3
     heights = [1e3 * (T[2, 3] - aside(0)[2, 3]) for _, T in spy.told]
     assert heights == pytest.approx([100, 100, 0], abs=1e-6)
@@ -270,10 +270,10 @@ def test_a_post_in_the_way_is_passed_round_at_the_least_lift_that_clears_it(stra
 def test_a_detour_is_told_of_before_it_begins() -> None:
     told: list[str] = []
     arm, spy = spied(clearance(post(-0.06)))
-    arm.listen(lambda name, words: told.append(f"{words} ({len(spy.told)} moves made)"))
+    arm.report_events_to(lambda name, words: told.append(f"{words} ({len(spy.told)} moves made)"))
     with arm:
         arm.move_linear(aside(0.1))
-        arm.check(aside(0.5))
+        arm.check_moves(aside(0.5))
         assert told == []
         arm.move_linear(aside(0.5))
     (words,) = told
@@ -295,9 +295,9 @@ def test_no_leg_of_a_detour_begins_after_a_stop() -> None:
             arm.move_linear(aside(0.5))
         assert len(spy.told) == 1
         with pytest.raises(ArmFault, match="taken back"):
-            arm.move_joint(aside(0.1))
+            arm.move_joint_to_pose(aside(0.1))
         arm.clear_stop()
-        arm.move_joint(aside(0.1))
+        arm.move_joint_to_pose(aside(0.1))
 
 
 def test_where_nothing_goes_the_refusal_is_that_of_the_direct_path_and_nothing_moves() -> None:
@@ -318,13 +318,13 @@ def test_where_the_nearest_configuration_is_blocked_another_one_is_taken() -> No
     ball = Solid("ball", Capsule(0.03, 1e-3), pose(p=middle_b))
     arm, spy = spied(clearance(ball))
     with arm:
-        arm.check(goal)
+        arm.check_moves(goal)
         assert spy.told == []
         with pytest.raises(PathBlocked, match="ball"):
             arm.move_linear(goal)
         with pytest.raises(PathBlocked, match="ball"):
-            arm.move_joint(goal, nearest)
-        reached = arm.move_joint(goal)
+            arm.move_joint_to_pose(goal, nearest)
+        reached = arm.move_joint_to_pose(goal)
     np.testing.assert_allclose(reached.T_b_f, goal, atol=1e-8)
     assert np.abs(reached.q - nearest).max() > 0.5
     assert min(np.abs(reached.q - q).max() for q in others) < 1e-6
@@ -338,7 +338,7 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
         assert np.abs(arm.clear_path(q, goal, straight=False).segments[-1].q - q).max() > SWEEP
         with pytest.raises(PoseUnreachable, match="would turn by"):
-            arm.move_joint(goal, near=q)
+            arm.move_joint_to_pose(goal, near=q)
     assert spy.told == []
 
 
@@ -352,9 +352,9 @@ def test_without_lifts_there_is_no_detour() -> None:
 def test_checking_looks_at_every_path_and_moves_nothing() -> None:
     arm, spy = spied(clearance(post(-0.2, y=-0.25), post(0.6, y=0.45)))
     with arm:
-        arm.check(aside(0.1), aside(-0.1), aside(-0.5))
+        arm.check_moves(aside(0.1), aside(-0.1), aside(-0.5))
         with pytest.raises(PathBlocked, match="post"):
-            arm.check(aside(0.1), aside(0.5))
+            arm.check_moves(aside(0.1), aside(0.5))
         np.testing.assert_array_equal(arm.state().q, HOME)
         assert arm.state().time == 0
     assert {name for name, _ in spy.told} == {"check"}
@@ -362,27 +362,27 @@ def test_checking_looks_at_every_path_and_moves_nothing() -> None:
 
 def test_an_arm_that_took_another_configuration_is_not_moved_on() -> None:
     class Elsewhere(Spy):
-        def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
-            reached = super().move_joint(T_b_f, near)
+        def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+            reached = super().move_joint_to_pose(T_b_f, near)
             return ArmState(
                 reached.q + np.array((0, 0, 0, 0, 0, 2 * np.pi)), reached.T_b_f, reached.time
             )
 
     arm = CollisionCheckedArm(Elsewhere(SimulatedArm(kinematics(), HOME)), clearance(), np.eye(4))
     with arm, pytest.raises(ArmFault, match="joint 6 is 360 deg off"):
-        arm.move_joint(aside(0.1))
+        arm.move_joint_to_pose(aside(0.1))
 
 
 def test_what_has_been_seen_is_in_the_way() -> None:
     keeps = clearance()
-    keeps.linear(HOME, aside(0.5))
+    keeps.end_of_linear_move(HOME, aside(0.5))
     x, y, z = aside(0.25)[:3, 3]
     grid = np.array(
         [[(x + u, y, z - 0.3 + v) for v in np.linspace(0, 0.3, 5)] for u in (-0.1, 0, 0.1)]
     )
-    keeps.see(grid.reshape(-1, 3), grid_triangles(3, 5))
+    keeps.set_measured_surface(grid.reshape(-1, 3), grid_triangles(3, 5))
     with pytest.raises(PathBlocked) as refusal:
-        keeps.linear(HOME, aside(0.5))
+        keeps.end_of_linear_move(HOME, aside(0.5))
     assert refusal.value.other == SEEN
 
 

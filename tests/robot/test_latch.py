@@ -13,32 +13,36 @@ PATIENCE = 10.0
 
 def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
     latch = MotionLock()
-    latch.check()
-    assert not latch.wait(0.0)
+    latch.check_not_stopped()
+    assert not latch.wait_for_stop(0.0)
     latch.stop()
-    assert latch.wait(0.0)
+    assert latch.wait_for_stop(0.0)
     latch.stop()  # twice is once
-    for way in (latch.move, latch.start):
+    for way in (latch.hold_for_move, latch.begin_move):
         with pytest.raises(ArmFault, match="taken back"), way():
             pytest.fail("it began")
     latch.clear()
-    with latch.move(), latch.start():
+    with latch.hold_for_move(), latch.begin_move():
         pass
 
 
 def test_a_move_that_was_ordered_before_a_stop_never_starts_after_it() -> None:
     latch = MotionLock()
-    with latch.move():
+    with latch.hold_for_move():
         latch.stop()
-        with pytest.raises(ArmFault, match="taken back"), latch.start():
+        with pytest.raises(ArmFault, match="taken back"), latch.begin_move():
             pytest.fail("it began")
 
 
 def test_one_moves_at_a_time() -> None:
     latch = MotionLock()
-    with latch.move(), pytest.raises(ArmFault, match="moving already"), latch.move():
+    with (
+        latch.hold_for_move(),
+        pytest.raises(ArmFault, match="moving already"),
+        latch.hold_for_move(),
+    ):
         pytest.fail("two moved")
-    with latch.move():
+    with latch.hold_for_move():
         pass
 
 
@@ -50,10 +54,10 @@ def test_a_stop_returns_when_what_starts_has_started() -> None:
         done.set()
 
     stopper = threading.Thread(target=stop)
-    with latch.move():
-        with latch.start():
+    with latch.hold_for_move():
+        with latch.begin_move():
             stopper.start()
-            assert latch.wait(PATIENCE)  # it is known at once
+            assert latch.wait_for_stop(PATIENCE)  # it is known at once
             assert not done.is_set()
         assert done.wait(PATIENCE)
     stopper.join()
@@ -61,9 +65,9 @@ def test_a_stop_returns_when_what_starts_has_started() -> None:
 
 def test_a_stop_can_be_given_by_what_interrupts_a_start() -> None:
     latch = MotionLock()
-    with latch.move(), latch.start():
+    with latch.hold_for_move(), latch.begin_move():
         latch.stop()
-    assert latch.wait(0.0)
+    assert latch.wait_for_stop(0.0)
 
 
 def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
@@ -75,16 +79,16 @@ def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
         done.set()
 
     clearer = threading.Thread(target=clear)
-    with latch.move():
+    with latch.hold_for_move():
         latch.stop()
         clearer.start()
         assert clearing.wait(PATIENCE)
         assert not done.is_set()
-        with pytest.raises(ArmFault), latch.start():
+        with pytest.raises(ArmFault), latch.begin_move():
             pytest.fail("it began")
     assert done.wait(PATIENCE)
     clearer.join()
-    latch.check()
+    latch.check_not_stopped()
 
 
 def test_nothing_starts_between_a_stop_and_its_end() -> None:
@@ -93,7 +97,7 @@ def test_nothing_starts_between_a_stop_and_its_end() -> None:
     def move() -> None:
         while not ended.is_set():
             try:
-                with latch.move(), latch.start():
+                with latch.hold_for_move(), latch.begin_move():
                     started[0] += 1
             except ArmFault:
                 continue

@@ -58,7 +58,7 @@ def assert_within(path: JointPath, limits: MotionLimits) -> None:
     if path.duration < SHORTEST:
         return
     t = np.linspace(0, path.duration, 1001)
-    q = path.at(t)
+    q = path.joint_angles_at(t)
     points_b = np.array([arm().forward(angles)[:3, 3] for angles in q])
     h = t[1]
     speed, tcp_speed = np.diff(q, axis=0) / h, np.diff(points_b, axis=0) / h
@@ -109,7 +109,10 @@ def test_time_scales(shift: Array, turn: list[float], factor: float) -> None:
     scaled = linear_path(arm(), WELL, moved(shift, turn), slow)
     assert scaled.duration == pytest.approx(factor * quick.duration, rel=1e-9)
     np.testing.assert_allclose(
-        scaled.at(factor * quick.duration / 3), quick.at(quick.duration / 3), rtol=0, atol=1e-9
+        scaled.joint_angles_at(factor * quick.duration / 3),
+        quick.joint_angles_at(quick.duration / 3),
+        rtol=0,
+        atol=1e-9,
     )
 
 
@@ -118,7 +121,7 @@ def test_time_scales(shift: Array, turn: list[float], factor: float) -> None:
 def test_the_flange_stays_on_the_line_and_arrives(shift: Array, turn: list[float]) -> None:
     start, end = arm().forward(WELL), moved(shift, turn)
     path = linear_path(arm(), WELL, end, LIMITS)
-    poses = [arm().forward(q) for q in path.at(np.linspace(0, path.duration, 50))]
+    poses = [arm().forward(q) for q in path.joint_angles_at(np.linspace(0, path.duration, 50))]
     np.testing.assert_allclose(poses[0], start, rtol=0, atol=1e-9)
     np.testing.assert_allclose(poses[-1], end, rtol=0, atol=5e-9)
     length = np.linalg.norm(shift)
@@ -139,8 +142,8 @@ def test_a_trapezoid_of_known_duration() -> None:
     path = joint_path(arm(), WELL, WELL + np.eye(6)[5], limits)
     assert path.duration == pytest.approx(2.5, rel=1e-9)
     assert path.ramp == pytest.approx(0.5, rel=1e-9)
-    assert path.at(0.5)[5] - WELL[5] == pytest.approx(0.125, abs=1e-9)
-    assert path.at(1.25)[5] - WELL[5] == pytest.approx(0.5, abs=1e-9)
+    assert path.joint_angles_at(0.5)[5] - WELL[5] == pytest.approx(0.125, abs=1e-9)
+    assert path.joint_angles_at(1.25)[5] - WELL[5] == pytest.approx(0.5, abs=1e-9)
 
 
 def test_a_short_move_never_cruises() -> None:
@@ -157,7 +160,9 @@ def test_no_way_takes_no_time() -> None:
         linear_path(arm(), WELL, arm().forward(WELL), LIMITS),
     ):
         assert path.duration == pytest.approx(0, abs=1e-3)
-        np.testing.assert_allclose(path.at(np.array([0.0, 1.0])), [WELL, WELL], atol=1e-8)
+        np.testing.assert_allclose(
+            path.joint_angles_at(np.array([0.0, 1.0])), [WELL, WELL], atol=1e-8
+        )
 
 
 def test_waypoints_are_close_and_can_not_be_written_to() -> None:

@@ -35,7 +35,7 @@ def ahead(x: float = 0.04) -> Array:
 def test_it_fulfils_the_protocol_and_reports_what_it_was_told() -> None:
     arm: Arm = SimulatedArm(kinematics(), WELL)
     with arm:
-        for move in (arm.move_linear, arm.move_joint):
+        for move in (arm.move_linear, arm.move_joint_to_pose):
             for T_b_f in (ahead(0.05), ahead(0.0)):
                 reached = move(T_b_f)
                 np.testing.assert_allclose(reached.T_b_f, T_b_f, rtol=0, atol=SOLVED)
@@ -54,7 +54,7 @@ def test_its_clock_runs_with_its_motion() -> None:
 def test_checking_moves_nothing() -> None:
     with SimulatedArm(kinematics(), WELL) as arm:
         truth = arm.true_T_b_f
-        arm.check(ahead())
+        arm.check_moves(ahead())
         assert arm.state().time == 0
         np.testing.assert_array_equal(arm.state().q, WELL)
         np.testing.assert_array_equal(arm.true_T_b_f, truth)
@@ -63,7 +63,7 @@ def test_checking_moves_nothing() -> None:
 def test_an_unreachable_pose_leaves_it_where_it_is() -> None:
     with SimulatedArm(kinematics(), WELL) as arm:
         truth = arm.true_T_b_f
-        for order in (arm.check, arm.move_linear, arm.move_joint):
+        for order in (arm.check_moves, arm.move_linear, arm.move_joint_to_pose):
             with pytest.raises(PoseUnreachable, match="reach"):
                 order(ahead(3.0))
         assert arm.state().time == 0
@@ -76,7 +76,7 @@ def errors(arm: SimulatedArm, moves: int) -> tuple[Array, Array]:
     distances, angles = [], []
     with arm:
         for i in range(moves):
-            state = arm.move_joint(ahead(0.001 * (i % 2)))
+            state = arm.move_joint_to_pose(ahead(0.001 * (i % 2)))
             distances.append(np.linalg.norm(arm.true_T_b_f[:3, 3] - state.T_b_f[:3, 3]))
             angles.append(rotation_angle_between(arm.true_T_b_f, state.T_b_f))
     return np.array(distances), np.array(angles)
@@ -109,7 +109,7 @@ def test_it_obeys_only_while_connected() -> None:
     arm = SimulatedArm(kinematics(), WELL)
     with arm:
         pass
-    for order in (arm.check, arm.move_linear, arm.move_joint):
+    for order in (arm.check_moves, arm.move_linear, arm.move_joint_to_pose):
         with pytest.raises(ArmFault, match="'with' block"):
             order(ahead())
     with pytest.raises(ArmFault, match="'with' block"):
@@ -160,7 +160,7 @@ def test_a_stop_ends_a_move_on_its_path() -> None:
 def test_a_stop_between_two_moves_holds_until_it_is_taken_back(realtime: bool) -> None:
     with SimulatedArm(kinematics(), WELL, realtime=realtime) as arm:
         arm.stop()
-        for move in (arm.move_linear, arm.move_joint):
+        for move in (arm.move_linear, arm.move_joint_to_pose):
             with pytest.raises(ArmFault, match="taken back"):
                 move(ahead())
         np.testing.assert_array_equal(arm.state().q, WELL)

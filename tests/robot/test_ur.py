@@ -59,17 +59,17 @@ def running() -> Iterator[LoopbackProcess]:
 @pytest.fixture
 def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
     """That controller, all right and where it started; no client's process is left behind."""
-    running.order("clear")
-    running.order("home")
+    running.schedule_fault("clear")
+    running.schedule_fault("home")
     yield running
-    running.order("clear")
+    running.schedule_fault("clear")
     assert client_processes() == []
 
 
 def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         for move, T_b_f in (
-            (arm.move_joint, beside_home(0.05, 0.0, 0.03)),
+            (arm.move_joint_to_pose, beside_home(0.05, 0.0, 0.03)),
             (arm.move_linear, beside_home(0.0, 0.04, 0.0)),
             (arm.move_linear, beside_home()),
         ):
@@ -95,7 +95,7 @@ def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProc
 def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: LoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         before = arm.state()
-        for move in (arm.move_joint, arm.move_linear, arm.check):
+        for move in (arm.move_joint_to_pose, arm.move_linear, arm.check_moves):
             with pytest.raises(PoseUnreachable):
                 move(beside_home(3.0))
         np.testing.assert_array_equal(arm.state().q, before.q)
@@ -126,15 +126,15 @@ def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
     loopback: LoopbackProcess, fault: str
 ) -> None:
     with arm_at(loopback.host) as arm:
-        start = arm.move_joint(beside_home())
-        loopback.order(f"{fault} 1" if fault != "miss-target" else fault)
+        start = arm.move_joint_to_pose(beside_home())
+        loopback.schedule_fault(f"{fault} 1" if fault != "miss-target" else fault)
         with pytest.raises(MID_MOVE[fault]) as caught:
             arm.move_linear(beside_home(0.08))
         with pytest.raises(type(caught.value)):
             arm.move_linear(beside_home())
         with pytest.raises(type(caught.value)):
             arm.state()
-    loopback.order("clear")
+    loopback.schedule_fault("clear")
     with arm_at(loopback.host) as arm:
         # It stands where the fault left it: on the way, or beside where it should be.
         moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - start.T_b_f[:3, 3])
@@ -155,7 +155,7 @@ def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
 def test_an_arm_that_is_not_ready_is_not_connected(
     loopback: LoopbackProcess, fault: str, error: type[ArmFault]
 ) -> None:
-    loopback.order(fault)
+    loopback.schedule_fault(fault)
     with pytest.raises(error), arm_at(loopback.host):
         pass
 
@@ -169,7 +169,7 @@ def test_a_program_of_somebody_else_is_left_alone(loopback: LoopbackProcess) -> 
     with arm_at(loopback.host) as first:
         with pytest.raises(ArmBusy), arm_at(loopback.host):
             pass
-        first.move_joint(beside_home(0.02))
+        first.move_joint_to_pose(beside_home(0.02))
 
 
 def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
@@ -208,12 +208,12 @@ def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackPro
 
 def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: LoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
-        before = arm.move_joint(beside_home())
-        loopback.order("refuse-targets")
+        before = arm.move_joint_to_pose(beside_home())
+        loopback.schedule_fault("refuse-targets")
         with pytest.raises(TargetRefused, match="safety"):
             arm.move_linear(beside_home(0.05))
         np.testing.assert_array_equal(arm.state().q, before.q)
-        loopback.order("clear")
+        loopback.schedule_fault("clear")
         arm.move_linear(beside_home(0.05))  # refused targets do no harm
 
 
@@ -227,15 +227,15 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
         stopper = threading.Thread(target=stop)
         stopper.start()
         with pytest.raises(ArmFault, match="stopped on its way"):
-            arm.move_joint(beside_home(0.3))
+            arm.move_joint_to_pose(beside_home(0.3))
         stopper.join()
         stands = arm.state()
         assert np.abs(stands.q - HOME).max() < 0.2
         with pytest.raises(ArmFault, match="taken back"):
-            arm.move_joint(beside_home())
+            arm.move_joint_to_pose(beside_home())
         np.testing.assert_array_equal(arm.state().q, stands.q)
         arm.clear_stop()
-        np.testing.assert_allclose(arm.move_joint(beside_home()).q, HOME, atol=1e-5)
+        np.testing.assert_allclose(arm.move_joint_to_pose(beside_home()).q, HOME, atol=1e-5)
     assert client_processes() == []
 
 
@@ -243,18 +243,18 @@ def test_a_stop_given_before_a_move_begins_holds(loopback: LoopbackProcess) -> N
     with arm_at(loopback.host) as arm:
         before = arm.state()
         arm.stop()
-        for move in (arm.move_joint, arm.move_linear):
+        for move in (arm.move_joint_to_pose, arm.move_linear):
             with pytest.raises(ArmFault, match="taken back"):
                 move(beside_home(0.1))
         np.testing.assert_array_equal(arm.state().q, before.q)
     with arm:  # connecting again takes it back
-        arm.move_joint(beside_home(0.05))
+        arm.move_joint_to_pose(beside_home(0.05))
 
 
 def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: LoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
-        loopback.order("refuse-stop")
-        loopback.order("drop-link 1")
+        loopback.schedule_fault("refuse-stop")
+        loopback.schedule_fault("drop-link 1")
         with pytest.raises(ArmConnectionLost) as caught:
             arm.move_linear(beside_home(0.08))
         assert "did not end the program" in message_with_notes(caught.value)
@@ -263,7 +263,7 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: Loopbac
 
 def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
-        loopback.order(order)
+        loopback.schedule_fault(order)
         with DashboardClient(loopback.host) as dashboard:
             dashboard.stop()
 
@@ -279,7 +279,7 @@ from ur_cell import KINEMATICS, beside_home
 with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as arm:
     for _ in range(2):
         try:
-            arm.move_joint(beside_home(0.3))
+            arm.move_joint_to_pose(beside_home(0.3))
             print("arrived")
         except MoveSupervisionLost as fault:
             print("stopped", fault)
@@ -313,7 +313,7 @@ def test_the_arm_stops_when_the_program_stands_still() -> None:
             said, _ = program.communicate()
         assert said.count("stopped this program stood still") == 2  # the second is not begun
         assert "arrived" not in said
-        assert not any(line.startswith("move") for line in loopback.heard())
+        assert not any(line.startswith("move") for line in loopback.unread_output())
         with arm_at(loopback.host) as arm:
             moved = np.linalg.norm(arm.state().T_b_f[:3, 3] - beside_home()[:3, 3])
         # A second unfollowed, and what a busy machine adds; without a stop all of 0.3 m.
@@ -344,7 +344,7 @@ def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
         hanger.start()
         # The client says nothing; that the program has stopped, the dashboard knows.
         with pytest.raises((ArmNotResponding, ProgramStopped)):
-            arm.move_joint(beside_home(0.3))
+            arm.move_joint_to_pose(beside_home(0.3))
         hanger.join()
         loopback.wait_for("program stopped")
     assert client_processes() == []
@@ -382,7 +382,7 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     loopback: LoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
-    loopback.order("protective-stop 6")
+    loopback.schedule_fault("protective-stop 6")
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
     assert tjscan("scan", PAPER, *ur, "--out", run) == 4
     assert "protective stop" in capsys.readouterr().err
@@ -391,16 +391,16 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     assert any(event.name == "failed" for event in scan.events)
     # While the stop stands, nothing goes on; when the operator has cleared it, the scan does.
     assert tjscan("scan", "--resume", run) == 4
-    loopback.order("clear")
+    loopback.schedule_fault("clear")
     assert tjscan("scan", "--resume", run) == 0
     assert (run / "summary.json").exists()
 
 
 def test_a_dry_run_moves_nothing(loopback: LoopbackProcess) -> None:
-    loopback.heard()
+    loopback.unread_output()
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
     assert tjscan("scan", PAPER, *ur, "--dry-run") == 0
-    assert not any(line.startswith("move") for line in loopback.heard())
+    assert not any(line.startswith("move") for line in loopback.unread_output())
 
 
 def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
@@ -409,11 +409,11 @@ def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
         arm_at(loopback.host) as one,
         arm_at(second.host) as other,
     ):
-        one.move_joint(beside_home(0.05))
-        reached = other.move_joint(beside_home(0.0, 0.05))
+        one.move_joint_to_pose(beside_home(0.05))
+        reached = other.move_joint_to_pose(beside_home(0.0, 0.05))
         np.testing.assert_allclose(reached.T_b_f[:3, 3], beside_home(0.0, 0.05)[:3, 3], atol=SAME)
         np.testing.assert_allclose(one.state().T_b_f[:3, 3], beside_home(0.05)[:3, 3], atol=SAME)
-        second.order("protective-stop 1")
+        second.schedule_fault("protective-stop 1")
         with pytest.raises(ProtectiveStop):
             other.move_linear(beside_home())
         one.move_linear(beside_home())

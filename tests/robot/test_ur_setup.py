@@ -36,9 +36,9 @@ def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
     loopback: LoopbackProcess, tmp_path: Path
 ) -> None:
     job = example(tmp_path)
-    loopback.heard()
+    loopback.unread_output()
     assert tjscan("teach", job, "--which", "second", *ur(loopback)) == 0
-    assert not any(line.startswith("move") for line in loopback.heard())
+    assert not any(line.startswith("move") for line in loopback.unread_output())
     first, second = (start.T for start in read_scan_job(job).start_poses)
     off = second[:3, 3] - first[:3, 3]
     assert np.abs(off).max() < 2 * HALF_DIGIT[0]
@@ -47,16 +47,16 @@ def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
 def test_the_doctor_tells_which_arm_it_is_and_what_is_wrong_with_it(
     loopback: LoopbackProcess, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    loopback.heard()
+    loopback.unread_output()
     assert tjscan("doctor", PAPER, "--json", *ur(loopback)) == 0
     findings = {row["what"]: row for row in json.loads(capsys.readouterr().out)}
     assert "URSoftware" in findings["model"]["detail"]
     assert "and a groove" in findings["profile"]["detail"]
-    assert not any(line.startswith("move") for line in loopback.heard())
+    assert not any(line.startswith("move") for line in loopback.unread_output())
     for fault, hint in (("local-mode", "remote"), ("power-off", "power"), ("protective-stop", "")):
-        loopback.order(fault)
+        loopback.schedule_fault(fault)
         assert tjscan("doctor", PAPER, "--json", *ur(loopback)) == 4
         rows = json.loads(capsys.readouterr().out)
         assert [row["what"] for row in rows if not row["sound"]] == ["arm"]
         assert hint in next(row["detail"].lower() for row in rows if row["what"] == "arm")
-        loopback.order("clear")
+        loopback.schedule_fault("clear")

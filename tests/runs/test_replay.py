@@ -140,7 +140,7 @@ def at(x: float) -> Array:
 def test_a_recording_is_gone_through_forwards_and_exact_poses_come_first() -> None:
     _, arm = stood(0.0, 0.1, 0.102, 0.1, 0.2)
     with arm:
-        assert arm.move_joint(at(0.0)).time == 0
+        assert arm.move_joint_to_pose(at(0.0)).time == 0
         assert arm.move_linear(at(0.102)).time == 2  # not the nearly equal one before it
         assert arm.move_linear(at(0.101)).time == 3  # the first ahead within the tolerance
         with pytest.raises(ViewNotRecorded, match="nearest one ahead is 100"):
@@ -151,7 +151,7 @@ def test_a_recording_is_gone_through_forwards_and_exact_poses_come_first() -> No
 def test_a_view_is_taken_once_and_taken_again_where_it_was() -> None:
     poses, arm = stood(0.0, 0.1, 0.1, 0.2)
     with arm:
-        T_b_f = arm.move_joint(at(0.1)).T_b_f
+        T_b_f = arm.move_joint_to_pose(at(0.1)).T_b_f
         assert [poses.take(T_b_f), poses.take(T_b_f)] == [1, 2]
         with pytest.raises(LaserFault, match="no further profile"):
             poses.take(T_b_f)

@@ -127,7 +127,7 @@ def test_each_station_leaves_a_run_directory_of_its_own(whole: Path) -> None:
     assert read_scan_job(whole / "job.toml").stations == ("left", "right")
     for name in ("left", "right"):
         assert {file.name for file in (whole / name).iterdir()} == STATION_FILES
-        assert read_scan_job(whole / name / "job.toml") == quick().at(name).model_copy(
+        assert read_scan_job(whole / name / "job.toml") == quick().job_of_station(name).model_copy(
             update={"joint": read_scan_job(whole / name / "job.toml").joint}
         )
         summary = read_summary(whole / name / "summary.json")
@@ -229,14 +229,14 @@ def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
 def test_teaching_a_station_changes_its_pose_alone(tmp_path: Path) -> None:
     file = written(tmp_path, data_of(WHOLE))
     old = read_scan_job(file)
-    T = old.at("right").start_poses[1].T
+    T = old.job_of_station("right").start_poses[1].T
     stands = pose(T[:3, :3] @ rot_y(0.01), T[:3, 3] + (0.002, -0.003, 0.001))
     q = Kinematics.load("ur10e").inverse(stands, near=np.radians((32, 181, 58, -67, -96, 32)))
     home = json.dumps(np.degrees(q).tolist())
     key = "--simulation.station.right.home-deg"
     assert tjscan("teach", file, "--station", "right", "--which", "second", key, home) == 0
     new = read_scan_job(file)
-    np.testing.assert_allclose(new.at("right").start_poses[1].T, stands, atol=1e-5)
+    np.testing.assert_allclose(new.job_of_station("right").start_poses[1].T, stands, atol=1e-5)
     assert new.station[0] == old.station[0]
     assert new.station[1].first == old.station[1].first
     assert tjscan("teach", file, "--which", "second") == 2  # at which?

@@ -26,7 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stations")
     job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
     for name in job.stations:
-        run_scan(RunContext(job.at(name), EXAMPLE), folder / name)
+        run_scan(RunContext(job.job_of_station(name), EXAMPLE), folder / name)
     return folder
 
 
@@ -86,8 +86,8 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = read_scan_job(EXAMPLE, {"scan.sections": 6})
-    run_scan(RunContext(job.at("right"), EXAMPLE), tmp_path / "right")
-    left = read_scan_job(EXAMPLE, {"scan.sections": 6}).at("left")
+    run_scan(RunContext(job.job_of_station("right"), EXAMPLE), tmp_path / "right")
+    left = read_scan_job(EXAMPLE, {"scan.sections": 6}).job_of_station("left")
     run_scan(RunContext(left, EXAMPLE), tmp_path / "left")
     out = tmp_path / "stitched"
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1

@@ -75,7 +75,7 @@ class FreeArm(DeviceBase):
     def state(self) -> ArmState:
         return ArmState(np.zeros(6), self._T, self._time)
 
-    def check(self, *T_b_f: Array) -> None:
+    def check_moves(self, *T_b_f: Array) -> None:
         pass
 
     def move_linear(self, T_b_f: Array) -> ArmState:
@@ -83,7 +83,7 @@ class FreeArm(DeviceBase):
         self._error = self._spread * self._rng.standard_normal(6)
         return self.state()
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         return self.move_linear(T_b_f)
 
     def stop(self) -> None:

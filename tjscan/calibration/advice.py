@@ -54,7 +54,7 @@ class BoardRectangle:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
-    def touched(cls, points_b: ArrayLike, target: PlaneTarget) -> BoardRectangle:
+    def through_touched_points(cls, points_b: ArrayLike, target: PlaneTarget) -> BoardRectangle:
         """The smallest rectangle along the plane's axes that holds all touched points.
 
         Parameters
@@ -69,7 +69,7 @@ class BoardRectangle:
         centre = target.centre_b + 0.5 * (low + high) @ target.axes_b
         return cls(centre, target.axes_b, 0.5 * (high - low))
 
-    def holds(self, points_b: Array, margin: float = 0.0) -> Array:
+    def contains_points(self, points_b: Array, margin: float = 0.0) -> Array:
         """Whether points, shape (..., 3), lie over the board and off its edges; NaN does not.
 
         Parameters
@@ -179,7 +179,9 @@ def candidate_poses(
     T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
     T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(T_f_s)
     seen = predict_lines(T_b_f, T_f_s, target, window, NoiseModel())
-    good = (seen.span >= MIN_LINE_LENGTH) & board.holds(seen.ends_b, EDGE_MARGIN).all(axis=1)
+    good = (seen.line_length >= MIN_LINE_LENGTH) & board.contains_points(
+        seen.ends_b, EDGE_MARGIN
+    ).all(axis=1)
     return np.asarray(T_b_f[good])
 
 

@@ -65,7 +65,7 @@ class ArcFit:
         self.inlier.flags.writeable = False
 
     @property
-    def count(self) -> int:
+    def point_count(self) -> int:
         """Number of points on the arc."""
         return int(self.inlier.sum())
 
@@ -174,7 +174,9 @@ def _describe(
     # Range errors act along z; steep flanks of the ball move less. Taking them as square to the
     # arc everywhere is on the safe side.
     covariance = (
-        noise.inflation * max(noise.range, scatter) ** 2 * np.asarray(np.linalg.inv(J.T @ J))
+        noise.mean_variance_inflation
+        * max(noise.range, scatter) ** 2
+        * np.asarray(np.linalg.inv(J.T @ J))
     )
     columns = np.zeros(len(valid), dtype=bool)
     columns[np.flatnonzero(valid)[inlier]] = True

@@ -208,6 +208,6 @@ def share_on_same_side(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> 
     p_f_s : ndarray, shape (3,)
         Position of the sensor on the flange, metres.
     """
-    flange = plane.distance(lines.p_b_f)
-    sensor = plane.distance(lines.p_b_f + np.einsum("nij,j->ni", lines.R_b_f, p_f_s))
+    flange = plane.signed_distances(lines.p_b_f)
+    sensor = plane.signed_distances(lines.p_b_f + np.einsum("nij,j->ni", lines.R_b_f, p_f_s))
     return float(np.mean(np.sign(flange) == np.sign(sensor)))

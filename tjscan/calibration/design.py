@@ -62,13 +62,13 @@ class PredictedLines:
         Zero where the board is out of the window.
     ends_b : ndarray, shape (n, 2, 3)
         Where the line would lie on the plane, frame b; NaN where the board is out of the window.
-    span : ndarray, shape (n,)
+    line_length : ndarray, shape (n,)
         Its length, in metres.
     """
 
     information: Array
     ends_b: Array
-    span: Array
+    line_length: Array
 
 
 def predict_lines(
@@ -99,7 +99,7 @@ def predict_lines(
     direction = along / np.linalg.norm(along, axis=1, keepdims=True)
     count = np.maximum(seen.columns, 2)
     # Points evenly spread over a length have a variance of a twelfth of its square.
-    sigma = np.sqrt(noise.inflation / count) * noise.range * np.abs(direction[:, 0])
+    sigma = np.sqrt(noise.mean_variance_inflation / count) * noise.range * np.abs(direction[:, 0])
     sigma_angle = sigma * np.sqrt(12) / np.where(there, seen.span, 1.0)
     lines = LineBundle(T_b_f[:, :3, :3], T_b_f[:, :3, 3], ends_s.mean(axis=1), direction)
     found = PlaneModel(lines, sigma, sigma_angle, target, noise).linearise(T_f_s, np.zeros(3))

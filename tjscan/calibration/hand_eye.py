@@ -185,7 +185,7 @@ class HandEyeCalibration:
         return HandEyeUncertainty(self.covariance)
 
     @property
-    def bad(self) -> tuple[str, ...]:
+    def rejected_samples(self) -> tuple[str, ...]:
         """Names of the samples that contradict the others; the result does without them."""
         return tuple(r.name for r in self.residuals if not r.used)
 
@@ -193,8 +193,8 @@ class HandEyeCalibration:
     def caveats(self) -> tuple[str, ...]:
         """What a user should know before relying on it; empty for a good calibration."""
         said = []
-        if self.bad:
-            said.append(f"left out as contradicting the others: {', '.join(self.bad)}")
+        if self.rejected_samples:
+            said.append(f"left out as contradicting the others: {', '.join(self.rejected_samples)}")
         if self.sigma_scale > 1:
             said.append(
                 f"residuals are {self.sigma_scale:.1f} times larger than stated; the uncertainty "
@@ -253,7 +253,7 @@ def calibrate_on_plane(
     else:
         closed = solve_closed_form(stack_lines(T_b_f, fits), target.plane)
         T_f_s = closed.T_f_s
-    model = PlaneModel.of(T_b_f, fits, target, noise)
+    model = PlaneModel.from_line_fits(T_b_f, fits, target, noise)
     every = np.ones(len(fits), dtype=bool)
     estimate = reject_outlying_profiles(model, refine(model, T_f_s, np.zeros(3), every))
 
@@ -301,7 +301,7 @@ def calibrate_on_ball(
     """
     T_b_f = _poses(samples)
     check_motion(T_b_f, None, None if T_f_s_guess is None else T_f_s_guess[:3, :3])
-    model = BallModel.of(T_b_f, [sample.fit for sample in samples], sphere, noise)
+    model = BallModel.from_arc_fits(T_b_f, [sample.fit for sample in samples], sphere, noise)
     starts = ball_calibration_starts(model)
     if T_f_s_guess is not None:
         centres = [
@@ -353,8 +353,10 @@ def _find_plane(
     found = []
     for T_f_s, plane in starts:
         near = (T_b_f[0] @ T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
-        target = PlaneTarget.unknown(plane, near)
-        estimate = refine(PlaneModel.of(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every)
+        target = PlaneTarget.from_fitted_plane(plane, near)
+        estimate = refine(
+            PlaneModel.from_line_fits(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every
+        )
         behind = (
             share_on_same_side(lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
         )
@@ -362,9 +364,9 @@ def _find_plane(
     _, _, target, estimate = min(found, key=lambda one: one[:2])
     near = (T_b_f[0] @ estimate.T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
     plane = target.boxplus(estimate.target)
-    if plane.distance(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
+    if plane.signed_distances(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
         plane = PluckerPlane(-plane.u, -plane.u0)
-    return PlaneTarget.unknown(plane, near), estimate.T_f_s
+    return PlaneTarget.from_fitted_plane(plane, near), estimate.T_f_s
 
 
 def _scaled_condition(estimate: RefinedEstimate) -> float:

@@ -73,7 +73,7 @@ class LineFit:
         self.inlier.flags.writeable = False
 
     @property
-    def count(self) -> int:
+    def point_count(self) -> int:
         """Number of points on the line."""
         return int(self.inlier.sum())
 
@@ -170,7 +170,7 @@ def _describe(points: Array, inlier: InlierMask, valid: InlierMask, noise: Noise
     # Range errors act along z; only their part square to the line moves it. A line rougher than
     # stated counts with its own roughness.
     stated = noise.range * max(abs(direction[0]), SIDEWAYS_NOISE_SHARE)
-    variance = noise.inflation * max(stated, scatter) ** 2
+    variance = noise.mean_variance_inflation * max(stated, scatter) ** 2
     columns = np.zeros(len(valid), dtype=bool)
     columns[np.flatnonzero(valid)[inlier]] = True
     return LineFit(

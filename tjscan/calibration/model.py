@@ -34,7 +34,7 @@ class TargetModel(Protocol):
     """Profiles of one target."""
 
     @property
-    def prior(self) -> Array:
+    def prior_information(self) -> Array:
         """Inverse covariance of the target's parameters about zero, shape (m, m)."""
         ...
 

@@ -56,7 +56,7 @@ class NoiseModel(Settings):
             raise ValueError("the correlation is a number of columns, zero or more")
 
     @property
-    def inflation(self) -> float:
+    def mean_variance_inflation(self) -> float:
         """By how much the variance of a line's mean exceeds that with white range noise."""
         if self.correlation == 0:
             return 1.0

@@ -41,7 +41,9 @@ class PlaneModel:
     noise: NoiseModel
 
     @classmethod
-    def of(cls, T_b_f: Array, fits: list[LineFit], target: PlaneTarget, noise: NoiseModel) -> Self:
+    def from_line_fits(
+        cls, T_b_f: Array, fits: list[LineFit], target: PlaneTarget, noise: NoiseModel
+    ) -> Self:
         """Model of the lines that were seen from n poses.
 
         Parameters
@@ -64,7 +66,7 @@ class PlaneModel:
         )
 
     @property
-    def prior(self) -> Array:
+    def prior_information(self) -> Array:
         """Inverse covariance of (tilt, tilt, height), shape (3, 3)."""
         return self.target.information
 

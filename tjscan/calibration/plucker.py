@@ -62,7 +62,7 @@ class PluckerPlane:
         object.__setattr__(self, "u", readonly_copy(np.asarray(self.u) / length))
         object.__setattr__(self, "u0", float(self.u0) / length)
 
-    def distance(self, points: ArrayLike) -> Array:
+    def signed_distances(self, points: ArrayLike) -> Array:
         """Signed distances of points, shape (..., 3), along the normal, in metres."""
         return np.asarray(np.asarray(points, dtype=float) @ self.u + self.u0)
 

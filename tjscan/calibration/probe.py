@@ -13,7 +13,7 @@ class TouchProbe(Protocol):
     """Brings the tip onto the board."""
 
     @property
-    def order(self) -> str:
+    def operator_instruction(self) -> str:
         """What is asked of the operator before each touch; yes means that `touch` may go on."""
         ...
 
@@ -46,7 +46,7 @@ class JoggedProbe:
     arm: Arm
 
     @property
-    def order(self) -> str:
+    def operator_instruction(self) -> str:
         """Jog, then say yes."""
         return "Jog the probe tip until it just touches the board, then say yes"
 

@@ -95,7 +95,7 @@ def refine(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> Refin
     used : ndarray of bool, shape (n,)
         Which profiles count.
     """
-    prior = _root(model.prior)
+    prior = _root(model.prior_information)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))
     for _ in range(MAX_REWEIGHTINGS):
         whiten = _whitening(model.linearise(base, start[6:]).covariance[used])
@@ -123,7 +123,7 @@ def refine(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> Refin
 
 def _estimate(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
     linearised = model.linearise(T_f_s, target)
-    whiten, prior = _whitening(linearised.covariance[used]), _root(model.prior)
+    whiten, prior = _whitening(linearised.covariance[used]), _root(model.prior_information)
     J = np.concatenate((linearised.by_pose, linearised.by_target), axis=2)[used]
     J_w = _whiten_jacobian(whiten, J, prior)
     r_w = _stack(whiten, linearised.residuals[used], prior @ target)

@@ -193,7 +193,7 @@ def fit_touched_board(
     points = np.array(list(touched_points(task, measured).values())).reshape(-1, 3)
     outside = task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(points, task.noise.touch, outside)
-    return target, BoardRectangle.touched(points, target)
+    return target, BoardRectangle.through_touched_points(points, target)
 
 
 def worst_touch(task: CalibrationPlan, measured: MeasuredSoFar) -> int:
@@ -297,5 +297,5 @@ def _clear(
     """Which candidates keep flange, probe tip and sensor clear of the board."""
     points_f = np.stack((np.zeros(3), task.tip_f, T_f_s[:3, 3]))
     points_b = np.einsum("nij,kj->nki", candidates[:, :3, :3], points_f)
-    heights = target.plane.distance(points_b + candidates[:, None, :3, 3])
+    heights = target.plane.signed_distances(points_b + candidates[:, None, :3, 3])
     return np.asarray((heights > BOARD_CLEARANCE).all(axis=1))

@@ -44,21 +44,21 @@ class SimulatedTouchProbe:
     rng: np.random.Generator
 
     @property
-    def order(self) -> str:
+    def operator_instruction(self) -> str:
         """The arm itself moves."""
         return "Move the probe tip down onto the board"
 
     def touch(self, place_b: Array) -> Array:
         """Come from above, touch, and go back up; raises as `Probe.touch` does."""
         up = self.T_b_board[:3, 2]
-        below = float(self.plane.distance(place_b)) / float(self.plane.u @ up)
+        below = float(self.plane.signed_distances(place_b)) / float(self.plane.u @ up)
         contact_b = place_b - below * up + self.sigma * self.rng.standard_normal(3)
         for T_b_f in poses_square_to_board(
             self.T_b_board, self.tip_f, contact_b, self.arm.state().T_b_f
         ):
             above = pose(T_b_f[:3, :3], T_b_f[:3, 3] + self.approach * up)
             try:
-                self.arm.move_joint(above)
+                self.arm.move_joint_to_pose(above)
                 touched = self.arm.move_linear(T_b_f).T_b_f
             except PoseUnreachable as error:
                 unreachable = error

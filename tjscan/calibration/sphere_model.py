@@ -44,7 +44,9 @@ class BallModel:
     noise: NoiseModel
 
     @classmethod
-    def of(cls, T_b_f: Array, fits: list[ArcFit], sphere: BallTarget, noise: NoiseModel) -> Self:
+    def from_arc_fits(
+        cls, T_b_f: Array, fits: list[ArcFit], sphere: BallTarget, noise: NoiseModel
+    ) -> Self:
         """Model of the arcs that were seen from n poses.
 
         Parameters
@@ -68,7 +70,7 @@ class BallModel:
         )
 
     @property
-    def prior(self) -> Array:
+    def prior_information(self) -> Array:
         """Nothing is known of the centre or an unknown radius: zeros, shape (m, m)."""
         m = 3 if self.sphere.radius is not None else 4
         return np.zeros((m, m))

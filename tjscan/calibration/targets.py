@@ -65,7 +65,7 @@ class PlaneTarget:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
-    def unknown(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
+    def from_fitted_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
         """A plane of which nothing is known beforehand.
 
         Parameters
@@ -76,7 +76,7 @@ class PlaneTarget:
             Heights count from the point of the plane next to this one; metres.
         """
         near = np.asarray(near_b, dtype=float)
-        foot = near - float(plane.distance(near)) * plane.u
+        foot = near - float(plane.signed_distances(near)) * plane.u
         axes = np.linalg.svd(plane.u[None])[2][1:]
         return cls(plane, foot, axes, np.zeros((3, 3)), np.zeros(0), np.zeros(3))
 
@@ -142,7 +142,7 @@ def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: flo
         metres.
     """
     flange = np.asarray(flange_b, dtype=float)
-    bare = PlaneTarget.unknown(plane, flange)
+    bare = PlaneTarget.from_fitted_plane(plane, flange)
     corners = STATED_BOARD_SIZE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
     return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange)
 

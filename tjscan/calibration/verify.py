@@ -66,7 +66,7 @@ def verify_with_fresh_line(
     """
     if result.board is None:
         raise ValueError("only a calibration on a plane can be verified with a line")
-    model = PlaneModel.of(fresh.T_b_f[None], [fresh.fit], result.board, noise)
+    model = PlaneModel.from_line_fits(fresh.T_b_f[None], [fresh.fit], result.board, noise)
     found = model.linearise(result.T_f_s, np.zeros(3))
     J = np.concatenate((found.by_pose, found.by_target), axis=2)[0]
     covariance = result.sigma_scale**2 * found.covariance[0] + J @ result.joint_covariance @ J.T

@@ -200,7 +200,9 @@ class CalibrationWizard:
 
     def _touch(self, k: int, place_b: Array) -> None:
         x, y, z = 1e3 * place_b
-        question = f"{self.probe.order}: place {k + 1} of {self.task.touches}, about "
+        question = (
+            f"{self.probe.operator_instruction}: place {k + 1} of {self.task.touches}, about "
+        )
         T_b_f = None
         if self.operator.confirm(
             Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)
@@ -276,15 +278,15 @@ class CalibrationWizard:
             )
         for T_b_f in ready[:-1]:
             try:
-                return self.arm.move_joint(T_b_f).T_b_f
+                return self.arm.move_joint_to_pose(T_b_f).T_b_f
             except PoseUnreachable:
                 continue
-        return self.arm.move_joint(ready[-1]).T_b_f
+        return self.arm.move_joint_to_pose(ready[-1]).T_b_f
 
     def _reaches(self, ready: Array, T_b_f: Array) -> bool:
         """Whether the arm gets from `ready` to a pose, and back, on a straight line."""
         try:
-            self.arm.check(ready, T_b_f, ready)
+            self.arm.check_moves(ready, T_b_f, ready)
         except PoseUnreachable:
             return False
         return True

@@ -78,7 +78,7 @@ def _start(
 
     keys = parse_overrides(overrides)
     with add_file_to_errors(file):
-        job = read_calibration_job(file, keys).at(station)
+        job = read_calibration_job(file, keys).job_of_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.calibration_output import print_calibration
     from tjscan.cli.operators import choose_operator

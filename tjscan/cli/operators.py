@@ -27,7 +27,11 @@ class UnattendedOperator(SilentOperator):
         if progress.result is None:
             print_message(f"{lines} of {progress.wanted} lines; expected {how}")
             return
-        bad = f"; contradicting: {', '.join(progress.result.bad)}" if progress.result.bad else ""
+        bad = (
+            f"; contradicting: {', '.join(progress.result.rejected_samples)}"
+            if progress.result.rejected_samples
+            else ""
+        )
         print_message(
             f"{lines} of {progress.wanted} lines; {how}, "
             f"condition number {progress.result.condition:.1f}{bad}"

@@ -71,7 +71,7 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
     if station is None:
         return job
     with add_file_to_errors(file):
-        return job.at(station)
+        return job.job_of_station(station)
 
 
 @contextmanager

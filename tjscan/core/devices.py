@@ -46,7 +46,7 @@ class DeviceBase:
         """Which device it is; known while connected."""
         return DeviceIdentity()
 
-    def listen(self, listener: EventListener) -> None:
+    def report_events_to(self, listener: EventListener) -> None:
         """Report every event from now on to a listener, before its effects: nothing happens."""
 
 

@@ -121,7 +121,7 @@ class SimpleKriging:
         mean = float(y.mean())
         return cls(kernel, x, scipy.linalg.cho_solve(scipy.linalg.cho_factor(K), y - mean), mean)
 
-    def at(self, x_star: Array) -> Array:
+    def predict_mean(self, x_star: Array) -> Array:
         """Values expected at inputs, shape (m,)."""
         return np.asarray(self.mean + self.kernel(x_star[:, None] - self.x) @ self.alpha)
 
@@ -154,7 +154,7 @@ class OrdinaryKriging:
     sigma_n: Array
     kernel: Kernel
 
-    def at(self, x_star: Array) -> tuple[Array, Array]:
+    def predict(self, x_star: Array) -> tuple[Array, Array]:
         """Values expected at inputs, shape (m,), and their standard deviations."""
         k_star = self.kernel(self.x[:, None] - x_star)
         return self._predict(k_star, np.full(len(x_star), self.kernel.sigma_f**2), 1.0)

@@ -97,8 +97,8 @@ def _parabola(
     points: Array, straight: Curve | None, before: Curve, after: Curve, tolerance: float
 ) -> Curve | None:
     """The parabola over the neighbours' ends that explains most points; None if none does."""
-    start = before.at(before.along(*points[0].tolist()))
-    end = after.at(after.along(*points[-1].tolist()))
+    start = before.points_at(before.along(*points[0].tolist()))
+    end = after.points_at(after.along(*points[-1].tolist()))
     length = hypot(end[0] - start[0], end[1] - start[1])
     if length < tolerance:
         return None

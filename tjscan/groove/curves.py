@@ -49,7 +49,7 @@ class Curve(NamedTuple):
         s, d = self.local(points)
         return np.asarray(d - (self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))))
 
-    def at(self, s: float) -> tuple[float, float]:
+    def points_at(self, s: float) -> tuple[float, float]:
         """Point at s."""
         q, _ = self.height(s)
         return self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx

@@ -74,9 +74,9 @@ def _section(found: Candidate, corners: Corners) -> GrooveSection:
     on_wall = fitted.along[fitted.keep & (fitted.owner == 0)]
     on_leg = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) - 1)]
     points = np.zeros((5, 3))
-    points[0, [0, 2]] = wall.at(float(on_wall.min()))
+    points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
     points[1:4, [0, 2]] = corners.points
-    points[4, [0, 2]] = leg.at(float(on_leg.max()))
+    points[4, [0, 2]] = leg.points_at(float(on_leg.max()))
     t1, t4 = wall.tangent(corners.places[0]), leg.tangent(corners.places[1])
     section = section_from_points(
         points,

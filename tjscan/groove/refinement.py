@@ -360,7 +360,7 @@ def corners_of(
         if place is None:
             return None
         places.append(place)
-        corners.append(a.at(place[0]))
+        corners.append(a.points_at(place[0]))
     return np.array(corners), tuple(places)
 
 

@@ -161,7 +161,7 @@ def _if_reflected(fitted: FittedProfile) -> Array:
 
 def _bow(root: Curve, start: float, end: float) -> tuple[float, float]:
     """Height of a face over its chord, towards the sensor, and length of the chord."""
-    points = np.array([root.at(float(s)) for s in np.linspace(start, end, ALONG)])
+    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, ALONG)])
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
@@ -182,7 +182,7 @@ def _without_root(
     while last + 1 < turn and on_bevel[last + 1] and not on_leg[last + 1]:
         last += 1
     s_last = bevel.along(*row.points[last].tolist())
-    opening = abs(float(leg.distances(np.array([bevel.at(s_last)]))[0]))
+    opening = abs(float(leg.distances(np.array([bevel.points_at(s_last)]))[0]))
     height = np.sqrt(_height_variances(row, found))
     p2 = covariance[:2, :2]
     total = np.zeros((8, 8))
@@ -193,11 +193,11 @@ def _without_root(
         step = _step(row, bevel, last, on_bevel)
         hidden = abs(int(row.columns[under] - row.columns[last]))
         s3 = s_last + 0.5 * step * hidden
-        p3 = np.array(bevel.at(s3))
+        p3 = np.array(bevel.points_at(s3))
         s4 = leg.along(*p3.tolist())
         along = step * hidden / sqrt(12)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
-        points = np.array((fitted.corners[0], p3, leg.at(s4)))
+        points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
         total[4:6, 4:6] = _spread(leg, s4, max(opening / 4, LEAST_UNSEEN), height[-1])
         places = (fitted.places[0][0], s4)
@@ -209,7 +209,7 @@ def _without_root(
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
     total[2:4, 2:4] = _spread(bevel, s3, reach_3, height[-2])
     total[4:6, 4:6] = _spread(leg, s4, reach_4, height[-1])
-    points = np.array((fitted.corners[0], bevel.at(s3), leg.at(s4)))
+    points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
     return Corners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
 

@@ -276,7 +276,7 @@ def _jumps(residuals: Array) -> bool:
 
 def _square(curve: Curve, s: float) -> float:
     """Sine of the angle between a side and the ray that hits it at s."""
-    x, z = curve.at(s)
+    x, z = curve.points_at(s)
     tx, tz = curve.tangent(s)
     return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_SQUARE)
 

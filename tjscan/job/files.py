@@ -87,16 +87,16 @@ class CellJob(FileModel):
         ConfigurationError
             If the job has several stations.
         """
-        return np.eye(4) if not self.station else self.at().station[0].T
+        return np.eye(4) if not self.station else self.job_of_station().station[0].T
 
     @property
     def T_w_b_true(self) -> Array:
         """Where the base of a simulated world truly stands; otherwise as `T_w_b`."""
-        simulation = self.at().simulation
+        simulation = self.job_of_station().simulation
         stands = () if simulation is None else simulation.station
         return stands[0].T if stands else self.T_w_b
 
-    def at(self, name: str | None = None) -> Self:
+    def job_of_station(self, name: str | None = None) -> Self:
         """The same job at one of its stations, which then is its only one.
 
         What the station says for itself stands where it would for a job without stations. A
@@ -141,8 +141,8 @@ class CellJob(FileModel):
             If the arm is a real one, and the job has several stations.
         """
         if self.station and self.arm.kind is DriverKind.SIMULATED:
-            return tuple(self.at(name) for name in self.stations)
-        return (self.at(),)
+            return tuple(self.job_of_station(name) for name in self.stations)
+        return (self.job_of_station(),)
 
     def _at(self, i: int) -> Self:
         station, simulation = self.station[i], self.simulation
@@ -197,7 +197,7 @@ class ScanJob(CellJob):
         ConfigurationError
             If the job has several stations.
         """
-        table = self.at().station[0] if self.station else self.scan
+        table = self.job_of_station().station[0] if self.station else self.scan
         if table.first is None or table.second is None:
             raise ConfigurationError("a taught pose is required here", key="scan")
         return table.first, table.second

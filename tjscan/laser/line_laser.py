@@ -30,7 +30,7 @@ class LineLaser(Protocol):
         """Which laser it is; known while connected."""
         ...
 
-    def listen(self, listener: EventListener) -> None:
+    def report_events_to(self, listener: EventListener) -> None:
         """Report events to a listener from now on."""
         ...
 

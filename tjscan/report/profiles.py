@@ -91,7 +91,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings) -> None:
         own = fitted.along[keep & (fitted.owner == k)]
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
-        line = np.array([curve.at(float(s)) for s in np.linspace(first, last, ALONG)])
+        line = np.array([curve.points_at(float(s)) for s in np.linspace(first, last, ALONG)])
         axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
     axes.plot(*_zx(fitted.corners), "o", color=ROOT, markersize=7, fillstyle="none")
     for number, (x, z) in enumerate(1e3 * fitted.corners, start=2):

@@ -94,7 +94,7 @@ def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
         along = fitted.along[fitted.keep & (fitted.owner == number)]
         if len(along):
             reach = np.linspace(along.min(), along.max(), SIDE_POINTS)
-            sides.append(np.array([curve.at(float(s)) for s in reach]))
+            sides.append(np.array([curve.points_at(float(s)) for s in reach]))
     return sides
 
 

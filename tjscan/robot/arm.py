@@ -55,7 +55,7 @@ class Arm(Protocol):
         """Which arm it is; known while connected."""
         ...
 
-    def listen(self, listener: EventListener) -> None:
+    def report_events_to(self, listener: EventListener) -> None:
         """Report events, such as a detour, to a listener from now on, each before it begins."""
         ...
 
@@ -63,7 +63,7 @@ class Arm(Protocol):
         """Joint angles, flange pose and time, as the arm reads them now."""
         ...
 
-    def check(self, *T_b_f: Array) -> None:
+    def check_moves(self, *T_b_f: Array) -> None:
         """Check a move in joint space to the first pose and straight lines on to the others.
 
         Nothing moves.
@@ -87,7 +87,7 @@ class Arm(Protocol):
         """
         ...
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to a flange pose along a line in joint space, and return the state reached.
 
         It ends in the configuration nearest to the joint angles `near`, shape (n,), in radians;

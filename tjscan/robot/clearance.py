@@ -44,11 +44,11 @@ class ClearPathPlanner:
         self.kinematics, self._model = kinematics, model
         self.margins = ClearanceMargins() if margins is None else margins
 
-    def see(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
-        """Keep clear of a surface that has been measured. See `CollisionModel.see`."""
-        self._model.see(vertices_b, triangles)
+    def set_measured_surface(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
+        """As `CollisionModel.set_measured_surface`."""
+        self._model.set_measured_surface(vertices_b, triangles)
 
-    def nearest(self, q: Array) -> tuple[BodyPair, float] | None:
+    def nearest_bodies(self, q: Array) -> tuple[BodyPair, float] | None:
         """The two bodies nearest to each other and their distance in metres; none without bodies.
 
         Parameters
@@ -62,7 +62,7 @@ class ClearPathPlanner:
         i = int(distances.argmin())
         return self._model.pairs[i], float(distances[i])
 
-    def linear(self, q: Array, T_b_f: Array) -> Array:
+    def end_of_linear_move(self, q: Array, T_b_f: Array) -> Array:
         """Joint angles at the end of a straight line of the flange that keeps clear.
 
         Parameters
@@ -84,7 +84,7 @@ class ClearPathPlanner:
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])
 
-    def joint(self, q: Array, T_b_f: Array, near: Array | None = None) -> Array:
+    def end_of_joint_move(self, q: Array, T_b_f: Array, near: Array | None = None) -> Array:
         """Joint angles at the end of a line in joint space that keeps clear.
 
         Near a singularity such a move is harmless; only its end is kept from one. It ends in

@@ -126,7 +126,7 @@ class CollisionModel:
         pin.computeDistances(self._chain.model, self._data, self._geometry, self._results, q)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
-    def see(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
+    def set_measured_surface(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
         """Keep clear of a surface that has been measured, in place of the last one given.
 
         Parameters

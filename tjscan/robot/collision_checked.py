@@ -140,12 +140,12 @@ class CollisionCheckedArm:
         """Which arm it is; known while connected."""
         return self._arm.identity
 
-    def listen(self, listener: EventListener) -> None:
+    def report_events_to(self, listener: EventListener) -> None:
         """Report detours, and the arm's own events, to a listener from now on."""
         self._report = listener
-        self._arm.listen(listener)
+        self._arm.report_events_to(listener)
 
-    def check(self, *T_b_f: Array) -> None:
+    def check_moves(self, *T_b_f: Array) -> None:
         """Check a move in joint space and straight lines on, detours included; move nothing.
 
         Raises
@@ -163,7 +163,7 @@ class CollisionCheckedArm:
             q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
-            self._arm.check(*T_b_f)
+            self._arm.check_moves(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move on a straight line, or round what blocks it. See `Arm.move_linear`.
@@ -175,7 +175,7 @@ class CollisionCheckedArm:
         """
         return self._move(T_b_f, straight=True)
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move along a line in joint space, or round what blocks it. See `move_linear`.
 
         With `near` it ends in that configuration and no other, by the direct path or not at all.
@@ -268,24 +268,24 @@ class CollisionCheckedArm:
 
     def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[PathSegment, ...]:
         """The direct move in joint space into one configuration."""
-        return (PathSegment(False, T_b_f, self.clearance.joint(q, T_b_f, near)),)
+        return (PathSegment(False, T_b_f, self.clearance.end_of_joint_move(q, T_b_f, near)),)
 
     def _segment(self, q: Array, T_b_f: Array, *, straight: bool) -> PathSegment:
-        plan = self.clearance.linear if straight else self.clearance.joint
+        plan = self.clearance.end_of_linear_move if straight else self.clearance.end_of_joint_move
         return PathSegment(straight, T_b_f, plan(q, T_b_f))
 
     def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
-        with self._latch.move():
+        with self._latch.hold_for_move():
             state = self._arm.state()
             path = self.clear_path(state.q, T_b_f, straight=straight, near=near)
             if path.blocked is not None:
                 self._report("detour", str(path))
             for segment in path.segments:
-                self._latch.check()
+                self._latch.check_not_stopped()
                 if segment.straight:
                     state = self._arm.move_linear(segment.T_b_f)
                 else:
-                    state = self._arm.move_joint(segment.T_b_f, near=segment.q)
+                    state = self._arm.move_joint_to_pose(segment.T_b_f, near=segment.q)
                 _check_configuration(state, segment)
             return state
 

@@ -82,7 +82,7 @@ class JointPath:
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", readonly_copy(self.q))
 
-    def at(self, time: float | Array) -> Array:
+    def joint_angles_at(self, time: float | Array) -> Array:
         """Joint angles in radians, shape (..., n), at times in seconds from the start.
 
         Before the start the arm is at the first waypoint, after the end at the last.

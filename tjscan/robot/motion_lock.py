@@ -23,7 +23,7 @@ class MotionLock:
         self._starting = threading.RLock()  # a signal's handler may stop what it interrupted
 
     @contextmanager
-    def move(self) -> Iterator[None]:
+    def hold_for_move(self) -> Iterator[None]:
         """Order a move and see it to its end.
 
         Raises
@@ -34,19 +34,19 @@ class MotionLock:
         if not self._moving.acquire(blocking=False):
             raise ArmFault("the arm is moving already: wait for that move or stop it")
         try:
-            self.check()
+            self.check_not_stopped()
             yield
         finally:
             self._moving.release()
 
     @contextmanager
-    def start(self) -> Iterator[None]:
+    def begin_move(self) -> Iterator[None]:
         """Set a move off; raises as `check` does, and nothing starts then."""
         with self._starting:
-            self.check()
+            self.check_not_stopped()
             yield
 
-    def check(self) -> None:
+    def check_not_stopped(self) -> None:
         """See that no stop holds.
 
         Raises
@@ -71,6 +71,6 @@ class MotionLock:
         with self._moving:
             self._stopped.clear()
 
-    def wait(self, seconds: float) -> bool:
+    def wait_for_stop(self, seconds: float) -> bool:
         """Wait until a stop, but not longer than this; returns whether there was one."""
         return self._stopped.wait(seconds)

@@ -58,7 +58,7 @@ class ReplayedArm(DeviceBase):
             raise ArmFault("the recording is not open: use it inside a 'with' block")
         return self._states[self._poses.at]
 
-    def check(self, *T_b_f: Array) -> None:
+    def check_moves(self, *T_b_f: Array) -> None:
         """See that the recording holds these views. See `RecordedPoses.check`."""
         self._poses.check(*T_b_f)
 
@@ -74,7 +74,7 @@ class ReplayedArm(DeviceBase):
         self._poses.stand(T_b_f)
         return self.state()
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Stand where a view was recorded from; see `move_linear`."""
         return self.move_linear(T_b_f)
 

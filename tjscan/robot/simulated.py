@@ -113,8 +113,8 @@ class SimulatedArm(DeviceBase):
         q, now = self._now
         return ArmState(q, self.kinematics.forward(q), now)
 
-    def check(self, *T_b_f: Array) -> None:
-        """Plan a move in joint space and straight lines on, and move nothing. See `Arm.check`."""
+    def check_moves(self, *T_b_f: Array) -> None:
+        """Move nothing; see `Arm.check_moves`."""
         self._need_connection()
         q = self._now[0]
         for plan, T in zip(
@@ -126,8 +126,8 @@ class SimulatedArm(DeviceBase):
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
         return self._move(lambda q: self._linear_path(q, T_b_f))
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
-        """Move to the nearest configuration that holds a pose. See `Arm.move_joint`."""
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+        """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
         return self._move(lambda q: self._joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
@@ -147,14 +147,14 @@ class SimulatedArm(DeviceBase):
 
     def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
         self._need_connection()
-        with self._latch.move():
+        with self._latch.hold_for_move():
             q, start = self._now
             path = plan(q)
-            with self._latch.start():
+            with self._latch.begin_move():
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
                 passed = self._wait(path, start)
-            self._now = (readonly_copy(path.at(passed)), start + passed)
+            self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
             self._error = self._draw_error()
         if passed < path.duration:
             raise ArmFault(
@@ -167,8 +167,8 @@ class SimulatedArm(DeviceBase):
         """Let a move take its time, and return the seconds of it that passed."""
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
-            self._now = (readonly_copy(path.at(passed)), start + passed)
-            if self._latch.wait(min(TICK, path.duration - passed)):
+            self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
+            if self._latch.wait_for_stop(min(TICK, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

@@ -77,7 +77,7 @@ def check_job_and_cell(
     def read() -> str:
         with add_file_to_errors(job_file):
             job = read_scan_job(job_file, overrides)
-            jobs.extend(job.jobs_by_station if station is None else (job.at(station),))
+            jobs.extend(job.jobs_by_station if station is None else (job.job_of_station(station),))
         return f"{job_file} is sound"
 
     yield (finding := _look("job", read))
@@ -176,7 +176,7 @@ def _model(cell: Cell) -> str:
 
 
 def _stance(cell: Cell) -> str:
-    nearest = cell.clearance.nearest(cell.arm.state().q)
+    nearest = cell.clearance.nearest_bodies(cell.arm.state().q)
     if nearest is None:
         return "nothing is known that the arm could touch"
     pair, distance = nearest
@@ -196,5 +196,5 @@ def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
 
 
 def _path(cell: Cell, *T_b_f: Any) -> str:
-    cell.arm.check(*T_b_f)
+    cell.arm.check_moves(*T_b_f)
     return "the way there is clear"

@@ -127,12 +127,16 @@ def reprocess_run(
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
-        return ReprocessedRun(out, (_reprocess(replace(context, job=job.at()), out),))
+        return ReprocessedRun(out, (_reprocess(replace(context, job=job.job_of_station()), out),))
     refuse_links_outside(directory, *(station.name for station in job.station))
     context.make_directory(out)
     stations = tuple(
         _reprocess(
-            replace(context, job=read_scan_job(run / JOB, overrides).at(), job_file=run / JOB),
+            replace(
+                context,
+                job=read_scan_job(run / JOB, overrides).job_of_station(),
+                job_file=run / JOB,
+            ),
             out / run.name,
         )
         for run in (directory / station.name for station in job.station)

@@ -65,7 +65,7 @@ def check_scan_job(context: RunContext) -> None:
         places = context.job.jobs_by_station
     for place in places:
         with replace(context, job=place).cell() as cell:
-            cell.arm.check(*(start.T for start in place.start_poses))
+            cell.arm.check_moves(*(start.T for start in place.start_poses))
 
 
 def scan_in_cell(
@@ -102,7 +102,7 @@ def scan_in_cell(
 def _note_devices(cell: Cell, journal: Journal) -> None:
     """Let a journal know which devices these are, and of everything that they report."""
     for name, device in (("arm", cell.arm), ("laser", cell.laser)):
-        device.listen(journal.record_event)
+        device.report_events_to(journal.record_event)
         if device.identity:
             journal.record_event(name, str(device.identity))
 
@@ -123,7 +123,7 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     with add_file_to_errors(context.job_file):
-        context = replace(context, job=context.job.at())
+        context = replace(context, job=context.job.job_of_station())
         cell = context.cell()
         context.make_directory(directory)
         with sole_writer(directory):
@@ -155,7 +155,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     refuse_links_outside(directory, *COPIES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), sole_writer(directory):
-        context = replace(context, job=context.job.at())
+        context = replace(context, job=context.job.job_of_station())
         changed, done = [], None
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory)

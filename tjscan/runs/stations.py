@@ -133,7 +133,7 @@ def resume_stations(
     _check(context)
     if only is not None:
         with add_file_to_errors(job_file):
-            job.at(only)
+            job.job_of_station(only)
     with sole_writer(directory):
         for name in job.stations if only is None else (only,):
             found = _found(directory, name)
@@ -143,9 +143,13 @@ def resume_stations(
                 break
             with (
                 _saying_how_to_go_on(directory, name),
-                watch(name, job.at(name).scan) as journal,
+                watch(name, job.job_of_station(name).scan) as journal,
             ):
-                _scan(replace(context, job=job.at(name), journal=journal), found, overrides)
+                _scan(
+                    replace(context, job=job.job_of_station(name), journal=journal),
+                    found,
+                    overrides,
+                )
     return tuple(_found(directory, name) for name in job.stations)
 
 
@@ -188,7 +192,7 @@ def _check(context: RunContext) -> None:
             key="laser.driver",
         )
     for name in job.stations:
-        replace(context, job=job.at(name)).cell()
+        replace(context, job=job.job_of_station(name)).cell()
 
 
 def _found(directory: Path, name: str) -> StationScan:

@@ -74,10 +74,10 @@ class ProfileTaker:
         for view in views:
             self._frozen.add(view)
 
-    def move_joint(self, T_b_f: Array) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a path in joint space."""
         self._stop.raise_if_stop_now()
-        return self._setup.arm.move_joint(T_b_f)
+        return self._setup.arm.move_joint_to_pose(T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a straight line."""
@@ -100,7 +100,7 @@ class ProfileTaker:
                 # In the present configuration or not at all: the arm never changes sides on its
                 # way round a joint.
                 self._stop.raise_if_stop_now()
-                return self._setup.arm.move_joint(T_b_f, near=self._setup.arm.state().q)
+                return self._setup.arm.move_joint_to_pose(T_b_f, near=self._setup.arm.state().q)
             except PoseUnreachable as error:
                 self._log.record_event(ScanEvent.STRAIGHT, str(error))
         return self.move_linear(T_b_f)

@@ -43,7 +43,9 @@ class ScannedSurfaceObstacle:
     def _update(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
-            self._clearance.see(points.reshape(-1, 3), grid_triangles(*points.shape[:2]))
+            self._clearance.set_measured_surface(
+                points.reshape(-1, 3), grid_triangles(*points.shape[:2])
+            )
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:

@@ -109,7 +109,7 @@ class Scanner:
         Interrupted
             If everything was to stop at once.
         """
-        self._scan_taught("first", self._taker.move_joint(T_b_f_first))
+        self._scan_taught("first", self._taker.move_joint_to_pose(T_b_f_first))
         self._scan_taught("second", self._taker.move_linear(T_b_f_second))
         self._check_direction()
         return self._scan_on()
@@ -133,7 +133,7 @@ class Scanner:
         """
         self._log.restore(done, sections)
         self._taker.remember_views(done.views)
-        moved = self._check_last_section(self._taker.move_joint(sections[-1].view.T_b_f))
+        moved = self._check_last_section(self._taker.move_joint_to_pose(sections[-1].view.T_b_f))
         last = len(sections) - 1
         self._log.record_event(
             ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm"

@@ -112,7 +112,7 @@ class Controller:
 
     # What the network asks of it
 
-    def tick(self) -> None:
+    def advance_one_tick(self) -> None:
         """Let one tick pass: time, motion, program."""
         moving = self._motion is not None
         step = self._tick * (self._worth if moving else 1)
@@ -125,11 +125,11 @@ class Controller:
         if (
             self._program is not None
             and self.runtime is ProgramState.PLAYING
-            and not self._program.turn()
+            and not self._program.run_cycle()
         ):
             self.stop_program()
 
-    def load(self, script: str) -> bool:
+    def start_script(self, script: str) -> bool:
         """Start a script; it is the client's own control script, or it is refused."""
         if (
             self.mode is not RobotPower.RUNNING
@@ -150,16 +150,16 @@ class Controller:
         if self._program is not None:
             self.tell("program stopped")
         self._program, self.runtime, self.patience = None, ProgramState.STOPPED, inf
-        self.halt()
+        self.stop_instantly()
 
-    def order(self, order: ScheduledFault) -> None:
+    def schedule_fault(self, order: ScheduledFault) -> None:
         """Bring a fault about, now or in a later move."""
         if order.move:
             self._orders.append(ScheduledFault(order.fault, self._moves + order.move))
         else:
             self._bring(order.fault)
 
-    def unlock(self) -> bool:
+    def unlock_protective_stop(self) -> bool:
         """Release a protective stop, if it has lasted long enough."""
         if self.safety is SafetyState.PROTECTIVE_STOP:
             if self.time - self._stopped_at < UNLOCK_DELAY:
@@ -167,13 +167,13 @@ class Controller:
             self.safety = SafetyState.NORMAL
         return True
 
-    def power(self, mode: RobotPower) -> None:
+    def set_power(self, mode: RobotPower) -> None:
         """Switch the robot on or off."""
         if mode is not RobotPower.RUNNING:
             self.stop_program()
         self.mode = mode
 
-    def write(self, name: str, value: Value) -> None:
+    def write_input(self, name: str, value: Value) -> None:
         """Set an input; all but registers are ignored."""
         kind, _, number = name.rpartition("_")
         if isinstance(value, Sequence):
@@ -184,7 +184,7 @@ class Controller:
         elif kind == "input_double_register":
             self.input_double[int(number)] = float(value)
 
-    def read(self, name: str) -> Value:
+    def read_output(self, name: str) -> Value:
         """An output; those without meaning here are zero."""
         kind, _, number = name.rpartition("_")
         if kind == "output_int_register":
@@ -207,22 +207,22 @@ class Controller:
         """Whether a motion is under way."""
         return self._motion is not None
 
-    def start(self, motion: Motion) -> None:
+    def begin_motion(self, motion: Motion) -> None:
         """Begin a motion that the program commands."""
         self._moves += 1
         self.tell(f"move {self._moves}")
         self._motion, self._elapsed = motion, 0.0
 
-    def brake(self, motion: Motion) -> None:
+    def decelerate_along(self, motion: Motion) -> None:
         """Begin to stop; no fault counts that as a move."""
         self._motion, self._elapsed = motion, 0.0
 
     @property
-    def progress(self) -> tuple[Motion, float] | None:
+    def motion_progress(self) -> tuple[Motion, float] | None:
         """The motion under way, and the seconds of it that have passed."""
         return None if self._motion is None else (self._motion, self._elapsed)
 
-    def halt(self) -> None:
+    def stop_instantly(self) -> None:
         """End a motion where it is."""
         self._motion, self.speed = None, np.zeros(6)
 
@@ -231,7 +231,7 @@ class Controller:
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
         if self._program is not None:
             self.runtime = ProgramState.PAUSED
-        self.halt()
+        self.stop_instantly()
 
     # Motion and faults
 
@@ -239,7 +239,7 @@ class Controller:
         due = [order for order in self._orders if order.move == self._moves]
         end = motion.duration / 2 if due else motion.duration
         before, self._elapsed = self.q, min(self._elapsed + step, end)
-        self.q = motion.at(self._elapsed)
+        self.q = motion.joint_angles_at(self._elapsed)
         self.speed = (self.q - before) / step
         if due and self._elapsed >= end:
             for order in due:
@@ -248,16 +248,16 @@ class Controller:
         elif self._elapsed >= motion.duration:
             if self._missing:
                 self.q, self._missing = self.q - MISSED_TARGET_ERROR * np.eye(6)[5], False
-            self.halt()
+            self.stop_instantly()
 
     def _bring(self, fault: InjectedFault) -> None:
         if fault is InjectedFault.PROTECTIVE_STOP:
             self.protective_stop()
         elif fault is InjectedFault.EMERGENCY_STOP:
             self.safety = SafetyState.ROBOT_EMERGENCY_STOP
-            self.power(RobotPower.POWER_OFF)
+            self.set_power(RobotPower.POWER_OFF)
         elif fault is InjectedFault.POWER_OFF:
-            self.power(RobotPower.POWER_OFF)
+            self.set_power(RobotPower.POWER_OFF)
         elif fault is InjectedFault.LOCAL_MODE:
             self.remote = False
             self.stop_program()
@@ -274,7 +274,7 @@ class Controller:
         elif fault is InjectedFault.REFUSE_STOP:
             self.deaf = True
         elif fault is InjectedFault.HOME:
-            self.halt()
+            self.stop_instantly()
             self.q = self._home.copy()
         else:
             self._clear()

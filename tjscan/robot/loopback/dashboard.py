@@ -68,10 +68,10 @@ class DashboardServer:
         return "Stopped"
 
     def _power(self, mode: RobotPower, answer: str) -> str:
-        self._controller.power(mode)
+        self._controller.set_power(mode)
         return answer
 
     def _unlock(self) -> str:
-        if self._controller.unlock():
+        if self._controller.unlock_protective_stop():
             return "Protective stop releasing"
         return "Cannot unlock protective stop until 5s after occurrence"

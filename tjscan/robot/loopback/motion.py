@@ -34,7 +34,7 @@ class Motion(Protocol):
         """Seconds."""
         ...
 
-    def at(self, time: float) -> Array:
+    def joint_angles_at(self, time: float) -> Array:
         """Joint angles in radians, shape (6,), at a time in seconds from the start."""
         ...
 
@@ -55,7 +55,7 @@ class DecelerationMotion:
     speed: Array
     duration: float
 
-    def at(self, time: float) -> Array:
+    def joint_angles_at(self, time: float) -> Array:
         """Joint angles in radians at a time in seconds."""
         t = min(time, self.duration)
         share = t - t**2 / (2 * self.duration) if self.duration > 0 else 0.0
@@ -64,8 +64,8 @@ class DecelerationMotion:
 
 def decelerate_motion(motion: Motion, time: float, deceleration: float) -> DecelerationMotion:
     """Stop a motion at a time, the leading axis with a deceleration in rad/s²."""
-    q = motion.at(time)
-    speed = (motion.at(time + INSTANT) - q) / INSTANT
+    q = motion.joint_angles_at(time)
+    speed = (motion.joint_angles_at(time + INSTANT) - q) / INSTANT
     fastest = float(np.abs(speed).max())
     return DecelerationMotion(
         q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1)

@@ -63,7 +63,7 @@ class LoopbackProcess:
     ) -> None:
         self._end()
 
-    def order(self, line: str) -> None:
+    def schedule_fault(self, line: str) -> None:
         """Command a fault, and wait until it is accepted."""
         if self._process.stdin is not None:
             self._process.stdin.write(f"{line}\n")
@@ -90,7 +90,7 @@ class LoopbackProcess:
             if line.startswith(wanted):
                 return line
 
-    def heard(self) -> Sequence[str]:
+    def unread_output(self) -> Sequence[str]:
         """All lines it has said and nobody has waited for."""
         lines = []
         while not self._lines.empty():

@@ -64,20 +64,20 @@ class ScriptHost(Protocol):
         """Whether a motion is under way."""
         ...
 
-    def start(self, motion: Motion) -> None:
+    def begin_motion(self, motion: Motion) -> None:
         """Begin a motion."""
         ...
 
-    def brake(self, motion: Motion) -> None:
+    def decelerate_along(self, motion: Motion) -> None:
         """Come to rest along a motion."""
         ...
 
     @property
-    def progress(self) -> tuple[Motion, float] | None:
+    def motion_progress(self) -> tuple[Motion, float] | None:
         """The motion under way and its seconds so far."""
         ...
 
-    def halt(self) -> None:
+    def stop_instantly(self) -> None:
         """Stand still at once."""
         ...
 
@@ -106,7 +106,7 @@ class ControlScript:
         self._report(running=False)
         self._say(READY)
 
-    def turn(self) -> bool:
+    def run_cycle(self) -> bool:
         """Once round the script's main loop; returns whether it goes on."""
         if self._asynchronous and not self._controller.moving:
             self._asynchronous = False
@@ -181,7 +181,7 @@ class ControlScript:
         motion = self._plan(command)
         if motion is None:
             return False
-        self._controller.start(motion)
+        self._controller.begin_motion(motion)
         if self._int(1) == 1:
             self._begin_asynchronous()
         return True
@@ -207,10 +207,10 @@ class ControlScript:
         return joint_motion(controller.kinematics, controller.q, goal, speed, acceleration)
 
     def _stop(self, deceleration: float) -> None:
-        progress = self._controller.progress
+        progress = self._controller.motion_progress
         self._end_asynchronous()
         if progress is not None:
-            self._controller.brake(decelerate_motion(*progress, deceleration))
+            self._controller.decelerate_along(decelerate_motion(*progress, deceleration))
         if self._int(1) == 1:
             self._begin_asynchronous()
 
@@ -222,7 +222,7 @@ class ControlScript:
     def _end_asynchronous(self) -> None:
         if self._asynchronous:
             self._asynchronous = False
-            self._controller.halt()
+            self._controller.stop_instantly()
             self._report(running=False)
 
     def _report(self, *, running: bool) -> None:

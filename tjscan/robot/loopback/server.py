@@ -122,14 +122,14 @@ class LoopbackServer:
             if self.controller.frozen:
                 continue
             self._thawed.set()
-            self.controller.tick()
+            self.controller.advance_one_tick()
             if self.controller.dropping:
                 self.controller.dropping = False
                 for writer in self._sessions.values():
                     writer.transport.abort()
             for session, writer in list(self._sessions.items()):
                 if writer.transport.get_write_buffer_size() < BACKLOG:
-                    session.publish(self.controller.read)
+                    session.send_outputs(self.controller.read_output)
 
     async def _orders(self) -> None:
         """Obey the lines of stdin until it ends."""
@@ -152,11 +152,13 @@ class LoopbackServer:
         except ConfigurationError as error:
             self.tell(f"refused {error}")
             return
-        self.controller.order(order)
+        self.controller.schedule_fault(order)
         self.tell(f"ordered {line.strip()}")
 
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        session = RtdeSession(writer.write, VERSION, self.hz, self._registry, self.controller.write)
+        session = RtdeSession(
+            writer.write, VERSION, self.hz, self._registry, self.controller.write_input
+        )
         self._sessions[session] = writer
         try:
             await self._serve(self._packages(reader, session), writer)
@@ -181,7 +183,7 @@ class LoopbackServer:
             await self._awake()
             while (end := _SCRIPT_END.search(text)) is not None:
                 script, text = text[: end.end()], text[end.end() :]
-                if not self.controller.load(script):
+                if not self.controller.start_script(script):
                     self.tell("script refused")
 
     async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -178,7 +178,7 @@ class RtdeSession:
             for name, value in self._inputs[payload[0]].unpack(payload[1:]):
                 self._write(name, value)
 
-    def publish(self, read: Callable[[str], Value]) -> None:
+    def send_outputs(self, read: Callable[[str], Value]) -> None:
         """Send the outputs, if the client wants them now."""
         if not self._started or self._outputs is None:
             return

@@ -64,9 +64,9 @@ class UrArm(DeviceBase):
             If it is another model than it should be.
         """
         self._latch.clear()
-        session = connect(self.settings, self.kinematics, partial(self._latch.wait, POLL))
+        session = connect(self.settings, self.kinematics, partial(self._latch.wait_for_stop, POLL))
         try:
-            self._identity = identify(session.dashboard, session.look().payload)
+            self._identity = identify(session.dashboard, session.read_state().payload)
         except BaseException as error:
             session.end(error)
             raise
@@ -96,8 +96,8 @@ class UrArm(DeviceBase):
         """Joint angles, flange pose and time, as the controller reports them."""
         return self._connected.state()
 
-    def check(self, *T_b_f: Array) -> None:
-        """Plan a move in joint space and straight lines on, and move nothing. See `Arm.check`."""
+    def check_moves(self, *T_b_f: Array) -> None:
+        """Move nothing; see `Arm.check_moves`."""
         q = self.state().q
         plans = chain([self._joint_path], repeat(self._linear_path))
         for plan, T in zip(plans, T_b_f, strict=False):
@@ -115,7 +115,7 @@ class UrArm(DeviceBase):
         """
         return self._move(T_b_f, self._linear_path, self._linear_command)
 
-    def move_joint(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
         return self._move(T_b_f, partial(self._joint_path, near=near), joint_command)
 
@@ -152,7 +152,7 @@ class UrArm(DeviceBase):
         order: Callable[[ControllerSession, JointPath, Array], MoveCommand],
     ) -> ArmState:
         session = self._connected
-        with self._latch.move():
+        with self._latch.hold_for_move():
             path = plan(session.state().q, T_b_f)
             if path.duration > 0:
                 check_target(session, T_b_f)

@@ -70,20 +70,20 @@ class RtdeClient:
             self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS)
         self._control = RTDEControlInterface(host, RTDE_HZ)
 
-    def watch(self) -> bool:
+    def start_watchdog(self) -> bool:
         """Let the controller stop the arm when this process falls silent."""
         self._watched = bool(self._control.setWatchdog(WATCHDOG_HZ))
         return self._watched
 
-    def follow(self) -> ControllerState:
+    def read_state_during_move(self) -> ControllerState:
         """Read the state for the main process, which waits for a move: it is awake."""
-        now = self.look()
+        now = self.read_state()
         self._followed = time.monotonic()
         if not now.moving and now.operation != self._before:
             self._before = None  # it knows that the move has ended
         return now
 
-    def look(self) -> ControllerState:
+    def read_state(self) -> ControllerState:
         """Read the state."""
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
         reported = self._reports_payload
@@ -106,7 +106,7 @@ class RtdeClient:
         """Set the active TCP."""
         return bool(self._control.setTcp(list(T_f_tcp)))
 
-    def tcp(self) -> list[float]:
+    def active_tcp_offset(self) -> list[float]:
         """Read the active TCP; nothing if the controller does not answer."""
         return list(self._control.getTCPOffset())
 
@@ -134,12 +134,12 @@ class RtdeClient:
         self._expect_to_be_followed()
         return bool(self._control.moveL(list(tcp), speed, acceleration, True))
 
-    def stop(self, deceleration: float) -> None:
+    def stop_move(self, deceleration: float) -> None:
         """Stop the move under way, and wait until the arm is at rest."""
         self._control.stopJ(deceleration)
         self._before = None
 
-    def end(self) -> None:
+    def stop_control_script(self) -> None:
         """End the control script."""
         self._watched, self._before = False, None
         self._control.stopScript()

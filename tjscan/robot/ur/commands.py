@@ -63,7 +63,7 @@ def linear_command(
     length = float(np.linalg.norm(way))
     if length < NO_LENGTH:
         return _turn_command(session, kinematics, path, T_b_f)
-    return MoveCommand("move_linear", session.tcp_at(T_b_f), *_bounds(path, length))
+    return MoveCommand("move_linear", session.active_tcp_pose(T_b_f), *_bounds(path, length))
 
 
 def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> MoveCommand:
@@ -77,9 +77,9 @@ def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> 
         If the controller has the pose in another configuration.
     """
     goal = path.q[-1]
-    q = np.array(session.ask(list, "inverse", session.tcp_at(T_b_f), tuple(goal.tolist())))
+    q = np.array(session.ask(list, "inverse", session.active_tcp_pose(T_b_f), tuple(goal.tolist())))
     if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION:
-        session.look()  # the true reason, if the arm is not well
+        session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _bounds(path, float(np.abs(goal - path.q[0]).max()))
     return MoveCommand(

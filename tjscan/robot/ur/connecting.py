@@ -79,7 +79,7 @@ def _begin(
     try:
         session.link.ask(NoneType, "connect", host, limit=settings.connect_limit)
         _await_program(session.link, pause)
-        session.ask(bool, "watch")
+        session.ask(bool, "start_watchdog")
         _set_tcp(session)
         _set_payload(session, settings, pause)
         _check_model(session, kinematics)
@@ -104,7 +104,9 @@ def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
 def _await_program(link: ClientProcess, pause: Pause) -> None:
     """Let both links show the program that was started."""
     limit = time.monotonic() + STARTS
-    while (fault := fault_from_state(link.ask(ControllerState, "look", limit=STARTS))) is not None:
+    while (
+        fault := fault_from_state(link.ask(ControllerState, "read_state", limit=STARTS))
+    ) is not None:
         if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
             raise fault
         pause()
@@ -113,9 +115,9 @@ def _await_program(link: ClientProcess, pause: Pause) -> None:
 def _set_tcp(session: ControllerSession) -> None:
     """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
     session.ask(bool, "set_tcp", (0.0,) * 6)
-    offset = session.ask(list, "tcp")
+    offset = session.ask(list, "active_tcp_offset")
     if len(offset) != 6 or np.abs(offset).max() > SAME:
-        session.look()  # the true reason, if the arm is not well
+        session.read_state()  # the true reason, if the arm is not well
         raise _disobeyed("TCP", "zero", offset)
     session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
 
@@ -126,7 +128,7 @@ def _set_payload(session: ControllerSession, settings: UrSettings, pause: Pause)
     session.ask(bool, "set_payload", settings.payload, settings.payload_centre)
     wanted = np.array([settings.payload, *settings.payload_centre])
     limit = time.monotonic() + STARTS
-    while not _carries(now := session.look(), wanted):
+    while not _carries(now := session.read_state(), wanted):
         if time.monotonic() > limit:
             raise _disobeyed("payload", f"{settings.payload:g} kg", now.payload)
         pause()

@@ -49,8 +49,8 @@ def check_target(session: ControllerSession, T_b_f: Array) -> None:
     TargetRefused
         If not.
     """
-    if not session.ask(bool, "pose_is_safe", session.tcp_at(T_b_f)):
-        session.look()  # the true reason, if the arm is not well
+    if not session.ask(bool, "pose_is_safe", session.active_tcp_pose(T_b_f)):
+        session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused(
             "that is outside the safety limits set on its pendant. Look at its safety "
             "planes and joint limits, or move the base.",
@@ -70,12 +70,12 @@ def execute_move(
     ArmFault
         If the arm was stopped, or something is wrong with it.
     """
-    before = session.look()
+    before = session.read_state()
     try:
-        with latch.start():
+        with latch.begin_move():
             begun = session.ask(bool, order.name, order.target, order.speed, order.acceleration)
         if not begun:
-            session.look()
+            session.read_state()
             raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
         _follow(session, latch, before)
     except BaseException:
@@ -87,8 +87,8 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
     """Watch a move until it has ended."""
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
-        stopping = latch.wait(POLL)
-        now, moment = session.follow(), time.monotonic()
+        stopping = latch.wait_for_stop(POLL)
+        now, moment = session.read_state_during_move(), time.monotonic()
         if stopping:
             raise ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
@@ -96,7 +96,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
             )
         if now.operation == before.operation:
             if moment > began + STARTS:
-                raise session.end_with(
+                raise session.end_for_fault(
                     ProgramStopped("the controller accepted a move and does not begin it.")
                 )
         elif not now.moving:
@@ -105,7 +105,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
         if np.abs(q - last).max() > CREEP:
             moved, last = moment, q
         if moment > moved + STALLED:
-            raise session.end_with(
+            raise session.end_for_fault(
                 ArmNotResponding(
                     f"the arm stands still for {STALLED:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
@@ -124,9 +124,9 @@ def await_arrival(
         If it is not where it was sent go. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
-    limit, first = time.monotonic() + SETTLED, session.look().time
+    limit, first = time.monotonic() + SETTLED, session.read_state().time
     while True:
-        now = session.look()
+        now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.state_of(now)
         rests = newer and np.abs(now.speed).max() < REST
@@ -136,7 +136,7 @@ def await_arrival(
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
-            raise session.end_with(
+            raise session.end_for_fault(
                 PoseNotReached(
                     f"it stands {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
@@ -145,4 +145,4 @@ def await_arrival(
                     state.T_b_f,
                 )
             )
-        latch.wait(POLL)
+        latch.wait_for_stop(POLL)

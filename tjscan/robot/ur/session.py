@@ -55,7 +55,7 @@ class ControllerSession:
         """The flange in the active TCP, shape (4, 4)."""
         self._watch, self._limit = ClockWatch(silence_limit), silence_limit + SLACK
 
-    def look(self) -> ControllerState:
+    def read_state(self) -> ControllerState:
         """What the arm says of itself.
 
         Raises
@@ -63,15 +63,15 @@ class ControllerSession:
         ArmFault
             What is wrong with it; the session has ended then.
         """
-        return self._look("look")
+        return self._look("read_state")
 
-    def follow(self) -> ControllerState:
+    def read_state_during_move(self) -> ControllerState:
         """Look at the move under way; the client stops it when nobody does for long."""
-        return self._look("follow")
+        return self._look("read_state_during_move")
 
     def state(self) -> ArmState:
-        """Joint angles, flange pose and time; raises as `look` does."""
-        return self.state_of(self.look())
+        """Joint angles, flange pose and time; raises as `read_state` does."""
+        return self.state_of(self.read_state())
 
     def state_of(self, now: ControllerState) -> ArmState:
         """Joint angles, flange pose and time at one moment."""
@@ -79,7 +79,7 @@ class ControllerSession:
             np.array(now.q), pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f, now.time
         )
 
-    def tcp_at(self, T_b_f: Array) -> tuple[float, ...]:
+    def active_tcp_pose(self, T_b_f: Array) -> tuple[float, ...]:
         """The active TCP, as the controller takes it, where the flange has a pose."""
         return tuple(pose_vector.pose_to_vector(T_b_f @ inverse_pose(self.T_tcp_f)).tolist())
 
@@ -88,24 +88,24 @@ class ControllerSession:
         try:
             return self._working.ask(kind, name, *arguments)
         except ClientFailed as failed:
-            self.look()  # the true reason, if the arm is not well
-            raise self.end_with(
+            self.read_state()  # the true reason, if the arm is not well
+            raise self.end_for_fault(
                 ArmFault(f"the client library failed at {name}: {failed}. Start again.")
             ) from None
         except ArmFault as fault:
-            raise self.end_with(fault) from None
+            raise self.end_for_fault(fault) from None
 
     def rest(self) -> None:
         """Stop the move under way; the arm stays at hand if it is well."""
         if self.fault is None:
             try:
-                self.link.ask(NoneType, "stop", STOP)
+                self.link.ask(NoneType, "stop_move", STOP)
             except ArmFault as fault:
-                self.end_with(fault)
+                self.end_for_fault(fault)
             except ClientFailed as failed:
-                self.end_with(ArmFault(str(failed)))
+                self.end_for_fault(ArmFault(str(failed)))
 
-    def end_with(self, fault: ArmFault) -> ArmFault:
+    def end_for_fault(self, fault: ArmFault) -> ArmFault:
         """Stop the arm by whatever still works, and take no more commands; returns the fault."""
         if self.fault is None:
             self.fault = self._cause(fault)
@@ -156,14 +156,14 @@ class ControllerSession:
         link = self._working
         try:
             now = link.ask(ControllerState, name, limit=self._limit)
-            self._watch.see(now)
+            self._watch.check_clock_advances(now)
             fault = fault_from_state(now)
         except ArmFault as found:
             fault = found
         except ClientFailed as failed:
             fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
         if fault is not None:
-            raise self.end_with(fault)
+            raise self.end_for_fault(fault)
         return now
 
     def _cause(self, fault: ArmFault) -> ArmFault:
@@ -176,7 +176,7 @@ class ControllerSession:
 
     def _end_program(self, because: BaseException | None) -> None:
         try:
-            self.link.ask(NoneType, "end")
+            self.link.ask(NoneType, "stop_control_script")
         except (ArmFault, ClientFailed):
             if because is None:
                 self.dashboard.stop()

@@ -23,7 +23,7 @@ class ClockWatch:
         self._since = 0.0
         self._seen = 0.0
 
-    def see(self, now: ControllerState) -> None:
+    def check_clock_advances(self, now: ControllerState) -> None:
         """Compare with what was seen before."""
         moment = time.monotonic()
         # While nobody looked, nothing is known: a pause between two looks counts for nothing.

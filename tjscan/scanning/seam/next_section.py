@@ -78,7 +78,7 @@ class ExpectedSection:
         kernels = (Matern52(spread, SHAPE_WAVE) for spread in SHAPE_SPREAD)
         shape = np.array(
             [
-                np.concatenate(OrdinaryKriging(track.along, *one).at(at))
+                np.concatenate(OrdinaryKriging(track.along, *one).predict(at))
                 for one in zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
             ]
         )
