@@ -118,7 +118,7 @@ class Controller:
         step = self._tick * (self._worth if moving else 1)
         self.time += step
         self._wall += self._tick
-        if self._wall - self._heard > self.patience:
+        if self._wall - self._heard > self.patience and not self.deaf:
             self.stop_program()  # the watchdog that the client has set: nobody writes any more
         if self._motion is not None:
             self._advance(self._motion, step)
