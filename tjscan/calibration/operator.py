@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from tjscan.calibration.session import CalibrationProgress
+if TYPE_CHECKING:
+    from tjscan.calibration.session import CalibrationProgress
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tjscan.calibration.model import TargetModel
 from tjscan.calibration.refine import Mask, RefinedEstimate, leave_one_out, refine
@@ -44,7 +44,7 @@ def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> R
         With all of them in use.
     """
     n, k = estimate.linearised.residuals.shape
-    price = float(chi2.isf(FALSE_ALARM_PROBABILITY / n, k))
+    price = float(chdtri(k, FALSE_ALARM_PROBABILITY / n))
     if chi2_is_plausible(estimate) and leave_one_out(estimate).chi2.max() <= price:
         return estimate
     best, last = estimate, estimate
@@ -58,9 +58,7 @@ def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> R
 
 def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
     """Whether what is left is as small as stated errors explain."""
-    return estimate.dof <= 0 or bool(
-        estimate.chi2 <= chi2.isf(FALSE_ALARM_PROBABILITY, estimate.dof)
-    )
+    return estimate.dof <= 0 or bool(estimate.chi2 <= chdtri(estimate.dof, FALSE_ALARM_PROBABILITY))
 
 
 def _cost(estimate: RefinedEstimate) -> float:

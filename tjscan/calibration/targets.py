@@ -7,7 +7,7 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tjscan.calibration.plucker import PluckerPlane, plane_through
 from tjscan.core.errors import CalibrationRefused
@@ -161,7 +161,7 @@ def _check_pattern(singular: Array, sigma: float) -> None:
 
 def _check_flatness(residuals: Array, sigma: float) -> None:
     dof = len(residuals) - 3
-    if dof == 0 or chi2.sf(residuals @ residuals / sigma**2, dof) > MIN_TOUCH_PROBABILITY:
+    if dof == 0 or chdtrc(dof, residuals @ residuals / sigma**2) > MIN_TOUCH_PROBABILITY:
         return
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1

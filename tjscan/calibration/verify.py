@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample
 from tjscan.calibration.noise import NoiseModel
@@ -79,5 +79,5 @@ def verify_with_fresh_line(
         float(r[1]),
         float(sigma[1]),
         float(misfit),
-        float(np.sqrt(chi2.isf(FALSE_ALARM_PROBABILITY, 2) / 2)),
+        float(np.sqrt(chdtri(2, FALSE_ALARM_PROBABILITY) / 2)),
     )

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import numpy as np
-import questionary
 
 from tjscan.calibration.operator import Operator, Question, SilentOperator
-from tjscan.calibration.session import CalibrationProgress
 from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 
+if TYPE_CHECKING:
+    from tjscan.calibration.session import CalibrationProgress
 
-class UnattendedOperator(SilentOperator):
+
+class PrintOnlyOperator(SilentOperator):
     """Nobody answers; what happens is printed."""
 
     def report(self, message: str) -> None:
@@ -40,10 +42,10 @@ class UnattendedOperator(SilentOperator):
 
 def choose_operator(*, unattended: bool) -> Operator:
     """Who watches a calibration; raises ConfigurationError if there is no terminal to ask at."""
-    return UnattendedOperator() if unattended else TerminalOperator()
+    return PrintOnlyOperator() if unattended else TerminalOperator()
 
 
-class TerminalOperator(UnattendedOperator):
+class TerminalOperator(PrintOnlyOperator):
     """Asks a person.
 
     Parameters
@@ -72,6 +74,8 @@ class TerminalOperator(UnattendedOperator):
         KeyboardInterrupt
             If the person leaves.
         """
+        import questionary
+
         if not question.moves:
             return bool(questionary.confirm(question.text, default=question.default).unsafe_ask())
         if self._trusted:

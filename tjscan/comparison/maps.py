@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from scipy.stats import binned_statistic_2d
 
 from tjscan.comparison.compare import Comparison, DeviationDistances
 from tjscan.core.errors import ConfigurationError
@@ -223,6 +222,8 @@ def _draw_cells(
     sections: int | None,
 ) -> None:
     """Median of the distances in each cell; a cell without points stays grey."""
+    from scipy.stats import binned_statistic_2d
+
     low, high = np.percentile(along, (0.2, 99.8))
     columns = min(
         MOST_MAP_CELLS[0], max(10, int(np.ptp(azimuth)) if sections is None else sections)
