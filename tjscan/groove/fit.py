@@ -15,6 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.bead import with_bead, with_root
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import Curve
+from tjscan.groove.facets import with_knee
 from tjscan.groove.hypotheses import (
     RIVAL_MARGIN,
     RIVALS,
@@ -45,7 +46,8 @@ SHORTER: Final = 0.8
 factor."""
 
 SAME: Final = 0.3e-3
-"""Hypotheses whose corners differ by less, in metres, are refined once."""
+"""A hypothesis whose corners differ by less, in metres, from those of another one, or of what
+came of it, is not refined again."""
 
 SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
@@ -59,6 +61,12 @@ ninety points of a profile are independent."""
 
 LEFT_OUT: Final = (0.3, 0.45, 1.0)
 """Share of the points that a fit may leave unexplained for each budget and need no other one."""
+
+STUCK: Final = 3.0
+"""Points this near a side, in tolerances, are of its surface or of what sticks to it, as scale."""
+
+ELSEWHERE: Final = 0.08
+"""Share of the points that a fit may leave to reflections if all others are near its sides."""
 
 ATTACHED: Final = 1.5e-3
 """Points of both sides lie this near a corner that is seen, in metres."""
@@ -88,11 +96,14 @@ class Candidate:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
+    objection : str, optional
+        Why the points do not bear it out.
     """
 
     model: GrooveModel
     fitted: FittedProfile
     cost: float
+    objection: str | None = None
 
 
 def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, FittedProfile]:
@@ -165,21 +176,24 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
         segments = find_segments(row.points, settings.tolerance, budget)
         for forms in stages:
             for form in forms:
-                search.add(form, _hypotheses(row, segments, replace(settings, model=form), budget))
+                if len(form.sides) <= len(model.sides):
+                    own = replace(settings, model=form)
+                    search.add(form, _hypotheses(row, segments, own, budget))
             if forms is others:
-                search.close_roots()
-            sound = [c for c in search.found if objection(row, c, settings) is None]
+                search.derive()
+            sound = [c for c in search.found if c.objection is None]
             if not sound:
                 continue
             best = min(sound, key=lambda c: c.cost)
             enough = budget is not SEARCH_BUDGETS[0] and forms is stages[-1]
-            if best.cost < left_out * len(row.points) and (enough or _convincing(best)):
+            explained = best.cost < left_out * len(row.points) or _leaves_few_points(best, settings)
+            if explained and (enough or _convincing(best)):
                 return best
     if sound:
         return best
     if search.found:
         best = min(search.found, key=lambda c: c.cost)
-        raise GrooveNotFound("ambiguous", str(objection(row, best, settings)), row.points)
+        raise GrooveNotFound("ambiguous", str(best.objection), row.points)
     raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
 
 
@@ -190,7 +204,7 @@ class _Search:
         self.found: list[Candidate] = []
         self._row, self._settings = row, settings
         self._tried: list[tuple[GrooveModel, Array]] = []
-        self._closed = 0
+        self._derived = 0
 
     def add(self, model: GrooveModel, hypotheses: list[PolylineHypothesis]) -> None:
         """Refine the likeliest hypotheses of one form that are new."""
@@ -199,28 +213,45 @@ class _Search:
             if one.cost <= hypotheses[0].cost + RIVAL_MARGIN:
                 self._refine(model, one)
 
-    def close_roots(self) -> None:
-        """Close fits without a root's face by one: where bevel and leg end, a bead may begin."""
+    def derive(self) -> None:
+        """Try what other forms the fits so far suggest."""
+        tolerance = self._settings.tolerance
         model = self._settings.model
-        fits, self._closed = self.found[self._closed :], len(self.found)
-        if not model.has_root:
-            return
-        for one in fits:
-            if len(one.model.sides) == len(model.sides) - 1:
-                open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
-                closed = with_root(self._row, open_, self._settings.tolerance)
-                if closed is not None:
-                    self._refine(model, closed)
+        while self._derived < len(self.found):
+            one = self.found[self._derived]
+            self._derived += 1
+            for form in (model, *model.alternatives):
+                if len(form.sides) != len(one.model.sides) + 1:
+                    continue
+                # Where bevel and leg end a bead may begin; a second facet is no root's face.
+                if form.has_root and (not one.model.has_root or one.objection is not None):
+                    open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
+                    self._refine(form, with_root(self._row, open_, tolerance))
+                if one.model is model:
+                    divided = _divided(model, form)
+                    self._refine(
+                        form, with_knee(self._row, one.fitted, divided, tolerance, SIDE_COST)
+                    )
 
-    def _refine(self, model: GrooveModel, hypothesis: PolylineHypothesis) -> None:
-        """Refine a hypothesis unless the like of it has been."""
+    def _refine(self, model: GrooveModel, hypothesis: PolylineHypothesis | None) -> None:
+        """Refine a hypothesis, if there is one, unless the like of it has been."""
+        if hypothesis is None:
+            return
         for tried, corners in self._tried:
             if tried is model and np.abs(corners - hypothesis.corners).max() < SAME:
                 return
         self._tried.append((model, hypothesis.corners))
-        refined = _candidate(self._row, hypothesis, replace(self._settings, model=model))
+        settings = replace(self._settings, model=model)
+        refined = _candidate(self._row, hypothesis, settings)
         if refined is not None:
-            self.found.append(refined)
+            against = objection(refined, settings)
+            self.found.append(replace(refined, objection=against))
+            self._tried.append((model, refined.fitted.corners))
+
+
+def _divided(model: GrooveModel, form: GrooveModel) -> int:
+    """The side of a model that a form with one side more has two of."""
+    return next(k for k, side in enumerate(model.sides) if side != form.sides[k])
 
 
 def _hypotheses(
@@ -332,10 +363,16 @@ def _turns(fitted: FittedProfile) -> list[float]:
     return turns
 
 
+def _leaves_few_points(found: Candidate, settings: GrooveSettings) -> bool:
+    """Whether nearly all points lie on a side or on what sticks to it."""
+    off = np.abs(found.fitted.residuals) > STUCK * settings.tolerance
+    return bool(off.mean() < ELSEWHERE)
+
+
 def _convincing(found: Candidate) -> bool:
     """Whether every side is seen well, and none but the root's face bends or leaves the points."""
     fitted, sides = found.fitted, found.model.sides
-    if fitted.shares.min() < SEEN_SHARE or undulations(fitted).max() > STRAIGHT:
+    if fitted.shares.min() < SEEN_SHARE or undulations(fitted)[1:-1].max() > STRAIGHT:
         return False
     return not any(leaves(fitted, k) for k, side in enumerate(sides[1:-1], 1) if not side.bead)
 
@@ -357,7 +394,7 @@ def attached(fitted: FittedProfile) -> NDArray[np.bool_]:
     return found
 
 
-def objection(row: Row, found: Candidate, settings: GrooveSettings) -> str | None:
+def objection(found: Candidate, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
     fitted, model = found.fitted, found.model
     for side, count, share in zip(model.sides, fitted.counts, fitted.shares, strict=True):

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 import scipy  # its parts are loaded at first use
+from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.groove.segments import Index
@@ -76,10 +77,10 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
     lags = np.zeros(LONGEST)
-    lost = 0.0
+    lost: Array | float = 0.0
     for _ in range(3):
         lags = _smooth(rho * (1 - lost) + lost, len(scaled))
-        lost = lost_share(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
+        lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
     return Correlation(lags)
 
 
@@ -109,19 +110,20 @@ def _half_lag(rho: Array) -> float:
     return min(sqrt((k - 1) ** 2 + float(share) * (2 * k - 1)), WIDEST)
 
 
-def lost_share(parameters: float, inflation: float, count: float) -> float:
+def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike) -> Array:
     """Share of the variance of correlated noise that a fit takes out of its residuals.
 
     Parameters
     ----------
-    parameters : float
+    parameters : array_like
         Number of coefficients that were fitted.
     inflation : float
         By how much correlation raises the variance of a mean.
-    count : float
+    count : array_like
         Number of points.
     """
-    return min(parameters * max(inflation, 1.0) / count, MOST_LOST)
+    taken = np.asarray(parameters) * max(inflation, 1.0) / np.asarray(count)
+    return np.asarray(np.minimum(taken, MOST_LOST))
 
 
 def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Index) -> Array:

@@ -21,7 +21,7 @@ from tjscan.groove.noise import (
     Correlation,
     correlated_squares,
     correlation,
-    lost_share,
+    noise_share_in_fit,
 )
 from tjscan.groove.segments import Index
 
@@ -232,7 +232,7 @@ def refine(
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
-            noise = noise_of(row, fitted)
+            noise = estimate_noise_correlation(row, fitted)
             inflation = noise.inflation
             straight = _evidence(row, fitted, noise, spread)
             curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
@@ -382,7 +382,7 @@ def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return keep
 
 
-def noise_of(row: Row, fitted: FittedProfile) -> Correlation:
+def estimate_noise_correlation(row: Row, fitted: FittedProfile) -> Correlation:
     """Estimate the correlation of the columns' noise from the residuals of all sides.
 
     Parameters
@@ -402,8 +402,7 @@ def prior_doubts(weight: Array, spread: Array) -> Array:
 
 def noise_variances(fitted: FittedProfile, noise: Correlation) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    pairs = zip(fitted.parameters.tolist(), fitted.counts.tolist(), strict=True)
-    lost = np.array([lost_share(p, noise.inflation, c) for p, c in pairs])
+    lost = noise_share_in_fit(fitted.parameters, noise.inflation, fitted.counts)
     return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 

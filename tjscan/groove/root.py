@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve, meet
 from tjscan.groove.fit import Candidate, attached
 from tjscan.groove.hypotheses import end_of
-from tjscan.groove.refinement import FittedProfile, Row, noise_of
+from tjscan.groove.refinement import FittedProfile, Row, estimate_noise_correlation
 from tjscan.groove.section import TACK
 
 OPEN_ROOT: Final = "open root"
@@ -237,7 +237,7 @@ def _step(row: Row, bevel: Curve, last: int, on_bevel: NDArray[np.bool_]) -> flo
 
 def _height_variances(row: Row, found: Candidate) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
-    noise = found.fitted.noise or noise_of(row, found.fitted)
+    noise = found.fitted.noise or estimate_noise_correlation(row, found.fitted)
     # A line's height at its end is known half as well as in its middle.
     return np.asarray(
         found.fitted.sigmas**2 * np.minimum(4 * noise.inflation / found.fitted.counts, 1.0)

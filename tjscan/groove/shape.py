@@ -17,7 +17,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve
 from tjscan.groove.models import Side
-from tjscan.groove.refinement import FittedProfile, Row, noise_of, noise_variances
+from tjscan.groove.refinement import FittedProfile, Row, estimate_noise_correlation, noise_variances
 
 BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
@@ -104,7 +104,7 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
     model : tuple of Side
         What they are like.
     """
-    fitted = replace(fitted, noise=fitted.noise or noise_of(row, fitted))
+    fitted = replace(fitted, noise=fitted.noise or estimate_noise_correlation(row, fitted))
     slow = undulations(fitted)
     left = departures(fitted, model)
     shift = 0.5 * left

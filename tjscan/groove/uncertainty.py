@@ -14,7 +14,7 @@ from tjscan.groove.refinement import (
     POWERS,
     FittedProfile,
     Row,
-    noise_of,
+    estimate_noise_correlation,
     noise_variances,
     prior_doubts,
     prior_weights,
@@ -53,7 +53,7 @@ def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tup
     ndarray, shape (2 k, 2 k)
         Of their coordinates and of the angles of the first and the last side's tangents.
     """
-    noise = fitted.noise or noise_of(row, fitted)
+    noise = fitted.noise or estimate_noise_correlation(row, fitted)
     spread = _coefficient_covariances(row, fitted, noise, spread_of(model.sides))
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
