@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from time import perf_counter
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.frames import Array
@@ -25,12 +23,6 @@ from tjscan.scanning.section import View
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 
 
-def milliseconds(work: Callable[[], Any]) -> float:
-    start = perf_counter()
-    work()
-    return 1e3 * (perf_counter() - start)
-
-
 def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_scan_job(PAPER)
@@ -39,38 +31,43 @@ def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 
 
-def inverse_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
-    """Median time of an inverse solution 5 mm and 1 degree from where the arm stands."""
-    kinematics, random, times = arm.clearance.kinematics, np.random.default_rng(1), []
+def time_inverse(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+    """Time inverse solutions 5 mm and 1 degree from where the arm stands."""
+    kinematics, random, watch = arm.clearance.kinematics, np.random.default_rng(1), Stopwatch()
     for view in views * 20:
         near: Array = view.q + 5e-3 * random.standard_normal(view.q.size)
-        times.append(milliseconds(partial(kinematics.inverse, view.T_b_f, near)))
-    return median(times)
+        with watch:
+            kinematics.inverse(view.T_b_f, near)
+    return watch
 
 
-def path_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> list[float]:
-    """Times of checking the lines of a scan, collisions with everything included."""
-    return [
-        milliseconds(partial(arm.clear_path, before.q, after.T_b_f, straight=True))
-        for before, after in pairwise(views[1:])
-    ]
+def time_lines(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+    """Time checks of the lines of a scan, collisions with everything included."""
+    watch = Stopwatch()
+    for before, after in pairwise(views[1:]):
+        with watch:
+            arm.clear_path(before.q, after.T_b_f, straight=True)
+    return watch
 
 
-def first_ms(arm: CollisionCheckedArm, views: tuple[View, ...]) -> float:
-    """Time of checking the first move, across the cell."""
-    q = np.radians((-110, -95, 160, 105, -110, 0))
-    return milliseconds(lambda: arm.clear_path(q, views[0].T_b_f, straight=False))
+def time_first_move(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+    """Time checks of the first move, across the cell."""
+    q, watch = np.radians((-110, -95, 160, 105, -110, 0)), Stopwatch()
+    for _ in range(5):
+        with watch:
+            arm.clear_path(q, views[0].T_b_f, straight=False)
+    return watch
 
 
 def measure() -> list[Row]:
     """Measure every bar."""
     arm, views = scanned()
-    lines = path_ms(arm, views)
+    lines = time_lines(arm, views)
     return [
-        Row("inverse solution near the last one", inverse_ms(arm, views), 0.3, "ms"),
-        Row("check of a 40 mm step, median", median(lines), 20, "ms"),
-        Row("check of a 40 mm step, longest", max(lines), 20, "ms"),
-        Row("check of the first move", first_ms(arm, views), 200, "ms"),
+        time_inverse(arm, views).row("inverse solution near the last one", median, 0.3),
+        lines.row("check of a 40 mm step, median", median, 20),
+        lines.row("check of a 40 mm step, longest", max, 20),
+        time_first_move(arm, views).row("check of the first move", median, 200),
     ]
 
 

@@ -6,12 +6,13 @@ import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
 from _board import BoardSimulator, points_rms
+from _stopwatch import Stopwatch
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
@@ -211,23 +212,16 @@ def timing(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(3)
     hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
     target, profiles = stage.touched(hand, rng), stage.profiles(hand, rng)
-    closed, whole = [], []
+    closed, whole = Stopwatch(), Stopwatch()
     for _ in range(30):
-        start = perf_counter()
-        fits = [fit_line(profile, NOISE) for profile in profiles]
-        solve_closed_form(stack_lines(stage.poses, fits), target.plane)
-        closed.append(perf_counter() - start)
-        start = perf_counter()
-        calibrate_on_plane(samples(stage.poses, profiles), target, NOISE)
-        whole.append(perf_counter() - start)
+        with closed:
+            fits = [fit_line(profile, NOISE) for profile in profiles]
+            solve_closed_form(stack_lines(stage.poses, fits), target.plane)
+        with whole:
+            calibrate_on_plane(samples(stage.poses, profiles), target, NOISE)
     return [
-        Row(
-            "closed form, 12 lines of 640 points, line fits included",
-            1e3 * float(np.median(closed)),
-            5,
-            "ms",
-        ),
-        Row("with refinement, line fits included", 1e3 * float(np.median(whole)), 100, "ms"),
+        closed.row("closed form, 12 lines of 640 points, line fits included", median, 5),
+        whole.row("with refinement, line fits included", median, 100),
     ]
 
 

@@ -9,10 +9,10 @@ from itertools import product
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
+from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.comparison.distance import corner_to_edge_distances
@@ -42,8 +42,10 @@ PAPERS_STEP_ERRORS: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
 
 
 @cache
-def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[ScanSummary, float]:
-    """Scan an example, and return its summary and the seconds that the loop took."""
+def scan(
+    way: str, case: int, step_mm: int, faultless: bool = False
+) -> tuple[ScanSummary, Stopwatch]:
+    """Scan an example, and return its summary and what the loop took."""
     file = JOBS[way]
     keys = {"scan.prediction_case": case, "scan.step_mm": step_mm}
     job = read_scan_job(file, keys | (FAULTLESS if faultless else {}))
@@ -51,13 +53,13 @@ def scan(way: str, case: int, step_mm: int, faultless: bool = False) -> tuple[Sc
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
     cell = RunContext(job, file).cell()
-    start = perf_counter()
-    result = scan_in_cell(cell, job, CombinedJournal())
-    seconds = perf_counter() - start
+    loop = Stopwatch()
+    with loop:
+        result = scan_in_cell(cell, job, CombinedJournal())
     frame = JointOrBaseFrame(job.joint.T_w_j)
     corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
     errors = corner_to_edge_distances(corners, feature_edges(joint))
-    return summarise_scan(result, job.scan, frame, errors), seconds
+    return summarise_scan(result, job.scan, frame, errors), loop
 
 
 def step_error(summary: ScanSummary) -> float:
@@ -72,39 +74,25 @@ def lost(way: str, case: int) -> int:
     return sum(summary.stopped_because != StopReason.LENGTH for summary in summaries)
 
 
-def command_seconds() -> float:
-    """Wall clock of ``tjscan scan`` on the paper's example, the start of Python included."""
-    with TemporaryDirectory() as folder:
-        tjscan = Path(sys.executable).with_name("tjscan")
-        start = perf_counter()
-        subprocess.run(
-            [tjscan, "scan", JOBS["ccw"], "--out", f"{folder}/run"], check=True, capture_output=True
-        )
-        return perf_counter() - start
+def time_command(times: int, *arguments: str | Path) -> Stopwatch:
+    """Time ``tjscan`` with arguments by the wall clock, the start of Python included."""
+    watch, tjscan = Stopwatch(), Path(sys.executable).with_name("tjscan")
+    for _ in range(times):
+        with TemporaryDirectory() as folder, watch:
+            subprocess.run([tjscan, *arguments], cwd=folder, check=True, capture_output=True)
+    return watch
 
 
-def profile_ms() -> float:
-    """Median time of one simulated profile of 640 points, all faults on."""
+def time_profile() -> Stopwatch:
+    """Time one simulated profile of 640 points, all faults on."""
     job = read_scan_job(JOBS["ccw"])
-    cell, times = RunContext(job, JOBS["ccw"]).cell(), []
+    cell, watch = RunContext(job, JOBS["ccw"]).cell(), Stopwatch()
     with cell:
         cell.arm.move_joint_to_pose(job.start_poses[0].T)
         for _ in range(200):
-            start = perf_counter()
-            cell.laser.capture()
-            times.append(perf_counter() - start)
-    return 1e3 * median(times)
-
-
-def help_seconds() -> float:
-    """Median wall clock of ``tjscan --help``."""
-    times = []
-    for _ in range(5):
-        start = perf_counter()
-        tjscan = Path(sys.executable).with_name("tjscan")
-        subprocess.run([tjscan, "--help"], check=True, capture_output=True)
-        times.append(perf_counter() - start)
-    return median(times)
+            with watch:
+                cell.laser.capture()
+    return watch
 
 
 def measure() -> list[Row]:
@@ -127,14 +115,14 @@ def measure() -> list[Row]:
         summary, _ = scan(way, case, 40, faultless=True)
         name = f"{way} 40 mm case {case}, no faults: mean step error"
         rows.append(Row(name, step_error(summary), limit, "%"))
-    rates = [
-        summary.sections / seconds for summary, seconds in (scan("ccw", 3, s) for s in (10, 20, 40))
-    ]
+    for step in (10, 20, 40):
+        summary, loop = scan("ccw", 3, step)
+        limit = 1e3 / 30 * summary.sections
+        rows.append(loop.row(f"{step} mm: the loop, 30 sections a second", max, limit))
     rows += [
-        Row("sections per second in the loop", median(rates), float("inf"), "1/s", at_least=30),
-        Row("one simulated profile, 640 points", profile_ms(), 3, "ms"),
-        Row("tjscan scan, start to end", command_seconds(), 15, "s"),
-        Row("tjscan --help", help_seconds(), 0.6, "s"),
+        time_profile().row("one simulated profile, 640 points", median, 3),
+        time_command(1, "scan", JOBS["ccw"], "--out", "run").row("tjscan scan", max, 15e3),
+        time_command(5, "--help").row("tjscan --help", median, 600),
     ]
     return rows
 

@@ -7,10 +7,10 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
+from _stopwatch import Stopwatch
 from _table import Row, main
 from scipy.spatial.transform import Rotation
 
@@ -133,22 +133,23 @@ def not_refused(scanned: Scanned) -> int:
     return made
 
 
-def whole_seconds() -> tuple[float, bool]:
-    """Wall clock of ``tjscan scan`` on the example, and whether it left its report."""
+def time_whole_scan() -> tuple[Stopwatch, bool]:
+    """Time ``tjscan scan`` on the example, and say whether it left its report."""
+    tjscan: Any = Path(sys.executable).with_name("tjscan")
+    watch = Stopwatch()
     with TemporaryDirectory() as folder:
-        tjscan: Any = Path(sys.executable).with_name("tjscan")
-        start = perf_counter()
-        subprocess.run(
-            [tjscan, "scan", EXAMPLE, "--out", f"{folder}/run"], check=True, capture_output=True
-        )
-        return perf_counter() - start, (Path(folder) / "run" / "report.html").is_file()
+        with watch:
+            subprocess.run(
+                [tjscan, "scan", EXAMPLE, "--out", f"{folder}/run"], check=True, capture_output=True
+            )
+        return watch, (Path(folder) / "run" / "report.html").is_file()
 
 
 def measure() -> list[Row]:
     """Measure every limit."""
     scans = [scan(seed) for seed in SEEDS]
     errors = [judge(stitch_stations(one.stations), one) for one in scans]
-    seconds, told = whole_seconds()
+    watch, told = time_whole_scan()
     n = len(SEEDS)
     return [
         Row("azimuth covered", min(e.covered for e in errors), np.inf, "°", at_least=359.999),
@@ -170,7 +171,8 @@ def measure() -> list[Row]:
             MOST_AT_BASE_MM,
             "mm",
         ),
-        Row("tjscan scan of the whole joint, with report", seconds if told else np.nan, 90, "s"),
+        Row("tjscan scan of the whole joint: reports missing", 0 if told else 1, 0),
+        watch.row("tjscan scan of the whole joint, with report", max, 90e3),
     ]
 
 

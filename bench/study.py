@@ -11,10 +11,10 @@ from functools import partial
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any, Final
 
 import pyarrow.parquet as pq
+from _stopwatch import Stopwatch
 from _table import Row, main
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
@@ -24,13 +24,14 @@ SEEDS: Final = 4
 """Seeds of the longer study: the start of Python and of its workers, some 4 s, hardly counts."""
 
 
-def run(study: Path, out: Path, *options: object) -> float:
-    """Run ``tjscan study`` and return its wall clock, the start of Python included."""
+def run(study: Path, out: Path, *options: object) -> Stopwatch:
+    """Time ``tjscan study`` by the wall clock, the start of Python included."""
     tjscan = Path(sys.executable).with_name("tjscan")
     words = [str(word) for word in (tjscan, "study", study, "--out", out, *options)]
-    start = perf_counter()
-    subprocess.run(words, check=True, capture_output=True)
-    return perf_counter() - start
+    watch = Stopwatch()
+    with watch:
+        subprocess.run(words, check=True, capture_output=True)
+    return watch
 
 
 def table(out: Path) -> Any:
@@ -78,9 +79,12 @@ def speed(folder: Path) -> list[Row]:
     truth = table(folder / "one")
     other = sum(not table(folder / name).equals(truth) for name in ("two", "cluster"))
     return [
-        Row("36 tests, two workers", short, 60, "s"),
+        short.row("36 tests, two workers", max, 60e3),
         Row(
-            f"{len(truth)} tests: one worker's time over that of two", one / two, inf, at_least=1.7
+            f"{len(truth)} tests: one worker's time over that of two",
+            one.seconds[0] / two.seconds[0],
+            inf,
+            at_least=1.7,
         ),
         Row("tables of two workers and of a cluster that differ from one worker's", other, 0),
     ]
