@@ -10,7 +10,7 @@ scan: $(READY)
 	$(BIN)/tjscan scan examples/paper.toml
 
 test: $(READY)
-	$(BIN)/pytest -n auto --hypothesis-profile thorough
+	$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
 check: $(READY)
 	$(BIN)/ruff check .

@@ -57,7 +57,7 @@ def cut(run: Path, copy: Path, share: float) -> Path:
     return copy
 
 
-@pytest.mark.parametrize("share", [0.02, 0.06, 0.13, 0.37, 0.5, 0.77, 0.93])
+@pytest.mark.parametrize("share", [0.02, 0.13, 0.5, 0.93])
 def test_a_scan_cut_anywhere_ends_as_the_whole_one(
     whole: Path, tmp_path: Path, share: float
 ) -> None:
@@ -104,8 +104,8 @@ def test_a_scan_that_was_killed_as_it_began_to_record_begins_again(
         shutil.copyfile(whole / name, run / name)
     if recorded is not None:
         (run / "scan.mcap").write_bytes((whole / "scan.mcap").read_bytes()[:recorded])
-    assert tjscan("scan", "--resume", run) == 0
-    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+    assert tjscan("scan", "--resume", run, "--scan.sections", "3") == 0
+    np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole)[:3], atol=SAME)
 
 
 def test_a_run_whose_recording_is_gone_does_not_go_on(whole: Path, tmp_path: Path) -> None:
@@ -262,7 +262,7 @@ def test_what_a_dead_process_left_in_the_making_is_swept_away(tmp_path: Path) ->
     assert not list(run.glob(".partial*"))
 
 
-@pytest.mark.parametrize("moment", [2, 4, 6, 7])
+@pytest.mark.parametrize("moment", [2, 5, 7])
 def test_a_scan_killed_between_two_renames_goes_on(
     whole: Path, tmp_path: Path, moment: int
 ) -> None:
