@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
-from time import process_time
+from statistics import median
 from typing import Final
 
 import numpy as np
+from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.job import read_scan_job
@@ -94,17 +95,16 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
     )
 
 
-def predictor_ms() -> float:
-    """Median processor time of one prediction from thirty sections."""
+def time_predictor() -> Stopwatch:
+    """Time predictions from thirty sections."""
     job = read_scan_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
     cell = RunContext(job, JOBS["ccw"]).cell()
     sections = scan_in_cell(cell, job, CombinedJournal()).sections
-    predictor, times = predictor_for_plan(job.scan), []
+    predictor, watch = predictor_for_plan(job.scan), Stopwatch()
     for _ in range(50):
-        start = process_time()
-        predictor(sections, 0.015)
-        times.append(process_time() - start)
-    return 1e3 * float(np.median(times))
+        with watch:
+            predictor(sections, 0.015)
+    return watch
 
 
 def measure(steps: Iterable[int], seeds: Iterable[int]) -> list[Row]:
@@ -159,7 +159,7 @@ def measure(steps: Iterable[int], seeds: Iterable[int]) -> list[Row]:
     )
     rows += [
         Row(f"scans at {longest} mm that lost the groove", lost, 0),
-        Row("one prediction from thirty sections", predictor_ms(), 15, "ms"),
+        time_predictor().row("one prediction from thirty sections", median, 15),
     ]
     return rows
 
