@@ -206,7 +206,7 @@ def _studies(folder: Path) -> Iterator[Reader]:
     plan = (folder / "study" / PLAN).read_bytes()
     yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_trials(f.parent), 1)
     short = ScanOutcome(False, "cut", "short")
-    rows = b"".join(StudyRow.from_trial(t, short).to_json().encode() + b"\n" for t in trials)
+    rows = b"".join(StudyRow.from_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
     yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, trials), 1)
 
 
@@ -269,6 +269,6 @@ def _calibration(folder: Path) -> bytes:
         "residuals": [],
     }
     file = folder / "calibration.toml"
-    provenance = Provenance.written_now("calibrate.toml", "f")
+    provenance = Provenance.for_file_written_now("calibrate.toml", "f")
     write_calibration(file, validate_table(CalibrationFile, data), provenance)
     return file.read_bytes()

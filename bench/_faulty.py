@@ -83,7 +83,7 @@ def faulty_scan(seed: int) -> FaultyScan:
         count = 10_000  # for good
     job = read_scan_job(JOB, {"simulation.seed": 1000 + seed})
     joint = RunContext(job, JOB).joint
-    cell = RunContext(job, JOB).cell()
+    cell = RunContext(job, JOB).make_cell()
     fault = {"missing": missing, "frozen": frozen, "spurious": strewn(seed)}[kind]
     bad = range(first, first + count)
     cell = replace(cell, laser=FaultyLaser(cell.laser, lambda k: fault if k in bad else None))

@@ -26,7 +26,7 @@ PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_scan_job(PAPER)
-    cell = RunContext(job, PAPER).cell()
+    cell = RunContext(job, PAPER).make_cell()
     views = scan_in_cell(cell, job, CombinedJournal()).views
     return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 

@@ -262,7 +262,7 @@ def _overhead(times: int, sections: int) -> Row:
     job = read_scan_job(file, {"scan.sections": sections, "simulation.arm.realtime": True})
     shares = []
     for _ in range(times):
-        cell = RunContext(job, file).cell()
+        cell = RunContext(job, file).make_cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
             with open_scan_recording(Path(name) / "scan.mcap") as recording:

@@ -52,7 +52,7 @@ def scan(
     joint = RunContext(job, file).joint
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
-    cell = RunContext(job, file).cell()
+    cell = RunContext(job, file).make_cell()
     loop = Stopwatch()
     with loop:
         result = scan_in_cell(cell, job, CombinedJournal())
@@ -86,7 +86,7 @@ def time_command(times: int, *arguments: str | Path) -> Stopwatch:
 def time_profile() -> Stopwatch:
     """Time one simulated profile of 640 points, all faults on."""
     job = read_scan_job(JOBS["ccw"])
-    cell, watch = RunContext(job, JOBS["ccw"]).cell(), Stopwatch()
+    cell, watch = RunContext(job, JOBS["ccw"]).make_cell(), Stopwatch()
     with cell:
         cell.arm.move_joint_to_pose(job.start_poses[0].T)
         for _ in range(200):

@@ -19,7 +19,7 @@ from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between, unit_vector
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.context import RunContext, groove_reader
+from tjscan.runs.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.stations import Station, station_from_recording
@@ -61,12 +61,12 @@ def scan(seed: int) -> Scanned:
     rng = np.random.default_rng(seed)
     stations, truth = [], []
     whole = read_scan_job(EXAMPLE, {"simulation.seed": seed})
-    for name in whole.stations:
-        job = whole.job_of_station(name)
+    for name in whole.station_names:
+        job = whole.job_at_station(name)
         joint = RunContext(job, EXAMPLE).joint
         if joint is None or job.joint is None:
             raise SystemExit(f"{EXAMPLE} names no joint to compare with")
-        cell = RunContext(job, EXAMPLE).cell()
+        cell = RunContext(job, EXAMPLE).make_cell()
         result = scan_in_cell(cell, job, CombinedJournal())
         true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
         away, turned = (
@@ -75,7 +75,9 @@ def scan(seed: int) -> Scanned:
         )
         off = pose(Rotation.from_rotvec(turned).as_matrix() @ true[:3, :3], true[:3, 3] + away)
         stations.append(
-            station_from_recording(name, off, result.sections, result.views, groove_reader(job))
+            station_from_recording(
+                name, off, result.sections, result.views, groove_reader_of_job(job)
+            )
         )
         truth.append(inverse_pose(job.joint.T_w_j) @ true)
     return Scanned(tuple(stations), tuple(truth))

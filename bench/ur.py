@@ -95,7 +95,7 @@ def driven(host: str) -> dict[str, Any]:
 def scan(keys: dict[str, Any]) -> ScanResult:
     """Scan the paper's joint."""
     job = read_scan_job(PAPER, keys)
-    return scan_in_cell(RunContext(job, PAPER).cell(), job, CombinedJournal())
+    return scan_in_cell(RunContext(job, PAPER).make_cell(), job, CombinedJournal())
 
 
 def difference_mm(loopback: LoopbackProcess) -> float:

@@ -78,7 +78,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
     if context.joint is None or job.joint is None:
         raise SystemExit(f"{JOB} names no joint to compare with")
     try:
-        result = scan_in_cell(context.cell(), job, CombinedJournal())
+        result = scan_in_cell(context.make_cell(), job, CombinedJournal())
     except LaserFault:
         return Scanned(False, np.nan, np.empty(0), 0, 0)
     T_j_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b

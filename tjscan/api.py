@@ -130,7 +130,7 @@ def scan(
 
     file = Path(job)
     with add_file_to_errors(file):
-        parsed = read_scan_job(file, dict(keys or {})).job_of_station(station)
+        parsed = read_scan_job(file, dict(keys or {})).job_at_station(station)
     folder = default_run_directory(file, station) if directory is None else Path(directory)
     run_scan(RunContext(parsed, file), folder)
     return Scan.read(folder)

@@ -19,7 +19,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 
 WHEN = datetime(2026, 3, 4, 10, 30, tzinfo=UTC)
-PROVENANCE = Provenance.written_now("calibrate.toml, SHA-256 0123456789abcdef", "f")
+PROVENANCE = Provenance.for_file_written_now("calibrate.toml, SHA-256 0123456789abcdef", "f")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_what_is_written_is_what_is_read(kept: Path, result: HandEyeCalibration)
     np.testing.assert_allclose(found.T_f_s, result.T_f_s, atol=1e-14)
     np.testing.assert_allclose(found.covariance_si, result.covariance, rtol=1e-12)
     assert found.date == WHEN
-    assert Provenance.read(kept.read_text(encoding="utf-8"), "#") == PROVENANCE
+    assert Provenance.from_comment_lines(kept.read_text(encoding="utf-8"), "#") == PROVENANCE
     assert found.lines == 11
     assert found.method == "plane touched"
     assert [r.name for r in found.residuals if not r.used] == ["line 5"]

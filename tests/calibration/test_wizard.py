@@ -59,8 +59,8 @@ from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.runs.calibrate import (
-    calibration_task,
-    make_board_cell,
+    calibration_plan_of_job,
+    make_calibration_cell,
     resume_calibration,
     start_calibration,
 )
@@ -89,7 +89,7 @@ class Watcher:
     def report(self, message: str) -> None:
         self.told.append(message)
 
-    def show(self, progress: CalibrationProgress) -> None:
+    def show_progress(self, progress: CalibrationProgress) -> None:
         self.progress.append(progress)
 
 
@@ -99,9 +99,9 @@ class Stage:
     def __init__(self, folder: Path, **keys: Any) -> None:
         job = read_calibration_job(JOB, SHORT | {k.replace("__", "."): v for k, v in keys.items()})
         T_f_s = sensor_mount_of_job(job, JOB).T_f_s
-        self.task: CalibrationPlan = calibration_task(job, T_f_s)
+        self.task: CalibrationPlan = calibration_plan_of_job(job, T_f_s)
         self.cell: Cell
-        self.cell, self.probe = make_board_cell(job, T_f_s)
+        self.cell, self.probe = make_calibration_cell(job, T_f_s)
         self.folder = folder
 
     def run(self, watcher: Watcher, **devices: Any) -> VerifiedCalibration:
@@ -515,7 +515,7 @@ def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
 @settings(max_examples=20, deadline=None)
 def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
     job = read_calibration_job(JOB, {"board.touches": count})
-    task = calibration_task(job, TRUTH)
+    task = calibration_plan_of_job(job, TRUTH)
     places = planned_touch_points(task) @ inverse_pose(task.T_b_board)[:3, :3].T
     places += inverse_pose(task.T_b_board)[:3, 3]
     assert places.shape == (count, 3)

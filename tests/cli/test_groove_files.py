@@ -8,7 +8,7 @@ from command import tjscan
 from grooves import MM, Groove, Noise, draw
 
 from tjscan.groove.settings import GrooveSettings
-from tjscan.result.readings import fitted_sides
+from tjscan.result.readings import fitted_side_polylines
 
 NOISE = Noise(sigma=0.03 * MM)
 
@@ -67,7 +67,7 @@ def test_a_folder_is_read_file_by_file(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_a_picture_shows_the_fitted_sides_on_their_points() -> None:
     seen = draw(Groove(), NOISE, 1)
-    sides = fitted_sides(seen, GrooveSettings())
+    sides = fitted_side_polylines(seen, GrooveSettings())
     assert len(sides) == 4
     points = seen.points_s[:, [0, 2]]
     for side in sides:

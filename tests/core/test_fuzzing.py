@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tjscan.comparison.clouds import read_shape
 from tjscan.core.config import LONGEST_LINE, MOST_CONFIGURATION_BYTES, read_toml
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
-from tjscan.core.files import atomic_directory, check_file_size, refuse_links_outside
+from tjscan.core.files import check_file_size, refuse_links_outside, write_files_atomically
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.scanning.reader import read_views
@@ -134,7 +134,7 @@ def test_a_draft_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("before", encoding="utf-8")
 
     def write_in_vain() -> None:
-        with atomic_directory(tmp_path) as draft:
+        with write_files_atomically(tmp_path) as draft:
             (draft / "kept").write_text("half", encoding="utf-8")
             raise OSError(28, "No space left on device")
 
@@ -148,6 +148,6 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with (
         pytest.raises(RecordingError, match="can't be written"),
-        atomic_directory(tmp_path / "file" / "in"),
+        write_files_atomically(tmp_path / "file" / "in"),
     ):
         pass

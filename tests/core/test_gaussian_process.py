@@ -69,7 +69,7 @@ def test_simple_kriging_is_the_conditional_mean_of_the_joint_normal(kernel: Kern
     expected = y.mean() - np.linalg.solve(P[9:, 9:], P[9:, :9] @ (y - y.mean()))
     fit = SimpleKriging.fit(kernel, X, y, 0.2)
     np.testing.assert_allclose(fit.predict_mean(x_star), expected, atol=1e-6)
-    assert fit.change(-0.33, 0.35) == pytest.approx(expected[1] - expected[0], abs=1e-6)
+    assert fit.predict_change(-0.33, 0.35) == pytest.approx(expected[1] - expected[0], abs=1e-6)
 
 
 @each_kernel
@@ -90,7 +90,7 @@ def test_ordinary_kriging_solves_the_kriging_equations(kernel: Kernel, h_star: f
     weights, multiplier = solved[:9], solved[9]
     variance = prior - np.sum(weights * k_star, axis=0) - h_star * multiplier
     kriging = OrdinaryKriging(X, y, sigma_n, kernel)
-    predict = kriging.predict if h_star else partial(kriging.change, start=start)
+    predict = kriging.predict if h_star else partial(kriging.predict_change, start=start)
     values, sigmas = predict(x_star)
     np.testing.assert_allclose(values, weights.T @ y, atol=1e-9)
     np.testing.assert_allclose(sigmas, np.sqrt(variance), atol=1e-9)
@@ -122,7 +122,7 @@ def test_kriging_returns_what_was_measured_and_forgets_far_away() -> None:
     far, far_sigma = kriging.predict(np.array([5.0]))
     assert abs(far[0]) < 1.0
     assert far_sigma[0] > 1.0  # the process's own, and that of its mean
-    change, none = kriging.change(np.array([X[3], 0.05]), X[3])
+    change, none = kriging.predict_change(np.array([X[3], 0.05]), X[3])
     assert change[0] == pytest.approx(0.0, abs=1e-9)
     assert none[0] == pytest.approx(0.0, abs=1e-6)
     assert change[1] == pytest.approx(kriging.predict(np.array([0.05]))[0][0] - values[3], abs=1e-4)

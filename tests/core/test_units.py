@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.config import FileModel, table_to_dict, validate_table
+from tjscan.core.config import StrictFileModel, table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import (
     DEG,
@@ -22,14 +22,14 @@ from tjscan.core.units import (
     FileUnit,
     PoseSettings,
     Position,
-    Settings,
+    SettingsTable,
     pose_from_rows_mm,
     pose_to_rows_mm,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan(Settings):
+class Plan(SettingsTable):
     step: Annotated[float, Ge(5), Le(300), MM] = 0.04
     angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
     length: Annotated[float | None, Gt(0), MM] = None
@@ -42,7 +42,7 @@ class Plan(Settings):
             raise ValueError("length_mm must not be smaller than step_mm")
 
 
-class Job(FileModel):
+class Job(StrictFileModel):
     plan: Plan = Plan()
     other: Plan | None = None
 

@@ -28,12 +28,12 @@ from typing import Annotated
 
 from annotated_types import Gt
 
-from tjscan.core.units import FileUnit, Settings
+from tjscan.core.units import FileUnit, SettingsTable
 from tjscan.laser.drivers import LaserDriver
 
 
 @dataclass(frozen=True)
-class Acme(Settings):
+class Acme(SettingsTable):
     host: str
     exposure: Annotated[float, Gt(0), FileUnit("us", 1e-6)] = 1e-4
 
@@ -133,7 +133,7 @@ def test_what_is_simulated_needs_its_world(
 ) -> None:
     file = bare(tmp_path, {})
     with pytest.raises(ConfigurationError, match=words):
-        RunContext(read_scan_job(file, overrides), file).cell()
+        RunContext(read_scan_job(file, overrides), file).make_cell()
 
 
 @pytest.mark.usefixtures("acme")
@@ -143,7 +143,7 @@ class TestDriverOfAnotherPackage:
     def test_its_settings_are_read_in_si_and_written_as_they_stood(self) -> None:
         table = {"host": "10.0.0.2", "exposure_us": 80.0}
         job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme": table})
-        assert job.laser.settings.exposure == pytest.approx(80e-6)
+        assert job.laser.driver_settings.exposure == pytest.approx(80e-6)
         assert table_to_dict(job)["laser"]["acme"] == table
 
     @pytest.mark.parametrize(
@@ -168,14 +168,14 @@ class TestDriverOfAnotherPackage:
     def test_a_package_that_it_lacks_is_named(self) -> None:
         job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme.host": "x"})
         with pytest.raises(ConfigurationError, match="pip install no_such_package") as caught:
-            RunContext(job, PAPER).cell()
+            RunContext(job, PAPER).make_cell()
         assert caught.value.key == "laser.driver"
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
-        RunContext(read_scan_job(PAPER, UR), PAPER).cell()
+        RunContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"
 
 

@@ -140,9 +140,9 @@ def test_a_calibration_on_the_command_line_displaces_that_of_the_job(tmp_path: P
 
 def test_devices_are_called_by_their_ids_or_by_what_they_are(tmp_path: Path) -> None:
     job = read_scan_job(write(tmp_path, JOB))
-    assert (job.arm.device, job.laser.device) == ("ur10e", "simulated")
+    assert (job.arm.device_id, job.laser.device_id) == ("ur10e", "simulated")
     job = read_scan_job(write(tmp_path, JOB), {"arm.id": "arm 3", "laser.id": "2610-100 7"})
-    assert (job.arm.device, job.laser.device) == ("arm 3", "2610-100 7")
+    assert (job.arm.device_id, job.laser.device_id) == ("arm 3", "2610-100 7")
 
 
 def test_a_groove_is_read_as_its_table_says_and_as_always_without_one(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
-from tjscan.job.cell import clearance_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.context import RunContext, result_frame_of_job
 from tjscan.runs.scan import scan_in_cell
@@ -41,8 +41,8 @@ ELSEWHERE = pose_from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
-    job = read_scan_job(file, overrides).job_of_station(station)
-    return scan_in_cell(RunContext(job, file).cell(), job, Notes())
+    job = read_scan_job(file, overrides).job_at_station(station)
+    return scan_in_cell(RunContext(job, file).make_cell(), job, Notes())
 
 
 def corners(result: ScanResult) -> Array:
@@ -67,15 +67,15 @@ def test_what_is_measured_in_b_does_not_depend_on_where_w_is(tmp_path: Path) -> 
 def test_solids_about_the_workpiece_stand_where_the_base_is_believed_to_be(
     tmp_path: Path,
 ) -> None:
-    job = read_scan_job(WHOLE).job_of_station("left")
+    job = read_scan_job(WHOLE).job_at_station("left")
     data = data_of(WHOLE)
     T_b_w = inverse_pose(pose_of(data["station"][0]))
     for solid in data["clearance"]["solid"]:
         if solid.pop("frame", "b") == "w":
             solid |= {**solid, **_table(T_b_w @ pose_of(solid))}
-    in_b = read_scan_job(written(tmp_path, data)).job_of_station("left")
+    in_b = read_scan_job(written(tmp_path, data)).job_at_station("left")
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (5, 6)):
-        told, same = (clearance_of_job(one).nearest_bodies(q) for one in (job, in_b))
+        told, same = (clear_path_planner_of_job(one).nearest_bodies(q) for one in (job, in_b))
         assert told is not None
         assert same is not None
         assert told[0] == same[0]
@@ -90,7 +90,7 @@ def _table(T: Array) -> dict[str, Any]:
 
 def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     result = scan(WHOLE, {"scan.sections": 5}, "left")
-    job = read_scan_job(WHOLE).job_of_station("left")
+    job = read_scan_job(WHOLE).job_at_station("left")
     joint = RunContext(job, WHOLE).joint
     assert job.joint is not None
     assert joint is not None
@@ -105,22 +105,22 @@ def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
 
 
 def test_results_of_a_station_are_told_in_b(tmp_path: Path) -> None:
-    assert result_frame_of_job(read_scan_job(PAPER)).name == "j"
-    assert result_frame_of_job(read_scan_job(WHOLE)).name == "b"
+    assert result_frame_of_job(read_scan_job(PAPER)).letter == "j"
+    assert result_frame_of_job(read_scan_job(WHOLE)).letter == "b"
 
 
 class TestWholeJoint:
     """The example with both its stations."""
 
     def test_its_bases_are_wrong_by_millimetres_and_a_degree_or_two(self) -> None:
-        for job in read_scan_job(WHOLE).jobs_by_station:
+        for job in read_scan_job(WHOLE).jobs_at_stations:
             off = inverse_pose(job.T_w_b) @ job.T_w_b_true
             assert 5e-3 < np.linalg.norm(off[:3, 3]) < 10e-3
             assert np.radians(1) < rotation_angle_between(np.eye(4), off) < np.radians(2)
 
     def test_it_goes_all_round_and_overlaps_at_both_crowns(self) -> None:
         seen = []
-        for job in read_scan_job(WHOLE).jobs_by_station:
+        for job in read_scan_job(WHOLE).jobs_at_stations:
             assert job.joint is not None
             result = scan(WHOLE, {}, job.station[0].name)
             assert plan_is_fulfilled(result.stop, job.scan), result.detail
@@ -139,8 +139,8 @@ class TestWholeJoint:
 @pytest.mark.parametrize("key", ["station.right.length_mm", "station.1.length_mm"])
 def test_keys_of_a_station_are_replaced_by_its_name_or_number(key: str) -> None:
     job = read_scan_job(WHOLE, {key: 500.0})
-    assert job.job_of_station("right").scan.length == 0.5
-    assert job.job_of_station("left").scan.length == 0.87
+    assert job.job_at_station("right").scan.length == 0.5
+    assert job.job_at_station("left").scan.length == 0.87
 
 
 def test_a_station_called_with_a_dash_is_named_by_an_option(tmp_path: Path) -> None:
@@ -153,15 +153,15 @@ def test_what_a_station_says_for_itself_comes_before_what_all_do() -> None:
     job = read_scan_job(
         WHOLE, {"station.right.direction": "clockwise", "station.right.sections": 7}
     )
-    left, right = job.jobs_by_station
+    left, right = job.jobs_at_stations
     assert (left.scan.direction, left.scan.sections) == ("counterclockwise", None)
     assert (right.scan.direction, right.scan.sections) == ("clockwise", 7)
-    assert right.stations == ("right",)
-    assert right.job_of_station("right") == right.job_of_station() == right
+    assert right.station_names == ("right",)
+    assert right.job_at_station("right") == right.job_at_station() == right
 
 
 def test_a_simulated_world_draws_other_numbers_at_each_station() -> None:
-    left, right = (job.simulation for job in read_scan_job(WHOLE).jobs_by_station)
+    left, right = (job.simulation for job in read_scan_job(WHOLE).jobs_at_stations)
     assert left is not None
     assert right is not None
     assert left.seed != right.seed
@@ -172,9 +172,9 @@ def test_a_job_at_no_station_is_refused_with_their_names() -> None:
     with pytest.raises(ConfigurationError, match="left, right"):
         read_scan_job(WHOLE).start_poses  # noqa: B018
     with pytest.raises(ConfigurationError, match="did you mean: left"):
-        read_scan_job(WHOLE).job_of_station("lefft")
+        read_scan_job(WHOLE).job_at_station("lefft")
     with pytest.raises(ConfigurationError, match="it has none"):
-        read_scan_job(PAPER).job_of_station("left")
+        read_scan_job(PAPER).job_at_station("left")
 
 
 def _doubled(data: dict[str, Any]) -> None:
@@ -248,20 +248,20 @@ def test_an_option_for_a_station_that_is_none_is_refused(key: str, hint: str) ->
 def test_a_job_at_a_station_survives_being_written(file: Path, tmp_path: Path) -> None:
     import tomli_w
 
-    for job in read_scan_job(file).jobs_by_station:
+    for job in read_scan_job(file).jobs_at_stations:
         copy = tmp_path / "copy.toml"
         text = tomli_w.dumps(config.table_to_dict(job))
         copy.write_text(text, encoding="utf-8")
         again = read_scan_job(copy)
         assert isinstance(again, ScanJob)
-        assert again == job == again.job_of_station()
+        assert again == job == again.job_at_station()
 
 
 def test_a_real_arm_stands_at_one_station() -> None:
     real = {"arm.driver": "ur", "arm.ur.host": "127.0.0.9"}
     with pytest.raises(ConfigurationError, match="--station"):
-        read_scan_job(WHOLE, real).jobs_by_station  # noqa: B018
-    assert len(read_scan_job(WHOLE, real).job_of_station("left").jobs_by_station) == 1
+        read_scan_job(WHOLE, real).jobs_at_stations  # noqa: B018
+    assert len(read_scan_job(WHOLE, real).job_at_station("left").jobs_at_stations) == 1
 
 
 def test_the_doctor_looks_at_every_station(capsys: pytest.CaptureFixture[str]) -> None:
@@ -283,8 +283,8 @@ def test_a_calibration_is_made_at_one_station(
     assert tjscan("calibrate", file, "--unattended", "--out", out) == 2
     assert "choose one with --station: left, right" in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
-    job = read_calibration_job(file).job_of_station("right")
-    assert job.stations == ("right",)
+    job = read_calibration_job(file).job_at_station("right")
+    assert job.station_names == ("right",)
     np.testing.assert_allclose(
-        job.T_w_b, read_scan_job(WHOLE).job_of_station("right").T_w_b, atol=SAME
+        job.T_w_b, read_scan_job(WHOLE).job_at_station("right").T_w_b, atol=SAME
     )

@@ -21,10 +21,10 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.result.directions import line_directions
+from tjscan.result.directions import tangents_along_line
 from tjscan.result.directory import job_label_of_run
 from tjscan.result.document import DOCUMENT
-from tjscan.result.export import export_run, sorted_by_azimuth
+from tjscan.result.export import export_run, sort_sections_by_azimuth
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
 
@@ -103,7 +103,7 @@ def test_nine_directions_of_ten_are_as_right_as_promised(
         at = np.searchsorted(along, np.arange(start, start + 0.4 * along[-1], step))
         seen = line[at] + rng.normal(scale=50e-6, size=(len(at), 3))
         directions = truth[at] / np.linalg.norm(truth[at], axis=1, keepdims=True)
-        off.append(np.degrees(between(directions, line_directions(seen, directions))))
+        off.append(np.degrees(between(directions, tangents_along_line(seen, directions))))
     assert np.percentile(np.concatenate([one[2:-2] for one in off]), 90) < inside
     assert np.percentile([one[[0, -1]] for one in off], 90) < at_ends
 
@@ -234,7 +234,7 @@ def test_weldx_reads_the_frames_again(run: Path, tmp_path: Path) -> None:
     weldx = pytest.importorskip("weldx", reason="the extra tjscan[weldx] is not installed")
     file = tmp_path / "groove.weldx"
     assert tjscan("export", run, "--to", "weldx", "--units", "m", "--out", file) == 0
-    sections = sorted_by_azimuth(read_sections_csv(run / "sections.csv"))
+    sections = sort_sections_by_azimuth(read_sections_csv(run / "sections.csv"))
     with weldx.WeldxFile(file, mode="r") as made:
         assert made["groove"]["provenance"]["length"] == "m"
         frames = made["coordinate_systems"]
@@ -258,7 +258,7 @@ def test_every_file_of_a_run_says_where_it_comes_from(run: Path) -> None:
     copied = (run / "job.toml").read_text(encoding="utf-8")
     cloud = (run / "groove.ply").read_bytes().split(b"end_header")[0].decode()
     for text, mark, frame in ((table, "#", "j"), (copied, "#", "b"), (cloud, "comment", "j")):
-        found = Provenance.read(text, mark)
+        found = Provenance.from_comment_lines(text, mark)
         assert found is not None
         assert (found.job, found.frame, found.length) == (job, frame, "mm")
     stated = read_summary(run / "summary.json").provenance

@@ -96,8 +96,11 @@ def test_json_holds_each_field_in_the_unit_that_it_states(
 @LENGTHS
 def test_every_format_says_where_it_comes_from(length: LengthUnit) -> None:
     stated = provenance(length)
-    assert Provenance.read(sections_to_csv(SECTIONS, stated), "#") == stated
-    assert Provenance.read(sections_to_ply(SECTIONS, stated).decode(), "comment") == stated
+    assert Provenance.from_comment_lines(sections_to_csv(SECTIONS, stated), "#") == stated
+    assert (
+        Provenance.from_comment_lines(sections_to_ply(SECTIONS, stated).decode(), "comment")
+        == stated
+    )
     found = document(length)["provenance"]
     assert (found["program"], found["job"]) == (stated.program, stated.job)
     assert (found["frame"], found["length"], found["angle"]) == ("j", length, "deg")
@@ -159,7 +162,7 @@ def test_each_column_stands_once() -> None:
 
 def test_an_unknown_azimuth_is_left_empty() -> None:
     sections = [a_section(1, azimuth=float("nan")), a_section(2)]
-    assert BY_NAME["azimuth"].printed_columns(sections)[0] == [""]
+    assert BY_NAME["azimuth"].formatted_columns(sections)[0] == [""]
     text = sections_to_json(sections, ORIGIN, "run", "known")
     assert json.loads(text)["sections"][0]["azimuth"] is None
 

@@ -151,7 +151,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_a_table_says_where_it_comes_from(tmp_path: Path) -> None:
     text = written(tmp_path / "sections.csv", [a_section(1)]).read_text(encoding="utf-8")
-    assert Provenance.read(text, "#") == ORIGIN
+    assert Provenance.from_comment_lines(text, "#") == ORIGIN
     assert all(line.startswith("# ") for line in text.splitlines()[:ABOVE])
     assert text.splitlines()[ABOVE].startswith("index,station,")
 

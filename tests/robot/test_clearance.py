@@ -16,7 +16,7 @@ from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
 from tjscan.job import read_scan_job
-from tjscan.job.cell import clearance_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, ClearPathPlanner
 from tjscan.robot.collision import SEEN, CollisionModel, check_ignored_links
@@ -419,7 +419,7 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
     solids = [*table_to_dict(job)["clearance"]["solid"], CLAMP]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     notes = Notes()
-    cell = RunContext(job, PAPER).cell()
+    cell = RunContext(job, PAPER).make_cell()
     result = scan_in_cell(cell, job, notes)
     assert result.stop is StopReason.UNREACHABLE
     assert "clamp" in result.detail
@@ -443,7 +443,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
     solids = [*table_to_dict(job)["clearance"]["solid"], crate]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
     notes = Notes()
-    scan_in_cell(RunContext(job, PAPER).cell(), job, notes)
+    scan_in_cell(RunContext(job, PAPER).make_cell(), job, notes)
     (name, detail), *_ = notes.events
     assert name == "detour"
     assert detail.startswith("round crate, 50 mm back, across in joint space and forward: ")
@@ -451,9 +451,9 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
 
 def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     job = read_scan_job(PAPER, {"scan.sections": 3})
-    cell = RunContext(job, PAPER).cell()
+    cell = RunContext(job, PAPER).make_cell()
     result = scan_in_cell(cell, job, Notes())
-    fresh = clearance_of_job(job)
+    fresh = clear_path_planner_of_job(job)
     q = result.views[-1].q
     before = {pair.other for pair in fresh._model.pairs}
     ScannedSurfaceObstacle(fresh, result.sections)

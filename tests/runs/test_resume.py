@@ -17,7 +17,7 @@ from command import tjscan
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.files import sole_writer
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.recording.writer import recording_files
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -292,7 +292,7 @@ def test_a_scan_killed_between_two_renames_goes_on(
 
 
 def test_a_run_in_the_making_belongs_to_who_makes_it(tmp_path: Path) -> None:
-    with sole_writer(tmp_path):
+    with lock_and_clean_directory(tmp_path):
         assert tjscan("scan", PAPER, "--out", tmp_path, "--scan.sections", "3") == 1
     assert not list(tmp_path.iterdir())
 
@@ -306,12 +306,12 @@ def test_files_that_no_scan_left_are_not_written_over(tmp_path: Path) -> None:
 
 def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:
     with (
-        sole_writer(tmp_path),
+        lock_and_clean_directory(tmp_path),
         pytest.raises(RecordingError, match="another process"),
-        sole_writer(tmp_path),
+        lock_and_clean_directory(tmp_path),
     ):
         pass
-    with sole_writer(tmp_path):
+    with lock_and_clean_directory(tmp_path):
         pass  # it was let go
 
 

@@ -124,10 +124,10 @@ def cut(station: Path, share: float = 0.6) -> None:
 
 def test_each_station_leaves_a_run_directory_of_its_own(whole: Path) -> None:
     assert {"job.toml", "joint.toml", "left", "right"} <= {file.name for file in whole.iterdir()}
-    assert read_scan_job(whole / "job.toml").stations == ("left", "right")
+    assert read_scan_job(whole / "job.toml").station_names == ("left", "right")
     for name in ("left", "right"):
         assert {file.name for file in (whole / name).iterdir()} == STATION_FILES
-        assert read_scan_job(whole / name / "job.toml") == quick().job_of_station(name).model_copy(
+        assert read_scan_job(whole / name / "job.toml") == quick().job_at_station(name).model_copy(
             update={"joint": read_scan_job(whole / name / "job.toml").joint}
         )
         summary = read_summary(whole / name / "summary.json")
@@ -158,10 +158,10 @@ def test_between_stations_somebody_is_asked(story: Story) -> None:
 
 def test_who_says_no_stops_before_the_next_station_and_goes_on_later(story: Story) -> None:
     left, right = story.refused
-    assert left.done
+    assert left.is_complete
     assert right.summary is None
     assert not story.begun
-    assert all(scan.done for scan in story.done)
+    assert all(scan.is_complete for scan in story.done)
     assert story.scanned == (["left"], ["right"])
 
 
@@ -170,7 +170,7 @@ def test_a_request_to_stop_begins_no_other_station(tmp_path: Path) -> None:
     stop.request_stop_after_section()
     context = RunContext(quick(), WHOLE, stop=stop)
     left, right = run_stations(context, tmp_path / "run", Asked(True), Watched())
-    assert not left.done
+    assert not left.is_complete
     assert right.summary is None
 
 
@@ -179,7 +179,7 @@ def test_what_is_missing_is_scanned_and_what_is_done_stays(run: Path) -> None:
     cut(run / "right")
     asked, watched = Asked(True), Watched()
     scans = resume_stations(in_directory(run), {}, asked, watched)
-    assert all(scan.done for scan in scans)
+    assert all(scan.is_complete for scan in scans)
     assert watched.names == ["right"]
     assert asked.questions == []  # it was cut short there, and what moved would be seen
     assert [file.name for file in recording_files(run / "right")] == ["scan.mcap", "scan-2.mcap"]
@@ -199,7 +199,7 @@ def test_one_station_of_a_run_is_gone_on_with(run: Path) -> None:
     left, right = resume_stations(in_directory(run), {}, Asked(True), watched, "right")
     assert watched.names == ["right"]
     assert left.summary is None
-    assert right.done
+    assert right.is_complete
 
 
 def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
@@ -222,21 +222,23 @@ def test_a_failed_station_leaves_the_others_whole_and_can_be_taught_anew(
     data = read_toml(job)
     data["station"][1]["first"] = good
     job.write_text(tomli_w.dumps(data), encoding="utf-8")
-    assert all(scan.done for scan in resume_stations(in_directory(out), {}, Asked(True), Watched()))
+    assert all(
+        scan.is_complete for scan in resume_stations(in_directory(out), {}, Asked(True), Watched())
+    )
     assert (out / "right.1" / "scan.mcap").exists()
 
 
 def test_teaching_a_station_changes_its_pose_alone(tmp_path: Path) -> None:
     file = written(tmp_path, data_of(WHOLE))
     old = read_scan_job(file)
-    T = old.job_of_station("right").start_poses[1].T
+    T = old.job_at_station("right").start_poses[1].T
     stands = pose(T[:3, :3] @ rot_y(0.01), T[:3, 3] + (0.002, -0.003, 0.001))
     q = Kinematics.load("ur10e").inverse(stands, near=np.radians((32, 181, 58, -67, -96, 32)))
     home = json.dumps(np.degrees(q).tolist())
     key = "--simulation.station.right.home-deg"
     assert tjscan("teach", file, "--station", "right", "--which", "second", key, home) == 0
     new = read_scan_job(file)
-    np.testing.assert_allclose(new.job_of_station("right").start_poses[1].T, stands, atol=1e-5)
+    np.testing.assert_allclose(new.job_at_station("right").start_poses[1].T, stands, atol=1e-5)
     assert new.station[0] == old.station[0]
     assert new.station[1].first == old.station[1].first
     assert tjscan("teach", file, "--which", "second") == 2  # at which?

@@ -25,8 +25,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the runs of both stations of the example."""
     folder = tmp_path_factory.mktemp("stations")
     job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
-    for name in job.stations:
-        run_scan(RunContext(job.job_of_station(name), EXAMPLE), folder / name)
+    for name in job.station_names:
+        run_scan(RunContext(job.job_at_station(name), EXAMPLE), folder / name)
     return folder
 
 
@@ -73,7 +73,7 @@ def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_pa
     assert job.joint is not None
     whole, out = tmp_path / "whole", tmp_path / "again"
     make_run_directory(whole, job, EXAMPLE, joint=EXAMPLE.parent / job.joint.file)
-    for name in job.stations:
+    for name in job.station_names:
         shutil.copytree(runs / name, whole / name)
     assert tjscan("reprocess", whole, "--out", out, "--groove.noise-mm", "0.06") == 0
     assert "noise_mm = 0.06" in (out / "left" / "job.toml").read_text()
@@ -86,8 +86,8 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = read_scan_job(EXAMPLE, {"scan.sections": 6})
-    run_scan(RunContext(job.job_of_station("right"), EXAMPLE), tmp_path / "right")
-    left = read_scan_job(EXAMPLE, {"scan.sections": 6}).job_of_station("left")
+    run_scan(RunContext(job.job_at_station("right"), EXAMPLE), tmp_path / "right")
+    left = read_scan_job(EXAMPLE, {"scan.sections": 6}).job_at_station("left")
     run_scan(RunContext(left, EXAMPLE), tmp_path / "left")
     out = tmp_path / "stitched"
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1

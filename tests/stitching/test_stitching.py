@@ -24,7 +24,7 @@ from tjscan.core.frames import (
 )
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.runs.stitching_report import stitching_report
+from tjscan.runs.stitching_report import build_stitching_report
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import StitchSettings
@@ -252,7 +252,7 @@ def test_sections_come_by_azimuth_each_place_once_and_fused_ones_are_surer() -> 
 
 def test_what_is_told_is_in_millimetres_and_degrees() -> None:
     stitched, _ = simulated(PAPERS, LEFT_RIGHT)
-    told = stitching_report(stitched, {"left": "left"})
+    told = build_stitching_report(stitched, {"left": "left"})
     assert told.brace_diameter_mm == pytest.approx(457.2, abs=0.3)
     assert told.angle_deg == pytest.approx(90, abs=0.05)
     left, right = told.stations

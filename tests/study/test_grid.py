@@ -43,10 +43,10 @@ def test_a_study_expands_to_the_same_trials_each_time(expand: Expand) -> None:
         "grid": {"joint.brace.wall_mm": [16.0, 25.4]},
     }
     first, second = expand(**tables), expand(**tables)
-    assert [trial.key for trial in first] == [trial.key for trial in second]
-    assert len({trial.key for trial in first}) == 4
-    assert [Trial.from_json(trial.to_json()).key for trial in first] == [
-        trial.key for trial in first
+    assert [trial.hash_key for trial in first] == [trial.hash_key for trial in second]
+    assert len({trial.hash_key for trial in first}) == 4
+    assert [Trial.from_json_line(trial.to_json_line()).hash_key for trial in first] == [
+        trial.hash_key for trial in first
     ]
 
 

@@ -15,7 +15,7 @@ from tjscan.study.file import read_study_file
 from tjscan.study.grid import trials_of_study
 from tjscan.study.row import LOST_WORKER, StudyRow
 from tjscan.study.run import run_study, run_trial
-from tjscan.study.schedule import DaskScheduler, FinishedTask, LostTask
+from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask
 from tjscan.study.store import ROWS, make_study_directory, read_rows
 from tjscan.study.trial import Trial
 
@@ -88,7 +88,7 @@ def test_a_failed_scan_is_a_row_with_its_reason(rows: tuple[StudyRow[Any], ...])
 
 
 def test_a_row_comes_back_from_its_line(rows: tuple[StudyRow[Any], ...]) -> None:
-    assert tuple(StudyRow.from_json(row.to_json(), ScanOutcome) for row in rows) == rows
+    assert tuple(StudyRow.from_json_line(row.to_json_line(), ScanOutcome) for row in rows) == rows
 
 
 def test_an_interrupted_study_goes_on_to_the_same_table(
@@ -100,11 +100,11 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
     # The machine lost power in the middle of a line.
     with (tmp_path / "s" / ROWS).open("a") as file:
-        file.write(rows[3].to_json()[:50])
+        file.write(rows[3].to_json_line()[:50])
     rest = Here()
     assert timeless(run_study(tmp_path / "s", rest, ignore)) == rows
     assert rest.made == len(rows) - 2
-    assert set(read_rows(tmp_path / "s", trials)) == {trial.key for trial in trials}
+    assert set(read_rows(tmp_path / "s", trials)) == {trial.hash_key for trial in trials}
     again = Here()
     assert timeless(run_study(tmp_path / "s", again, ignore)) == rows
     assert again.made == 0
@@ -119,9 +119,9 @@ def test_processes_change_nothing(
 
 
 def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
-    def losing(work: object, trials: object) -> Generator[LostTask[Trial]]:
+    def losing(work: object, trials: object) -> Generator[CrashedTask[Trial]]:
         assert isinstance(trials, list)
-        yield from (LostTask(trial, "its process died") for trial in trials)
+        yield from (CrashedTask(trial, "its process died") for trial in trials)
 
     make_study_directory(tmp_path / "s", trials[:1])
     (row,) = run_study(tmp_path / "s", losing, ignore)

@@ -19,7 +19,7 @@ from tjscan.study.file import StudyFile
 from tjscan.study.grid import trials_of_study
 from tjscan.study.row import StudyRow
 from tjscan.study.run import run_trial
-from tjscan.study.schedule import DaskScheduler, FinishedTask, LostTask, check_study_packages
+from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask, check_study_packages
 from tjscan.study.trial import Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -104,7 +104,7 @@ def test_workers_with_another_version_are_refused(
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_process_costs_its_own_task(workers: int) -> None:
     ended = list(DaskScheduler(workers)(double_or_die, [0, 1, 2, 3, 4, 5]))
-    assert [e.task for e in ended if isinstance(e, LostTask)] == [1]
+    assert [e.task for e in ended if isinstance(e, CrashedTask)] == [1]
     assert {e.task: e.result for e in ended if isinstance(e, FinishedTask)} == {
         0: 0,
         2: 4,

@@ -86,7 +86,7 @@ def scan_example(
 ) -> ScanResult:
     """Scan an example with keys replaced, its laser heard `through` another one."""
     job = read_scan_job(file, overrides)
-    with RunContext(job, file).cell() as cell:
+    with RunContext(job, file).make_cell() as cell:
         scanner = Scanner(
             ScanSetup(cell.arm, through(cell.laser), cell.T_f_s, read),
             job.scan,
@@ -130,7 +130,7 @@ def calibration_file(file: Path) -> Path:
             "residuals": [],
         },
     )
-    write_calibration(file, found, Provenance.written_now("calibrate.toml", "f"))
+    write_calibration(file, found, Provenance.for_file_written_now("calibrate.toml", "f"))
     return file
 
 

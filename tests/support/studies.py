@@ -30,4 +30,4 @@ def expand_in(folder: Path) -> Expand:
 
 
 def settings_of(trial: Trial) -> StudyScanSettings:
-    return StudyScanSettings.from_json(trial.settings)
+    return StudyScanSettings.from_json_text(trial.settings)

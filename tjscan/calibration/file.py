@@ -12,9 +12,9 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.core.config import FileModel, read_toml, validate_table
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
@@ -35,7 +35,7 @@ FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 """From metres and radians to the file's millimetres and degrees."""
 
 
-class ResidualEntry(FileModel):
+class ResidualEntry(StrictFileModel):
     """One line; see `tjscan.calibration.hand_eye.SampleResidual`."""
 
     name: str
@@ -47,7 +47,7 @@ class ResidualEntry(FileModel):
     turn_deg: float
 
 
-class VerificationEntry(FileModel):
+class VerificationEntry(StrictFileModel):
     """A fresh line; see `tjscan.calibration.verify.Verification`."""
 
     offset_mm: float
@@ -58,7 +58,7 @@ class VerificationEntry(FileModel):
     limit: float
 
 
-class CalibrationFile(FileModel):
+class CalibrationFile(StrictFileModel):
     """One calibration.
 
     `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees.
@@ -206,8 +206,8 @@ def write_calibration(file: Path, calibration: CalibrationFile, provenance: Prov
     RecordingError
         If it can't be written; what stood there before then still does.
     """
-    text = provenance.lines("#") + tomli_w.dumps(calibration.model_dump(exclude_none=True))
-    with atomic_directory(file.parent) as draft:
+    text = provenance.comment_lines("#") + tomli_w.dumps(calibration.model_dump(exclude_none=True))
+    with write_files_atomically(file.parent) as draft:
         (draft / file.name).write_text(text, encoding="utf-8")
 
 

@@ -9,11 +9,11 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt
 
-from tjscan.core.units import COLUMNS, DEG, MM, Settings
+from tjscan.core.units import COLUMNS, DEG, MM, SettingsTable
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseModel(Settings):
+class NoiseModel(SettingsTable):
     """Standard deviations of independent, normally distributed errors.
 
     **The defaults are assumptions**: a line laser of the 100 mm class on a calibrated arm.

@@ -44,7 +44,7 @@ class Operator(Protocol):
         """Receive a message about what happened."""
         ...
 
-    def show(self, progress: CalibrationProgress) -> None:
+    def show_progress(self, progress: CalibrationProgress) -> None:
         """Show how far the calibration has come, after each line."""
         ...
 
@@ -61,5 +61,5 @@ class SilentOperator:
     def report(self, message: str) -> None:
         """Let it pass."""
 
-    def show(self, progress: CalibrationProgress) -> None:
+    def show_progress(self, progress: CalibrationProgress) -> None:
         """Show nothing."""

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from tjscan.core.registry import Task
+from tjscan.core.registry import TaskPlugin
 
-TASK: Final = Task("calibrate", report="tjscan.runs.calibration_report:calibration_chapter")
+TASK: Final = TaskPlugin("calibrate", report="tjscan.runs.calibration_report:calibration_chapter")

@@ -16,7 +16,11 @@ from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
-from tjscan.recording.foxglove import frame_transforms_message, profile_from_cloud, profile_to_cloud
+from tjscan.recording.foxglove import (
+    frame_transforms_message,
+    profile_from_cloud_message,
+    profile_to_cloud_message,
+)
 from tjscan.recording.json_numbers import pose_from_list, pose_to_list
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import (
@@ -160,7 +164,7 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[A
         case SkippedPose():
             return ((SKIPPED_TOPIC, entry),)
         case LaserLineTaken(shot):
-            cloud = profile_to_cloud(time, shot.profile)
+            cloud = profile_to_cloud_message(time, shot.profile)
             return ((LINE_TOPIC, entry), (PROFILE_TOPIC, cloud), _flange(time, shot.T_b_f))
 
 
@@ -196,7 +200,10 @@ def _complete(file: Path, line: LaserLineTaken | None, cloud: PointCloud) -> Las
         if line is None:
             raise ValueError("a profile without a line")
         return replace(
-            line, posed_profile=replace(line.posed_profile, profile=profile_from_cloud(cloud, 0.0))
+            line,
+            posed_profile=replace(
+                line.posed_profile, profile=profile_from_cloud_message(cloud, 0.0)
+            ),
         )
     except (KeyError, ValueError) as error:
         raise RecordingError(f"{file}: is damaged: {error!r}") from error

@@ -145,7 +145,7 @@ class CalibrationWizard:
             progress = current_progress(self.task, self.measured, target)
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
-                self.operator.show(progress)
+                self.operator.show_progress(progress)
             if self.measured.verification_profile is not None or not self._wants_more(progress):
                 if progress.result is None:
                     raise progress.refusal or CalibrationRefused("no lines", "none were taken")

@@ -78,8 +78,8 @@ EXIT_CODES: dict[type[TjscanError], int] = {
 """What each branch of the error tree ends with; 1 for the rest."""
 
 
-def exit_code(error: TjscanError) -> int:
-    """What the program ends with after an error."""
+def exit_code_of_error(error: TjscanError) -> int:
+    """Exit code of the program after an error."""
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
 
 
@@ -94,7 +94,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
         sys.exit(2)
     except TjscanError as error:
         print(f"tjscan: {message_with_notes(error)}", file=sys.stderr)
-        sys.exit(exit_code(error))
+        sys.exit(exit_code_of_error(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough
     except KeyboardInterrupt:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
+from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
 from tjscan.core.errors import ConfigurationError
 
 
@@ -20,7 +20,7 @@ def calibrate(
     unattended: bool = False,
     resume: Path | None = None,
     json: bool = False,
-    recorded: RecordedOptions | None = None,
+    recorded: RecordedProfileOptions | None = None,
 ) -> None:
     """Find the pose of the sensor on the flange, in the cell of a job or from recorded profiles.
 
@@ -41,7 +41,7 @@ def calibrate(
     json
         Print the calibration as JSON on stdout.
     """
-    given = [] if recorded is None else recorded.given
+    given = [] if recorded is None else recorded.given_option_names
     if [job is not None, resume is not None, bool(given)].count(True) != 1:
         raise ConfigurationError(
             "calibrate takes either a job file, or --resume with a directory, or recorded "
@@ -78,7 +78,7 @@ def _start(
 
     keys = parse_overrides(overrides)
     with add_file_to_errors(file):
-        job = read_calibration_job(file, keys).job_of_station(station)
+        job = read_calibration_job(file, keys).job_at_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.calibration_output import print_calibration
     from tjscan.cli.operators import choose_operator

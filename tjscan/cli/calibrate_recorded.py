@@ -17,7 +17,7 @@ from tjscan.calibration.recorded import pair_profiles_with_poses, read_points, r
 from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane, plane_stated_beforehand
 from tjscan.cli.calibration_output import print_calibration
 from tjscan.cli.console import print_message
-from tjscan.cli.recorded_options import RecordedOptions, comma_separated_options
+from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
@@ -31,7 +31,7 @@ NOISE: Final = ("range_mm", "correlation_columns", "position_mm", "rotation_deg"
 UNNAMED: Final = "unnamed"
 
 
-def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool) -> None:
+def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, json: bool) -> None:
     """Calibrate from recorded profiles, report, and write ``calibration.toml``.
 
     Raises
@@ -56,7 +56,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         laser=options.laser_id or UNNAMED,
         date=datetime.now(UTC).replace(microsecond=0),
     )
-    write_calibration(file, found, Provenance.written_now(options.lines.name, "f"))
+    write_calibration(file, found, Provenance.for_file_written_now(options.lines.name, "f"))
     print_calibration(SavedCalibration(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         print_message(
@@ -64,7 +64,7 @@ def calibrate_recorded(options: RecordedOptions, out: Path | None, *, json: bool
         )
 
 
-def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProfile]:
+def _shots(options: RecordedProfileOptions, lines: Path, poses: Path) -> list[PosedProfile]:
     # Heights count as they stand: where the sensor's origin lies is what is calibrated.
     invalid = tuple(options.invalid or ())
     form = ProfileFormat(options.units, options.pitch, invalid, z_offset=0.0)
@@ -74,15 +74,15 @@ def _shots(options: RecordedOptions, lines: Path, poses: Path) -> list[PosedProf
     return pair_profiles_with_poses(table.profiles, read_poses(poses), poses)
 
 
-def _noise(options: RecordedOptions) -> NoiseModel:
+def _noise(options: RecordedProfileOptions) -> NoiseModel:
     stated = {name: getattr(options, name) for name in NOISE}
     return validate_table(NoiseModel, {k: v for k, v in stated.items() if v is not None})
 
 
 def _target(
-    options: RecordedOptions, shots: list[PosedProfile], noise: NoiseModel
+    options: RecordedProfileOptions, shots: list[PosedProfile], noise: NoiseModel
 ) -> PlaneTarget | BallTarget | None:
-    given = [name for name in options.given if name in TARGETS]
+    given = [name for name in options.given_option_names if name in TARGETS]
     if len(given) != 1:
         raise ConfigurationError(
             f"what the laser looked at takes one of {comma_separated_options(TARGETS)} "

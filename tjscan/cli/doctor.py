@@ -27,7 +27,7 @@ def doctor(
     """
     from json import dumps
 
-    from tjscan.cli import exit_code
+    from tjscan.cli import exit_code_of_error
     from tjscan.cli.overrides import parse_overrides
     from tjscan.runs.doctor import check_job_and_cell
 
@@ -35,11 +35,11 @@ def doctor(
     for finding in check_job_and_cell(job, parse_overrides(overrides), station):
         findings.append(finding)
         if not json:
-            mark = "ok   " if finding.sound else "WRONG"
+            mark = "ok   " if finding.passed else "WRONG"
             print(f"{mark} {finding.what}: {' '.join(finding.detail.split())}", flush=True)
     if json:
-        rows = [{"what": f.what, "sound": f.sound, "detail": f.detail} for f in findings]
+        rows = [{"what": f.what, "sound": f.passed, "detail": f.detail} for f in findings]
         print(dumps(rows, indent=2))
-    codes = {exit_code(finding.error) for finding in findings if finding.error is not None}
+    codes = {exit_code_of_error(finding.error) for finding in findings if finding.error is not None}
     # A configuration comes first: nothing runs before it is right.
     raise SystemExit(2 if 2 in codes else max(codes, default=0))

@@ -35,7 +35,7 @@ def groove(
         check_plot_path,
         draw_readings_png,
         print_readings,
-        suggest_sign,
+        suggest_height_sign,
     )
     from tjscan.result.readings import read_grooves
 
@@ -47,5 +47,5 @@ def groove(
     if plot is not None:
         draw_readings_png(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):
-        suggest_sign(table.profiles, settings)
+        suggest_height_sign(table.profiles, settings)
         raise SystemExit(1)

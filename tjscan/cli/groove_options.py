@@ -42,8 +42,8 @@ class ProfileFileOptions:
     z_offset: float | None = None
 
     @property
-    def form(self) -> ProfileFormat:
-        """The same for the reader of files."""
+    def profile_format(self) -> ProfileFormat:
+        """The options as the format that the reader of profile files takes."""
         invalid = tuple(self.invalid or ())
         return ProfileFormat(self.units, self.pitch, invalid, self.z_scale, self.z_offset)
 
@@ -106,7 +106,7 @@ def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> Fil
 
     o = options or ProfileFileOptions()
     is_run = (file / JOB).is_file()
-    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.form)
+    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.profile_format)
     print_bad_rows(file, table.bad)
     for note in table.notes:
         print_message(f"{file}: {note}")

@@ -10,7 +10,7 @@ from typing import Final
 
 from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.files import flip_heights
 from tjscan.laser.profile import Profile
@@ -53,8 +53,8 @@ def print_readings(readings: Sequence[ProfileReading], bad: Sequence[str], *, js
         print(f"{reading.name}: {', '.join([*values, f'x, z in mm {corners}'])}")
 
 
-def suggest_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
-    """Print on stderr whether profiles that show no groove show one with heights turned round."""
+def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
+    """Print on stderr if profiles without a groove show one once their heights change sign."""
     few = dict(islice(profiles.items(), TRIED_TURNED))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in read_grooves(turned, settings))
@@ -75,8 +75,8 @@ def draw_readings_png(
     plot: Path, readings: Sequence[ProfileReading], settings: GrooveSettings
 ) -> None:
     """Draw the profiles with their fitted grooves into a PNG."""
-    from tjscan.result.picture import draw_read_profiles, write_png
+    from tjscan.result.picture import draw_profiles_with_fits, write_png
 
-    with atomic_directory(plot.parent) as draft:
-        write_png(draft / plot.name, draw_read_profiles(readings, settings))
+    with write_files_atomically(plot.parent) as draft:
+        write_png(draft / plot.name, draw_profiles_with_fits(readings, settings))
     print_message(f"drawn in {plot}")

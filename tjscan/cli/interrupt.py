@@ -18,8 +18,8 @@ INTERRUPTED: Final = 130
 
 
 @contextmanager
-def stopped_by_ctrl_c() -> Iterator[StopRequest]:
-    """Give a request that Ctrl-C makes, while the block runs.
+def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
+    """While the block runs, Ctrl-C asks a scan to stop by the request that this gives.
 
     Outside a scan, and from the third time on, Ctrl-C interrupts as ever. A handler of signals
     must wait for nothing, and writing or stopping an arm may wait: a thread of its own does that.

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 class PrintOnlyOperator(SilentOperator):
-    """Nobody answers; what happens is printed."""
+    """Operator without a person: prints what happens, and answers with each question's default."""
 
     def report(self, message: str) -> None:
-        """Print what happened."""
+        """Print a message about what happened."""
         print_message(message)
 
-    def show(self, progress: CalibrationProgress) -> None:
+    def show_progress(self, progress: CalibrationProgress) -> None:
         """Print the uncertainty of the calibration so far."""
         sure, lines = progress.uncertainty, len(progress.samples)
         how = f"standard uncertainty {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"
@@ -41,12 +41,12 @@ class PrintOnlyOperator(SilentOperator):
 
 
 def choose_operator(*, unattended: bool) -> Operator:
-    """Who watches a calibration; raises ConfigurationError if there is no terminal to ask at."""
+    """Choose who watches a calibration; ConfigurationError if there is no terminal to ask at."""
     return PrintOnlyOperator() if unattended else TerminalOperator()
 
 
 class TerminalOperator(PrintOnlyOperator):
-    """Asks a person.
+    """Operator who is asked at the terminal.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class TerminalOperator(PrintOnlyOperator):
         self._trusted = False
 
     def confirm(self, question: Question) -> bool:
-        """Ask yes or no; for moves there is also a yes to all that follow.
+        """Ask yes or no at the terminal; for moves there is also a yes to all that follow.
 
         Raises
         ------

@@ -11,7 +11,7 @@ from tjscan.core.errors import ConfigurationError
 
 
 def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
-    """Turn option tokens into dotted keys and TOML values; a bare word is a string.
+    """Parse options that override keys of a job file into dotted keys and values.
 
     The path of a file counts from the working directory, as everywhere on a command line.
 

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedOptions:
+class RecordedProfileOptions:
     """Options for recorded profiles.
 
     Parameters
@@ -72,12 +72,12 @@ class RecordedOptions:
     laser_id: str | None = None
 
     @property
-    def given(self) -> list[str]:
+    def given_option_names(self) -> list[str]:
         """Names of the options that are given."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return [name for name, value in values.items() if value is not None and value is not False]
 
 
 def comma_separated_options(names: Iterable[str]) -> str:
-    """Options as they are typed, between commas."""
+    """Options as they are typed, joined by commas."""
     return ", ".join("--" + name.replace("_", "-") for name in names)

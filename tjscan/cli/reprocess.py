@@ -30,8 +30,8 @@ def reprocess(
     """
     from tjscan.cli.console import print_message
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.scan_output import print_scan
-    from tjscan.cli.stitching_output import print_stitching
+    from tjscan.cli.scan_output import print_scan_summary
+    from tjscan.cli.stitching_output import print_stitched_groove
     from tjscan.report.write import write_run_report
     from tjscan.runs.reprocess import reprocess_run as read_again
 
@@ -40,9 +40,9 @@ def reprocess(
         for index, error in one.lost.items():
             print_message(f"section {index}: {error}")
     if done.stitched is not None:
-        print_stitching(done.stitched, done.directory, json=json)
+        print_stitched_groove(done.stitched, done.directory, json=json)
         return
     for one in done.stations:
-        print_scan(one.summary, one.directory, json=json)
+        print_scan_summary(one.summary, one.directory, json=json)
     if any(one.lost for one in done.stations):
         raise SystemExit(1)

@@ -52,13 +52,13 @@ def scan(
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.scan_modes import check_only, resume_interrupted_scan, start_new_scan
+    from tjscan.cli.scan_modes import check_job_only, resume_interrupted_scan, start_new_scan
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
     if resume:
         resume_interrupted_scan(parsed, file, keys, station, json=json)
     elif dry_run:
-        check_only(parsed, file, station)
+        check_job_only(parsed, file, station)
     else:
         start_new_scan(parsed, file, out, station, json=json)

@@ -11,10 +11,10 @@ from pydantic_core import to_json
 
 from tjscan.calibration.operator import SilentOperator
 from tjscan.cli.console import print_message
-from tjscan.cli.interrupt import INTERRUPTED, stopped_by_ctrl_c
+from tjscan.cli.interrupt import INTERRUPTED, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
-from tjscan.cli.scan_output import print_scan, scan_progress
-from tjscan.cli.stitching_output import print_stitching
+from tjscan.cli.scan_output import print_scan_summary, scan_progress_bar
+from tjscan.cli.stitching_output import print_stitched_groove
 from tjscan.core.config import add_file_to_errors
 from tjscan.job import ScanJob
 from tjscan.report.write import write_run_report
@@ -27,8 +27,8 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
 
 
-def check_only(job: ScanJob, file: Path, station: str | None) -> None:
-    """Check a job and the way to its taught poses."""
+def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
+    """Check a job and the way to its taught poses, without a scan."""
     scan.check_scan_job(RunContext(_at(job, file, station), file))
     print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
 
@@ -36,14 +36,14 @@ def check_only(job: ScanJob, file: Path, station: str | None) -> None:
 def start_new_scan(
     job: ScanJob, file: Path, out: Path | None, station: str | None, *, json: bool
 ) -> None:
-    """Scan into a directory that is made for it."""
+    """Scan into a new directory that is made for it."""
     job = _at(job, file, station)
     directory = out or default_run_directory(file, station)
     if len(job.station) > 1:
-        attendant = _attendant(job)
-        with stopped_by_ctrl_c() as stop:
+        operator = _station_operator(job)
+        with stop_request_on_ctrl_c() as stop:
             context = RunContext(job, file, stop=stop, finished=write_run_report)
-            scans = stations.run_stations(context, directory, attendant, _show)
+            scans = stations.run_stations(context, directory, operator, _show)
         _end_stations(scans, directory, stop, json=json)
         return
     with _watched(job, file) as context:
@@ -54,12 +54,12 @@ def start_new_scan(
 def resume_interrupted_scan(
     job: ScanJob, file: Path, keys: dict[str, Any], station: str | None, *, json: bool
 ) -> None:
-    """Go on in the directory that holds a job's file, with some of its keys replaced."""
+    """Resume an interrupted scan in its directory, with some keys of its job replaced."""
     if len(job.station) > 1:  # each has a directory of its own in this one
-        attendant = _attendant(job)
-        with stopped_by_ctrl_c() as stop:
+        operator = _station_operator(job)
+        with stop_request_on_ctrl_c() as stop:
             context = RunContext(job, file, stop=stop, finished=write_run_report)
-            scans = stations.resume_stations(context, keys, attendant, _show, station)
+            scans = stations.resume_stations(context, keys, operator, _show, station)
         _end_stations(scans, file.parent, stop, json=json)
         return
     with _watched(_at(job, file, station), file) as context:
@@ -71,21 +71,21 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
     if station is None:
         return job
     with add_file_to_errors(file):
-        return job.job_of_station(station)
+        return job.job_at_station(station)
 
 
 @contextmanager
 def _watched(job: ScanJob, file: Path) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
-    with scan_progress(job.scan) as journal, stopped_by_ctrl_c() as stop:
+    with scan_progress_bar(job.scan) as journal, stop_request_on_ctrl_c() as stop:
         yield RunContext(job, file, journal, stop, write_run_report)
 
 
 def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
-    return scan_progress(plan, name)
+    return scan_progress_bar(plan, name)
 
 
-def _attendant(job: ScanJob) -> stations.StationAttendant:
+def _station_operator(job: ScanJob) -> stations.StationOperator:
     """Who confirms that the arm stands at its station: a simulated one is there at once."""
     if job.arm.driver == "simulated":
         return SilentOperator()
@@ -94,7 +94,7 @@ def _attendant(job: ScanJob) -> stations.StationAttendant:
 
 def _end_scan(summary: ScanSummary, directory: Path, stop: StopRequest, *, json: bool) -> None:
     """Print what was scanned, and exit with 130 or 1 where that is not all."""
-    print_scan(summary, directory, json=json)
+    print_scan_summary(summary, directory, json=json)
     if not summary.complete:
         raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
 
@@ -105,10 +105,10 @@ def _end_stations(
     """Stitch what all stations scanned and print it; exit as `_end_scan` does."""
     if all(one.summary is not None for one in scans):
         stitched = stations.stitch_station_runs(directory, write_run_report)
-        print_stitching(stitched, directory, json=json)
+        print_stitched_groove(stitched, directory, json=json)
     else:
         _print_some(scans, json=json)
-    short = [one.name for one in scans if not one.done]
+    short = [one.name for one in scans if not one.is_complete]
     if short:
         print_message(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
         raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
@@ -123,4 +123,4 @@ def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:
     for one in scans:
         print_message(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
         if one.summary is not None:
-            print_scan(one.summary, one.directory, json=False)
+            print_scan_summary(one.summary, one.directory, json=False)

@@ -17,7 +17,7 @@ from tjscan.scanning.section import ScannedSection, View
 
 
 class ProgressJournal:
-    """Shows a scan as it goes.
+    """Journal that shows a scan's progress on the terminal.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ class ProgressJournal:
 
 
 @contextmanager
-def scan_progress(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJournal]:
-    """Show a progress bar while the block runs; gives the journal that moves it on."""
+def scan_progress_bar(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJournal]:
+    """Show a scan's progress bar while the block runs; gives the journal that moves it on."""
     total = plan.sections
     if total is None and plan.length is not None:
         total = 2 + round(plan.length / plan.step)
@@ -53,8 +53,8 @@ def scan_progress(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJ
         yield ProgressJournal(progress, progress.add_task(title, total=total))
 
 
-def print_scan(summary: ScanSummary, directory: Path, *, json: bool) -> None:
-    """Print a finished scan: a table on stderr, or JSON on stdout."""
+def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> None:
+    """Print the summary of a finished scan: a table on stderr, or JSON on stdout."""
     if json:
         print(summary_to_json(summary))
         return

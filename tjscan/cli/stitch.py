@@ -39,7 +39,7 @@ def stitch(
     json
         Print the summary and the stations as JSON on stdout.
     """
-    from tjscan.cli.stitching_output import print_stitching
+    from tjscan.cli.stitching_output import print_stitched_groove
     from tjscan.core.errors import ConfigurationError
     from tjscan.report.write import write_run_report
     from tjscan.runs.directory import default_run_directory
@@ -52,7 +52,7 @@ def stitch(
         )
     settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
     done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
-    print_stitching(done, directory, json=json)
+    print_stitched_groove(done, directory, json=json)
 
 
 def _settings(

@@ -17,7 +17,7 @@ NOTED_MM = 0.05
 """Tubes less out of round than this are not reported."""
 
 
-def print_stitching(done: StitchedRun, directory: Path, *, json: bool) -> None:
+def print_stitched_groove(done: StitchedRun, directory: Path, *, json: bool) -> None:
     """Print a stitched groove on stderr: stations, overlaps, totals; or JSON on stdout."""
     if json:
         found = {"summary": done.summary, "stitching": done.report}

@@ -37,7 +37,7 @@ def study(
     import os
 
     from tjscan.cli.console import print_message
-    from tjscan.cli.study_output import print_study, study_progress
+    from tjscan.cli.study_output import print_study_outcome, study_progress_bar
     from tjscan.core.errors import ConfigurationError
     from tjscan.runs.directory import default_run_directory
     from tjscan.study.file import read_study_file
@@ -59,6 +59,6 @@ def study(
     if not resume:
         make_study_directory(directory, trials)
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
-    with study_progress(len(trials)) as watch:
+    with study_progress_bar(len(trials)) as watch:
         rows = run_study(directory, where, watch)
-    print_study(rows, directory, json=json)
+    print_study_outcome(rows, directory, json=json)

@@ -16,8 +16,8 @@ from tjscan.study.row import StudyRow
 
 
 @contextmanager
-def study_progress(total: int) -> Iterator[Callable[[StudyRow[Any]], None]]:
-    """Show a progress bar while the block runs; gives what moves it on by a row."""
+def study_progress_bar(total: int) -> Iterator[Callable[[StudyRow[Any]], None]]:
+    """Show a study's progress bar while the block runs; gives what moves it on by a row."""
     with progress_bars() as progress:
         progress.columns += (TimeRemainingColumn(),)
         bar = progress.add_task("runs", total=total)
@@ -32,7 +32,7 @@ def study_progress(total: int) -> Iterator[Callable[[StudyRow[Any]], None]]:
         yield watch
 
 
-def print_study(rows: Sequence[StudyRow[Any]], directory: Path, *, json: bool) -> None:
+def print_study_outcome(rows: Sequence[StudyRow[Any]], directory: Path, *, json: bool) -> None:
     """Print how the runs of a study ended, on stderr, or as JSON on stdout."""
     ended = Counter(row.outcome.reason for row in rows)
     complete = sum(row.outcome.complete for row in rows)

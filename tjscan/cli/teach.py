@@ -41,7 +41,7 @@ def teach(
     from tjscan.runs.teach import teach_pose
 
     with add_file_to_errors(job):
-        here = read_scan_job(job, parse_overrides(overrides)).job_of_station(station)
+        here = read_scan_job(job, parse_overrides(overrides)).job_at_station(station)
     taught = teach_pose(here, job, which)
     pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}
     if json:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from tjscan.comparison.compare import Comparison, DeviationDistances
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 
 MOST_MAP_CELLS: Final = (180, 110)
@@ -199,7 +199,7 @@ def write_deviation_map(file: Path, comparison: Comparison) -> None:
     """
     check_map_file(file)
     figure = deviation_map_figure(comparison)
-    with atomic_directory(file.parent) as draft:
+    with write_files_atomically(file.parent) as draft:
         figure.savefig(draft / file.name, dpi=110, format="png")
 
 

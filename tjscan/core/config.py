@@ -13,16 +13,16 @@ from pydantic_core import ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
-from tjscan.core.units import Settings
+from tjscan.core.units import SettingsTable
 
 
-class FileModel(BaseModel):
-    """A table of a configuration file: frozen, strict about types, closed to unknown keys."""
+class StrictFileModel(BaseModel):
+    """Base of the models of configuration files: frozen, strict about types, closed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-M = TypeVar("M", bound=FileModel | Settings)
+M = TypeVar("M", bound=StrictFileModel | SettingsTable)
 
 UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
 """What pydantic calls a key that a table does not have."""
@@ -66,12 +66,12 @@ def read_toml(file: Path) -> dict[str, Any]:
 
 
 def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = None) -> M:
-    """Check `data` against `model`.
+    """Check a table's keys and values against its model and return an instance of it.
 
     Parameters
     ----------
     model : type
-        A `FileModel`, or `Settings`.
+        A `StrictFileModel`, or `SettingsTable`.
     data : mapping
         Keys and values as they stand in the file.
     file : Path, optional
@@ -91,8 +91,8 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         raise ConfigurationError(_explain(model, first), file=file, key=key or None) from None
 
 
-def table_to_dict(table: FileModel | Settings) -> dict[str, Any]:
-    """Keys and values of a table as its file holds them; keys without a value are left out."""
+def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
+    """Convert a table's model to the keys and values of its file; keys without a value left out."""
     found: dict[str, Any] = TypeAdapter(type(table)).dump_python(
         table, mode="json", exclude_none=True
     )
@@ -154,15 +154,15 @@ def _keys_at(model: Any, path: Sequence[str]) -> list[str]:
 
 def _fields(model: Any) -> Mapping[str, Any]:
     """Type of each key of a table."""
-    if issubclass(model, Settings):
+    if issubclass(model, SettingsTable):
         found: Mapping[str, Any] = model.file_key_types()
         return found
     return {name: field.annotation for name, field in model.model_fields.items()}
 
 
-def _tables(hint: Any) -> Iterator[type[FileModel | Settings]]:
+def _tables(hint: Any) -> Iterator[type[StrictFileModel | SettingsTable]]:
     """The tables that stand in a type, however deep."""
-    if isinstance(hint, type) and issubclass(hint, FileModel | Settings):
+    if isinstance(hint, type) and issubclass(hint, StrictFileModel | SettingsTable):
         yield hint
     for part in get_args(hint):
         yield from _tables(part)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from tjscan.core.units import Settings
+from tjscan.core.units import SettingsTable
 
 C = TypeVar("C")
 D = TypeVar("D")
@@ -39,7 +39,7 @@ class DeviceIdentity:
 
 
 class DeviceBase:
-    """What a device of few words answers: it has no name and no events. A base for drivers."""
+    """Base of drivers whose device reports neither its identity nor any events."""
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -47,11 +47,11 @@ class DeviceBase:
         return DeviceIdentity()
 
     def report_events_to(self, listener: EventListener) -> None:
-        """Report every event from now on to a listener, before its effects: nothing happens."""
+        """Send the device's events to a listener from now on; a device of this base has none."""
 
 
 class DriverKind(StrEnum):
-    """What a driver stands for."""
+    """Whether a driver's device is real, simulated or replayed from a recording."""
 
     REAL = "real"
     SIMULATED = "simulated"
@@ -59,13 +59,13 @@ class DriverKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class NoSettings(Settings):
+class NoSettings(SettingsTable):
     """The table of a driver without settings."""
 
 
 @dataclass(frozen=True)
-class Driver(Generic[C, D]):
-    """How a device is made from a job file.
+class DriverFactory(Generic[C, D]):
+    """How a driver makes its device from the settings in a job file.
 
     A driver is a module with one of these, registered by name in `tjscan.robot.drivers.ARMS` or
     `tjscan.laser.drivers.LASER_DRIVERS`. A package of its own registers it by an entry point::
@@ -81,12 +81,12 @@ class Driver(Generic[C, D]):
     make : callable
         Makes the device, not yet connected, from a context (`ArmContext`, `LaserContext`) and
         the settings, an instance of `table`.
-    table : type of Settings, optional
+    table : type of SettingsTable, optional
         Its own table in the job file.
     kind : Kind, optional
         A device, a simulation or a recording.
     """
 
     make: Callable[[C, Any], D]
-    table: type[Settings] = NoSettings
+    table: type[SettingsTable] = NoSettings
     kind: DriverKind = DriverKind.REAL

@@ -111,7 +111,7 @@ class ArmNotConnected(ArmFault):
 
 
 class RegistersInUse(ArmFault):
-    """Another client writes the inputs of the arm's controller."""
+    """Another client writes the input registers of the arm's controller already."""
 
 
 class ArmBusy(ArmFault):
@@ -213,7 +213,7 @@ class GrooveNotFound(TjscanError):
 
 
 class SetPointRefused(TjscanError):
-    """Where a scan would look next is further from its last section than its step allows.
+    """The set-point of the next section is further from the last one than the scan's step allows.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class CalibrationRefused(TjscanError):
 
 
 class JointMoved(LaserFault):
-    """The joint, or the arm's base, does not stand where it stood."""
+    """The workpiece (the tubular joint), or the arm's base, does not stand where it stood."""
 
     def __init__(self, evidence: str) -> None:
         self.evidence = evidence
@@ -325,13 +325,13 @@ class RecordingError(TjscanError):
 
 
 def message_with_notes(error: BaseException) -> str:
-    """What an error says, and what was noted of it since."""
+    """Message of an error and the notes added to it, as one text."""
     sentences = (str(error), *getattr(error, "__notes__", ()))
     return ". ".join(words.removesuffix(".") for words in sentences)
 
 
 def nearest_word(word: str, known: Sequence[str]) -> str:
-    """Return the known word that looks most like `word`, or all of them if none does.
+    """Return the known word that looks most like `word`, or a list of all of them if none does.
 
     Parameters
     ----------

@@ -69,8 +69,8 @@ def refuse_links_outside(directory: Path, *names: str) -> None:
 
 
 @contextmanager
-def sole_writer(directory: Path) -> Iterator[None]:
-    """Keep every other process from measuring into a directory while the block runs.
+def lock_and_clean_directory(directory: Path) -> Iterator[None]:
+    """Lock a directory against other processes while the block runs, and remove leftover drafts.
 
     Drafts that a dead process left there are swept away. Raises as `lock_directory` does.
     """
@@ -82,7 +82,7 @@ def sole_writer(directory: Path) -> Iterator[None]:
 
 @contextmanager
 def lock_directory(directory: Path) -> Iterator[None]:
-    """Hold the lock of a directory while the block runs.
+    """Hold an exclusive lock on a directory while the block runs.
 
     Raises
     ------
@@ -110,8 +110,8 @@ def lock_directory(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def atomic_directory(directory: Path, *, last: str = "") -> Iterator[Path]:
-    """Give a draft folder whose files move into `directory` when the block succeeds.
+def write_files_atomically(directory: Path, *, last: str = "") -> Iterator[Path]:
+    """Give a draft folder whose files move into `directory`, all or none, after the block.
 
     No file is replaced before all of them are on the disk. Where a link stands in the place of
     one, the link is replaced, and what it leads to stays as it is.

@@ -125,8 +125,8 @@ class SimpleKriging:
         """Values expected at inputs, shape (m,)."""
         return np.asarray(self.mean + self.kernel(x_star[:, None] - self.x) @ self.alpha)
 
-    def change(self, start: float, by: float) -> float:
-        """How much the value is expected to grow between two inputs.
+    def predict_change(self, start: float, by: float) -> float:
+        """Predict how much the value changes between two inputs.
 
         Parameters
         ----------
@@ -159,8 +159,8 @@ class OrdinaryKriging:
         k_star = self.kernel(self.x[:, None] - x_star)
         return self._predict(k_star, np.full(len(x_star), self.kernel.sigma_f**2), 1.0)
 
-    def change(self, x_star: Array, start: float) -> tuple[Array, Array]:
-        """How much the value changes from one input to others.
+    def predict_change(self, x_star: Array, start: float) -> tuple[Array, Array]:
+        """Predict how much the value changes from one input to others, with standard deviations.
 
         Parameters
         ----------

@@ -47,14 +47,14 @@ class Provenance:
     angle: Literal["deg"] = "deg"
 
     @classmethod
-    def written_now(cls, job: str, frame: str, length: LengthUnit = "mm") -> Self:
-        """The provenance of a file that is written now, by this program."""
+    def for_file_written_now(cls, job: str, frame: str, length: LengthUnit = "mm") -> Self:
+        """Provenance of a file that this program writes now."""
         now = datetime.now(UTC).replace(microsecond=0)
         return cls(f"tjscan {VERSION}", now, job, frame, length)
 
     @property
-    def entries(self) -> dict[str, str]:
-        """Names and texts, as they stand in the heads of files."""
+    def header_entries(self) -> dict[str, str]:
+        """Names and texts of the entries in the head of a file."""
         meaning = FRAME_DESCRIPTIONS.get(self.frame, "")
         return {
             "program": self.program,
@@ -64,15 +64,16 @@ class Provenance:
             "units": f"{self.length}, {self.angle}",
         }
 
-    def lines(self, mark: str) -> str:
-        """The entries as lines of comment, each of which begins with a mark."""
+    def comment_lines(self, mark: str) -> str:
+        """The entries as comment lines for the head of a file, each of which begins with a mark."""
         return "".join(
-            f"{mark} {name}: {' '.join(text.split())}\n" for name, text in self.entries.items()
+            f"{mark} {name}: {' '.join(text.split())}\n"
+            for name, text in self.header_entries.items()
         )
 
     @classmethod
-    def read(cls, text: str, mark: str) -> Self | None:
-        """Read the lines back from the head of a file; None where they are not there."""
+    def from_comment_lines(cls, text: str, mark: str) -> Self | None:
+        """Read the provenance from the comment lines of a file; None where they are not there."""
         found: dict[str, str] = {}
         for line in text.splitlines():
             name, colon, value = line.removeprefix(f"{mark} ").partition(": ")

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Registry(Generic[T]):
-    """What can be asked for by name. Nothing of it is imported before.
+    """Entries by name, such as drivers; each is imported only when it is loaded.
 
     Another package adds to it by an entry point in the group ``tjscan.<kind>``.
 
@@ -46,11 +46,11 @@ class Registry(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every name that is known, in alphabetical order."""
+        """Names of all entries, in alphabetical order."""
         return tuple(sorted(self._places))
 
     def load(self, name: str) -> T:
-        """Import what goes by a name.
+        """Import and return the entry of a name.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class Registry(Generic[T]):
 
     @contextmanager
     def explain_missing_package(self, name: str) -> Iterator[None]:
-        """Say which extra to install where a block does not find a package that an entry needs.
+        """Say which extra to install where the block can't import a package that an entry needs.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Registry(Generic[T]):
             raise self.missing_package_error(name, package) from error
 
     def missing_package_error(self, name: str, package: str) -> ConfigurationError:
-        """The error that says what to install for an entry.
+        """Error that says what to install for an entry whose package is missing.
 
         Parameters
         ----------
@@ -104,8 +104,8 @@ class Registry(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """What an algorithm brings to the parts of the program that serve every algorithm.
+class TaskPlugin:
+    """What a task, such as scan or calibration, adds to reports and studies.
 
     A part is named by where it is, ``module:attribute``, and imported when it is asked for; an
     algorithm that brings nothing of a kind leaves it empty. Each part's type belongs to whoever
@@ -118,15 +118,15 @@ class Task:
     report : str
         Its chapters of a report.
     study : str
-        What a study varies, runs and measures: a `tjscan.study.kind.StudyKind`.
+        What a study varies, runs and measures: a `tjscan.study.backend.StudyBackend`.
     """
 
     name: str
     report: str = ""
     study: str = ""
 
-    def load(self, part: Literal["report", "study"]) -> Any:
-        """Import a part.
+    def load_part(self, part: Literal["report", "study"]) -> Any:
+        """Import one part that the task adds: its report chapter, or its study backend.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Task:
         return EntryPoint(part, place, "tjscan.task").load()
 
 
-TASKS: Final[Registry[Task]] = Registry(
+TASKS: Final[Registry[TaskPlugin]] = Registry(
     "task",
     {"scan": "tjscan.scanning.task:TASK", "calibrate": "tjscan.calibration.task:TASK"},
 )

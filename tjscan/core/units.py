@@ -3,7 +3,7 @@
 A settings class is a frozen dataclass whose fields carry the unit of the file once::
 
     @dataclass(frozen=True, slots=True, kw_only=True)
-    class Plan(Settings):
+    class Plan(SettingsTable):
         step: Annotated[float, Ge(5), Le(300), MM] = 0.04
 
 The program writes ``Plan(step=0.04)`` and reads ``plan.step`` in metres. In a file the same number
@@ -53,13 +53,13 @@ class FileUnit:
         return replace(self, key=key)
 
     def to_si(self, value: Any) -> Any:
-        """Convert what a file holds; numbers in tuples too, and nothing to nothing."""
+        """Convert from the file's unit to SI; numbers in tuples too, and nothing to nothing."""
         if isinstance(value, tuple):
             return tuple(map(self.to_si, value))
         return value if value is None or self.factor == 1.0 else value * self.factor
 
     def to_file(self, value: Any) -> Any:
-        """Convert back: the number of fewest digits that is read as the same."""
+        """Convert from SI to the file's unit, with the fewest digits that read back as the same."""
         if isinstance(value, tuple):
             return tuple(map(self.to_file, value))
         if value is None or self.factor == 1.0:
@@ -85,7 +85,7 @@ class FileUnit:
 
 @dataclass(frozen=True, slots=True)
 class FileKey:
-    """The key of a field without a unit, where it is not the field's name."""
+    """Key in the file of a field without a unit, where it is not the field's name."""
 
     name: str
 
@@ -144,8 +144,8 @@ NOT_IN_FILE: Final = NotInFile()
 LIST_OR_WORD_IN_FILE: Final = ListOrWordInFile()
 
 
-class Settings:
-    """Base of frozen dataclasses that stand in a file as tables: closed, and strict about types.
+class SettingsTable:
+    """Base of frozen dataclasses that are tables of a file: closed, and strict about types.
 
     A check across several fields stands in ``__post_init__`` and raises ValueError.
     """
@@ -230,8 +230,8 @@ EulerAngles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PoseSettings(Settings):
-    """A pose as controllers show it.
+class PoseSettings(SettingsTable):
+    """Settings of a pose: position and Z-Y-X Euler angles, as robot controllers show them.
 
     Parameters
     ----------

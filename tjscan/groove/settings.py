@@ -7,12 +7,12 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.units import MM, ChosenByName, Settings
+from tjscan.core.units import MM, ChosenByName, SettingsTable
 from tjscan.groove.models import MODELS, TEE, GrooveModel
 
 
 @dataclass(frozen=True, slots=True)
-class GrooveSettings(Settings):
+class GrooveSettings(SettingsTable):
     """How a groove is looked for: the table [groove].
 
     Parameters

@@ -8,7 +8,7 @@ from tjscan.job.simulation import (
     SimulatedStationSettings,
     SimulationSettings,
 )
-from tjscan.job.station import NamedPoseSettings, StationSettings
+from tjscan.job.station import StationPoseSettings, StationSettings
 from tjscan.job.surroundings import (
     BoardSettings,
     ClearanceSettings,
@@ -26,13 +26,13 @@ __all__ = [
     "ClearanceSettings",
     "JointSettings",
     "LaserSettings",
-    "NamedPoseSettings",
     "PlacedSolidSettings",
     "ScanJob",
     "SimulatedBoardSettings",
     "SimulatedStationSettings",
     "SimulationSettings",
     "SolidSettings",
+    "StationPoseSettings",
     "StationSettings",
     "read_calibration_job",
     "read_scan_job",

@@ -79,7 +79,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorMount:
-    """Where the laser sits on the hand, and what says so.
+    """Pose of the laser on the flange, and the calibration file it comes from.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class SensorMount:
 
 
 def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
-    """Where the laser sits, as a job says, or a calibration that is sought from the job's folder.
+    """Pose of the laser on the flange, as a job states it or as its calibration file does.
 
     Parameters
     ----------
@@ -113,8 +113,8 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
         return SensorMount(T_f_s)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not say which laser made it, unless the job does.
-    laser = job.laser.id if job.laser.kind is DriverKind.REPLAYED else job.laser.device
-    found = read_calibration(file, arm=job.arm.device, laser=laser)
+    laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
+    found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     return SensorMount(found.T_f_s, file)
 
 
@@ -162,7 +162,7 @@ def make_cell(
         If a driver or the arm's model is unknown, a package is missing that a driver needs, or
         the job lacks what it needs.
     """
-    clearance, simulation = clearance_of_job(job), job.simulation
+    clearance, simulation = clear_path_planner_of_job(job), job.simulation
     recording = cache(partial(_recording, job.laser))
     arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
     with ARMS.explain_missing_package(job.arm.driver):
@@ -175,7 +175,7 @@ def make_cell(
                 left=left,
                 recording=lambda: (recording()[0], recording()[1]),
             ),
-            job.arm.settings,
+            job.arm.driver_settings,
         )
     arm: Arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
@@ -195,7 +195,7 @@ def make_cell(
                 seed=None if simulation is None else simulation.seed,
                 recording=lambda: (recording()[0], recording()[2]),
             ),
-            job.laser.settings,
+            job.laser.driver_settings,
         )
     return Cell(arm, laser, T_f_s, clearance)
 
@@ -230,8 +230,8 @@ def _surface(joint: JointDefinition) -> RaycastSurface:
     return RaycastSurface(mesh.vertices, mesh.triangles, joint_relief_height(joint))
 
 
-def clearance_of_job(job: CellJob) -> ClearPathPlanner:
-    """What a job's arm keeps clear of, whichever driver moves it.
+def clear_path_planner_of_job(job: CellJob) -> ClearPathPlanner:
+    """Planner that keeps a job's arm clear of its surroundings, whichever driver moves it.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from annotated_types import Ge, Le, MinLen, MultipleOf
 from pydantic_core import core_schema
 
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.devices import Driver, DriverKind
+from tjscan.core.devices import DriverFactory, DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.registry import Registry
@@ -22,7 +22,7 @@ from tjscan.core.units import (
     MM_S2,
     NOT_IN_FILE,
     PoseRows,
-    Settings,
+    SettingsTable,
     pose_from_rows_mm,
 )
 from tjscan.laser.drivers import LASER_DRIVERS
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceSettings(Settings):
-    """What the tables [arm] and [laser] have in common.
+class DeviceSettings(SettingsTable):
+    """Base of the tables [arm] and [laser]: the driver, and the settings of drivers.
 
     Each driver has a table of its own below, such as [arm.ur]. It is checked against what the
     driver registers, whether the job uses that driver or not.
@@ -56,14 +56,14 @@ class DeviceSettings(Settings):
     drivers: Annotated[Mapping[str, Any], NOT_IN_FILE] = field(default_factory=dict)
 
     @property
-    def kind(self) -> DriverKind:
-        """Whether a device is there, a simulation or a recording."""
-        driver: Driver[Any, Any] = self.registry.load(self.driver)
+    def driver_kind(self) -> DriverKind:
+        """Whether the device is real, simulated or replayed from a recording."""
+        driver: DriverFactory[Any, Any] = self.registry.load(self.driver)
         return driver.kind
 
     @property
-    def settings(self) -> Any:
-        """The settings of the driver that the job names.
+    def driver_settings(self) -> Any:
+        """Settings of the driver that the job names.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class DeviceSettings(Settings):
 
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:
-        """Type of each key, the tables of the drivers included."""
+        """Type of each key that the table has in a file, the drivers' tables included."""
         return super().file_key_types() | dict.fromkeys(cls.registry.names)
 
     @classmethod
@@ -105,7 +105,7 @@ class DeviceSettings(Settings):
         own = {name: cls._settings(name, data[name]) for name in cls.registry.names if name in data}
         table = read({key: value for key, value in data.items() if key not in own})
         table = replace(table, drivers=own)
-        table.settings  # noqa: B018 - refuses a driver that needs a table and has none
+        table.driver_settings  # noqa: B018 - refuses a driver that needs a table and has none
         return table
 
     @classmethod
@@ -143,8 +143,8 @@ class ArmSettings(DeviceSettings):
     acceleration: Annotated[float, Ge(10), Le(50_000), MM_S2] = 1.2
 
     @property
-    def device(self) -> str:
-        """What a calibration calls this arm: its id, or its model where it has none."""
+    def device_id(self) -> str:
+        """Id of the arm in calibrations: its own id, or its model where it has none."""
         return self.id or self.model
 
 
@@ -183,14 +183,14 @@ class LaserSettings(DeviceSettings):
             raise ValueError('driver "replay" needs a recording: a run directory, or its scan.mcap')
 
     @property
-    def device(self) -> str:
-        """What a calibration calls this laser: its id, or its driver where it has none."""
+    def device_id(self) -> str:
+        """Id of the laser in calibrations: its own id, or its driver where it has none."""
         return self.id or self.driver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationSettings(Settings):
-    """Where the laser sits on the hand: rows of T_f_s, or the file that a calibration left."""
+class CalibrationSettings(SettingsTable):
+    """Pose of the laser on the flange: rows of T_f_s, or the calibration file that holds it."""
 
     T_f_s_mm: PoseRows | None = None
     file: str | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import MaxLen
 from pydantic import model_validator
 
-from tjscan.core.config import FileModel
+from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
@@ -23,8 +23,8 @@ from tjscan.job.surroundings import BoardSettings, ClearanceSettings, JointSetti
 from tjscan.scanning.plan import ScanPlan
 
 
-class CellJob(FileModel):
-    """What a scan and a calibration have in common: the cell."""
+class CellJob(StrictFileModel):
+    """Base of scan and calibration jobs: arm, laser, calibration, stations and surroundings."""
 
     arm: ArmSettings = ArmSettings()
     laser: LaserSettings = LaserSettings()
@@ -37,7 +37,7 @@ class CellJob(FileModel):
 
     @model_validator(mode="after")
     def _drivers_fit_together(self) -> CellJob:
-        arm, laser = self.arm.kind, self.laser.kind
+        arm, laser = self.arm.driver_kind, self.laser.driver_kind
         if arm is DriverKind.REPLAYED and laser is not DriverKind.REPLAYED:
             raise ConfigurationError(
                 'a replayed arm stands where a recording has it: laser.driver must be "replay"',
@@ -63,22 +63,23 @@ class CellJob(FileModel):
                         key=f"{key}.{i}.name",
                     )
         for i, table in enumerate(simulated):
-            if table.name not in self.stations:
+            if table.name not in self.station_names:
+                nearest = nearest_word(table.name, self.station_names)
                 raise ConfigurationError(
                     f"there is no station {table.name!r}; did you mean: "
-                    f"{nearest_word(table.name, self.stations) or 'to name it under [[station]]'}?",
+                    f"{nearest or 'to name it under [[station]]'}?",
                     key=f"simulation.station.{i}.name",
                 )
         return self
 
     @property
-    def stations(self) -> tuple[str, ...]:
+    def station_names(self) -> tuple[str, ...]:
         """Names of the stations, in their order."""
         return tuple(table.name for table in self.station)
 
     @property
     def T_w_b(self) -> Array:
-        """Where the base is believed to stand in frame w, shape (4, 4), metres.
+        """Nominal pose of the arm's base in frame w, shape (4, 4), metres.
 
         Frame w is b for a job without stations.
 
@@ -87,16 +88,16 @@ class CellJob(FileModel):
         ConfigurationError
             If the job has several stations.
         """
-        return np.eye(4) if not self.station else self.job_of_station().station[0].T
+        return np.eye(4) if not self.station else self.job_at_station().station[0].T
 
     @property
     def T_w_b_true(self) -> Array:
-        """Where the base of a simulated world truly stands; otherwise as `T_w_b`."""
-        simulation = self.job_of_station().simulation
+        """True pose of the base in a simulated world; otherwise as `T_w_b`."""
+        simulation = self.job_at_station().simulation
         stands = () if simulation is None else simulation.station
         return stands[0].T if stands else self.T_w_b
 
-    def job_of_station(self, name: str | None = None) -> Self:
+    def job_at_station(self, name: str | None = None) -> Self:
         """The same job at one of its stations, which then is its only one.
 
         What the station says for itself stands where it would for a job without stations. A
@@ -114,24 +115,24 @@ class CellJob(FileModel):
         """
         if name is None and len(self.station) > 1:
             raise ConfigurationError(
-                f"has several stations; choose one with --station: {', '.join(self.stations)}",
+                f"has several stations; choose one with --station: {', '.join(self.station_names)}",
                 key="station",
             )
         if not self.station and name is None:
             return self
-        if name is not None and name not in self.stations:
+        if name is not None and name not in self.station_names:
             known = (
-                f"did you mean: {nearest_word(name, self.stations)}?"
+                f"did you mean: {nearest_word(name, self.station_names)}?"
                 if self.station
                 else "it has none"
             )
             raise ConfigurationError(f"there is no station {name!r}; {known}", key="station")
-        i = 0 if name is None else self.stations.index(name)
+        i = 0 if name is None else self.station_names.index(name)
         return self._at(i)
 
     @property
-    def jobs_by_station(self) -> tuple[Self, ...]:
-        """The job at each station that its arm stands at.
+    def jobs_at_stations(self) -> tuple[Self, ...]:
+        """The job at each of its stations that the arm stands at, one job a station.
 
         A simulated arm stands at all of them, a real one at one.
 
@@ -140,9 +141,9 @@ class CellJob(FileModel):
         ConfigurationError
             If the arm is a real one, and the job has several stations.
         """
-        if self.station and self.arm.kind is DriverKind.SIMULATED:
-            return tuple(self.job_of_station(name) for name in self.stations)
-        return (self.job_of_station(),)
+        if self.station and self.arm.driver_kind is DriverKind.SIMULATED:
+            return tuple(self.job_at_station(name) for name in self.station_names)
+        return (self.job_at_station(),)
 
     def _at(self, i: int) -> Self:
         station, simulation = self.station[i], self.simulation
@@ -159,7 +160,7 @@ class CellJob(FileModel):
 
 
 class ScanJob(CellJob):
-    """One scan."""
+    """A job file that describes a scan."""
 
     scan: ScanPlan
     groove: GrooveSettings = GrooveSettings()
@@ -197,7 +198,7 @@ class ScanJob(CellJob):
         ConfigurationError
             If the job has several stations.
         """
-        table = self.job_of_station().station[0] if self.station else self.scan
+        table = self.job_at_station().station[0] if self.station else self.scan
         if table.first is None or table.second is None:
             raise ConfigurationError("a taught pose is required here", key="scan")
         return table.first, table.second
@@ -212,7 +213,7 @@ class ScanJob(CellJob):
 
 
 class CalibrationJob(CellJob):
-    """One calibration. A [scan] table may stand beside it, so that one file serves both."""
+    """A job file that describes a calibration; a [scan] table may stand beside it."""
 
     board: BoardSettings
     scan: ScanPlan | None = None

@@ -8,9 +8,9 @@ from typing import Annotated
 from annotated_types import Ge, Le
 from pydantic import Field
 
-from tjscan.core.config import FileModel
+from tjscan.core.config import StrictFileModel
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, PoseRows, PoseSettings
-from tjscan.job.station import NamedPoseSettings
+from tjscan.job.station import StationPoseSettings
 from tjscan.laser.model import LaserModel
 from tjscan.robot.simulation import ArmSimulation, JointAngles
 
@@ -29,7 +29,7 @@ class SimulatedBoardSettings(PoseSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedStationSettings(NamedPoseSettings):
+class SimulatedStationSettings(StationPoseSettings):
     """The table [[simulation.station]]: where a station's base truly stands in frame w.
 
     Parameters
@@ -41,7 +41,7 @@ class SimulatedStationSettings(NamedPoseSettings):
     home: JointAngles | None = None
 
 
-class SimulationSettings(FileModel):
+class SimulationSettings(StrictFileModel):
     """The table [simulation]: the simulated world.
 
     `T_f_s_mm` is where the laser truly sits, `board` where the board truly is, `station` where

@@ -13,8 +13,8 @@ from tjscan.scanning.target import ScanDirection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedPoseSettings(PoseSettings):
-    """The pose of a station's base in frame w, metres and radians.
+class StationPoseSettings(PoseSettings):
+    """Name of a station, and the pose of the arm's base there in frame w.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class NamedPoseSettings(PoseSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StationSettings(NamedPoseSettings):
+class StationSettings(StationPoseSettings):
     """The table [[station]]: about where the arm's base stands in frame w, and its start poses.
 
     Parameters
@@ -49,5 +49,5 @@ class StationSettings(NamedPoseSettings):
 
 
 def casefolded_name(name: str) -> str:
-    """A name as folders of some systems, and options, have it."""
+    """Station name without upper case, as folders of some systems and options have it."""
     return name.casefold().replace("-", "_")

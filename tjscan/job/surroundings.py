@@ -54,7 +54,7 @@ class SolidSettings(PoseSettings):
 
     @property
     def solid(self) -> Solid:
-        """The solid where it stands in its frame."""
+        """The solid as collision checks take it, in its place."""
         return Solid(self.name, self._shape, self.T)
 
     @property

@@ -8,8 +8,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from tjscan.core.config import FileModel
-from tjscan.core.files import atomic_directory
+from tjscan.core.config import StrictFileModel
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.definition import JointDefinition
@@ -20,7 +20,7 @@ from tjscan.joint.mesh import TriangleMesh, build_joint_mesh, largest_chord_erro
 MM_PER_METRE = 1e3
 
 
-class JointSidecar(FileModel):
+class JointSidecar(StrictFileModel):
     """``NAME.json``: what the other files hold.
 
     Every length is in millimetres, every angle in degrees, every point in frame j.
@@ -76,7 +76,7 @@ def build_and_write_joint(definition: JointDefinition, directory: Path) -> Joint
     """
     mesh, edges = build_joint_mesh(definition), feature_edges(definition)
     sidecar = JointSidecar.from_joint(definition, mesh, edges)
-    with atomic_directory(directory) as draft:
+    with write_files_atomically(directory) as draft:
         _write_mesh(draft / definition.name, mesh)
         _write_edges(draft / "edges.csv", edges)
         text = sidecar.model_dump_json(indent=2) + "\n"

@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, Strict
 
-from tjscan.core.config import FileModel, read_toml, validate_table
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
@@ -21,7 +21,7 @@ SmallLengthMm = Annotated[float, Field(ge=0.0, le=100.0)]
 AnglePairDeg = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
 
 
-class LegDimensions(FileModel):
+class LegDimensions(StrictFileModel):
     """``[leg]``: the member that runs through."""
 
     outer_diameter_mm: LengthMm
@@ -29,7 +29,7 @@ class LegDimensions(FileModel):
     length_mm: LengthMm
 
 
-class BraceDimensions(FileModel):
+class BraceDimensions(StrictFileModel):
     """``[brace]``: the member that is welded on. Its length runs from where the axes cross."""
 
     outer_diameter_mm: LengthMm
@@ -38,7 +38,7 @@ class BraceDimensions(FileModel):
     angle_deg: float = 90.0
 
 
-class GrooveDimensions(FileModel):
+class GrooveDimensions(StrictFileModel):
     """``[groove]``: the prepared brace end and the root bead."""
 
     angle_deg: Annotated[tuple[AnglePairDeg, ...], Strict(False), Field(max_length=1000)]
@@ -47,7 +47,7 @@ class GrooveDimensions(FileModel):
     root_bead_mm: SmallLengthMm
 
 
-class JointFile(FileModel):
+class JointFile(StrictFileModel):
     """A joint as its TOML file describes it, in millimetres and degrees."""
 
     leg: LegDimensions

@@ -15,7 +15,7 @@ import scipy  # its parts are loaded at first use
 from annotated_types import Ge, Gt, Le, Len
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, Settings
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
 
 PERCENT: Final = FileUnit("percent", 0.01)
 PER_METRE: Final = FileUnit("per_m")
@@ -26,7 +26,7 @@ ValuesRoundJoint = Annotated[tuple[float, ...], Len(1, 360), MM]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ovality(Settings):
+class Ovality(SettingsTable):
     """A tube out of round: its section is an ellipse of the same circumference.
 
     Parameters
@@ -43,7 +43,7 @@ class Ovality(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BraceMisfit(Settings):
+class BraceMisfit(SettingsTable):
     """The brace's axis off its nominal place.
 
     Parameters
@@ -66,7 +66,7 @@ class BraceMisfit(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RootAsFitted(Settings):
+class RootAsFitted(SettingsTable):
     """The root as fitted up.
 
     Parameters
@@ -85,7 +85,7 @@ class RootAsFitted(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TackWeld(Settings):
+class TackWeld(SettingsTable):
     """A tack weld over the root.
 
     Parameters
@@ -104,7 +104,7 @@ class TackWeld(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeamWeldCap(Settings):
+class SeamWeldCap(SettingsTable):
     """The cap of a seam weld along the leg.
 
     Parameters
@@ -121,7 +121,7 @@ class SeamWeldCap(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BevelAsCut(Settings):
+class BevelAsCut(SettingsTable):
     """The bevel as cut.
 
     Parameters
@@ -142,7 +142,7 @@ class BevelAsCut(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MillScale(Settings):
+class MillScale(SettingsTable):
     """Mill scale on the tubes' outer sides that has partly flaked off.
 
     Parameters
@@ -164,7 +164,7 @@ class MillScale(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spatter(Settings):
+class Spatter(SettingsTable):
     """Drops of weld metal on wall, bevel and leg.
 
     Parameters
@@ -190,7 +190,7 @@ class Spatter(Settings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Imperfections(Settings):
+class Imperfections(SettingsTable):
     """All that makes a joint differ from its drawing; by default nothing does.
 
     Parameters

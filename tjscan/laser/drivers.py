@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import Driver, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.laser.line_laser import LineLaser
@@ -87,7 +87,7 @@ class LaserContext:
     recording: Callable[[], tuple[RecordedPoses, tuple[Profile, ...]]]
 
 
-LaserDriver = Driver[LaserContext, LineLaser]
+LaserDriver = DriverFactory[LaserContext, LineLaser]
 
 
 def _simulated(context: LaserContext, settings: NoSettings) -> SimulatedLaser:
@@ -125,4 +125,4 @@ LASER_DRIVERS: Final[Registry[LaserDriver]] = Registry(
     {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
     key="laser.driver",
 )
-"""Every laser driver by name. See `tjscan.core.devices.Driver` for how to add one."""
+"""Every laser driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Self
 from annotated_types import Ge, Le
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.units import MM, NOT_IN_FILE, POINTS, Settings
+from tjscan.core.units import MM, NOT_IN_FILE, POINTS, SettingsTable
 
 STANDARD_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
@@ -37,7 +37,7 @@ Fraction = Annotated[float, Ge(0), Le(1)]
 
 
 @dataclass(frozen=True, slots=True)
-class LaserModel(Settings):
+class LaserModel(SettingsTable):
     """A line laser in numbers, the table [simulation.laser]. Metres, radians.
 
     The defaults of `columns`, `near`, `far`, `emitter_z`, `half_angle` and `step` are data of

@@ -33,7 +33,7 @@ NumericType = PackedElementField.NumericType
 
 
 def frame_transforms_message(time: int, poses: Mapping[tuple[str, str], Array]) -> FrameTransforms:
-    """Where frames are in other frames.
+    """Foxglove message with the pose of each frame in its parent frame.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def frame_transforms_message(time: int, poses: Mapping[tuple[str, str], Array]) 
     return message
 
 
-def profile_to_cloud(time: int, profile: Profile) -> PointCloud:
-    """A raw profile in frame s, every column of it to the last bit; NaN where there is no point."""
+def profile_to_cloud_message(time: int, profile: Profile) -> PointCloud:
+    """Foxglove point cloud message of a raw profile in frame s; NaN where there is no point."""
     columns = {"x": profile.x_s, "y": np.zeros(len(profile)), "z": profile.z_s}
     if profile.intensity is not None:
         columns["intensity"] = profile.intensity
@@ -71,8 +71,8 @@ def profile_to_cloud(time: int, profile: Profile) -> PointCloud:
     )
 
 
-def profile_from_cloud(cloud: PointCloud, time: float) -> Profile:
-    """The profile that `profile_to_cloud` wrote.
+def profile_from_cloud_message(cloud: PointCloud, time: float) -> Profile:
+    """The profile in a point cloud message that `profile_to_cloud_message` made.
 
     Parameters
     ----------
@@ -99,15 +99,15 @@ def profile_from_cloud(cloud: PointCloud, time: float) -> Profile:
 
 
 def joint_states_message(time: int, names: Sequence[str], q: Array) -> JointStates:
-    """The angles of an arm's joints, radians."""
+    """Foxglove message with the angles of an arm's joints, radians."""
     message = JointStates(timestamp=_stamp(time))
     for name, angle in zip(names, q.tolist(), strict=True):
         message.joints.add(name=name, position=angle)
     return message
 
 
-def scene_message(time: int, name: str, line: Array, triangles: Array) -> SceneUpdate:
-    """A line and a surface in frame b, drawn until the end.
+def line_and_surface_message(time: int, name: str, line: Array, triangles: Array) -> SceneUpdate:
+    """Foxglove scene message that draws a line and a surface in frame b until the end.
 
     Parameters
     ----------
@@ -138,8 +138,8 @@ def scene_message(time: int, name: str, line: Array, triangles: Array) -> SceneU
     return SceneUpdate(entities=[entity])
 
 
-def log_message(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
-    """An event: its name, and what there is to say about it."""
+def event_log_message(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
+    """Foxglove log message of an event: its name, and what there is to say about it."""
     return Log(timestamp=_stamp(time), level=level, name=name, message=detail)
 
 

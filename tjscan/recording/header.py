@@ -24,8 +24,8 @@ JOB_RECORD: Final = "tjscan.origin"
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
-    """What made a recording.
+class RecordingHeader:
+    """Header of a recording: version of the program that made it, and version of the format.
 
     Parameters
     ----------
@@ -39,18 +39,18 @@ class Header:
     format: int = FORMAT_VERSION
 
     @classmethod
-    def of_first_format(cls) -> Self:
-        """That of the recordings which do not name it."""
+    def for_version_0_1(cls) -> Self:
+        """Header of recordings of version 0.1.0, which hold none themselves."""
         return cls("0.1.0", 1)
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """What `metadata` gave; raises ValueError where it did not."""
+        """Header from a recording's metadata; raises ValueError where it is none."""
         return cls(metadata.get("version", ""), int(metadata.get("format", "")))
 
     @property
-    def metadata(self) -> dict[str, str]:
-        """For the head of a recording."""
+    def to_metadata(self) -> dict[str, str]:
+        """The header as metadata of a recording: names and texts."""
         return {"program": PROGRAM_NAME, "version": self.version, "format": str(self.format)}
 
 
@@ -73,12 +73,12 @@ class JobSnapshot:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """What `metadata` gave."""
+        """Snapshot from a recording's metadata."""
         return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
 
     @property
-    def metadata(self) -> dict[str, str]:
-        """For the head of a recording."""
+    def to_metadata(self) -> dict[str, str]:
+        """The snapshot as metadata of a recording: names and texts."""
         return asdict(self)
 
 
@@ -87,8 +87,8 @@ def file_sha256(file: Path) -> str:
     return sha256(file.read_bytes()).hexdigest()
 
 
-def job_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
-    """What differs between two origins: the key, and both values.
+def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
+    """Yield each key that differs between two job snapshots, and what became of it.
 
     Keys of the job are its own; those of the other files begin with ``joint.toml:``,
     ``calibration.toml:`` and ``arm.urdf``.

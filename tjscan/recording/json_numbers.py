@@ -42,7 +42,7 @@ def pose_from_list(values: Any) -> Array:
 
 
 def to_finite_floats(values: Iterable[Any]) -> list[float]:
-    """Numbers that can have been measured.
+    """Convert values to floats; refuse what is not finite, or larger than can be measured.
 
     Raises
     ------

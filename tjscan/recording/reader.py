@@ -17,8 +17,8 @@ from tjscan.recording.header import (
     HEADER_RECORD,
     JOB_RECORD,
     PROGRAM_NAME,
-    Header,
     JobSnapshot,
+    RecordingHeader,
 )
 from tjscan.recording.mcap_records import MAX_FILE_BYTES, read_mcap_records
 from tjscan.recording.topic import Topic
@@ -27,7 +27,7 @@ from tjscan.recording.writer import SCAN_RECORDING, recording_files
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """A message that was read.
+    """A message read from a recording, with its topic and time.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Recorded
                 yield RecordedMessage(topic, record.log_time, _decoded(file, topic, record.data))
 
 
-def read_header(file: Path) -> Header | None:
-    """Which version of the program made a recording; None where it was cut off before that.
+def read_header(file: Path) -> RecordingHeader | None:
+    """Read the header of a recording; None where the file was cut off before it.
 
     Raises
     ------
@@ -93,12 +93,12 @@ def read_header(file: Path) -> Header | None:
     for record in _before_messages(file):
         made = made or isinstance(record, McapHeader)
         if isinstance(record, Metadata) and record.name == HEADER_RECORD:
-            return Header.from_metadata(record.metadata)
-    return Header.of_first_format() if made else None
+            return RecordingHeader.from_metadata(record.metadata)
+    return RecordingHeader.for_version_0_1() if made else None
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
-    """What a run was last recorded with; None where nothing was, or where it does not say.
+    """Read the job snapshot that a run was last recorded with; None where there is none.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _records(file: Path) -> Iterator[McapRecord]:
                 if isinstance(record, McapHeader):
                     _check_program(file, record)
                 elif isinstance(record, Metadata) and record.name == HEADER_RECORD:
-                    _check_format(file, Header.from_metadata(record.metadata))
+                    _check_format(file, RecordingHeader.from_metadata(record.metadata))
                 yield record
     except FileNotFoundError:
         raise ConfigurationError(
@@ -164,7 +164,7 @@ def _check_program(file: Path, header: McapHeader) -> None:
         )
 
 
-def _check_format(file: Path, head: Header) -> None:
+def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format > FORMAT_VERSION:
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "

@@ -23,7 +23,7 @@ TEXTS_SCHEMA: Final = {"type": "array", "items": TEXT_SCHEMA}
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[T]):
-    """What is written under one name of a recording.
+    """A topic of a recording: its name and schema, and how messages are encoded and decoded.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Topic(Generic[T]):
 
     @property
     def schema_encoding(self) -> str:
-        """What MCAP calls the language that the schema is written in."""
+        """Name that MCAP has for the language of the schema: ``jsonschema`` or ``protobuf``."""
         return "jsonschema" if self.message_encoding == "json" else self.message_encoding
 
 

@@ -13,7 +13,13 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import refuse_links_outside
-from tjscan.recording.header import HEADER_RECORD, JOB_RECORD, PROGRAM_NAME, Header, JobSnapshot
+from tjscan.recording.header import (
+    HEADER_RECORD,
+    JOB_RECORD,
+    PROGRAM_NAME,
+    JobSnapshot,
+    RecordingHeader,
+)
 from tjscan.recording.topic import Topic
 
 SCAN_RECORDING: Final = "scan"
@@ -50,7 +56,7 @@ def next_recording_file(directory: Path, kind: str = SCAN_RECORDING) -> Path:
 
 
 class RecordingWriter:
-    """A part of a recording, to be written; a context manager.
+    """Writes one file of a recording; a context manager.
 
     Parameters
     ----------
@@ -107,7 +113,7 @@ class RecordingWriter:
                 raise self._failed(full) from full
 
     def write(self, time: int, *messages: tuple[Topic[Any], Any]) -> None:
-        """Write messages that belong together.
+        """Write messages that belong together, in one chunk.
 
         Parameters
         ----------
@@ -139,11 +145,11 @@ class RecordingWriter:
     def _begin(self) -> None:
         """Write everything that stands before the first message."""
         self._writer = Writer(self._stream, compression=CompressionType.NONE)
-        head = Header()
+        head = RecordingHeader()
         self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
-        self._writer.add_metadata(HEADER_RECORD, head.metadata)
+        self._writer.add_metadata(HEADER_RECORD, head.to_metadata)
         if self._origin is not None:
-            self._writer.add_metadata(JOB_RECORD, self._origin.metadata)
+            self._writer.add_metadata(JOB_RECORD, self._origin.to_metadata)
         for name, data in self._attachments.items():
             self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
         self._channels = {topic.name: self._channel(topic) for topic in self._topics}

@@ -209,5 +209,5 @@ def _compared(
 
 def _place(name: str, directory: Path) -> StationRunData:
     tasks = [TASKS.load(task) for task in TASKS.names]
-    chapters = tuple(task.load("report")(directory) for task in tasks if task.report)
+    chapters = tuple(task.load_part("report")(directory) for task in tasks if task.report)
     return StationRunData(name, read_summary(directory / SUMMARY), chapters)

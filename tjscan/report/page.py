@@ -81,5 +81,7 @@ def render_page(data: ReportData) -> str:
         stations=[] if stitching is None else station_rows(stitching),
         overlaps=[] if stitching is None else overlap_rows(stitching),
         measures=measure_rows(data),
-        provenance=Provenance.written_now(job_label_of_run(*folders), data.summary.frame).entries,
+        provenance=Provenance.for_file_written_now(
+            job_label_of_run(*folders), data.summary.frame
+        ).header_entries,
     )

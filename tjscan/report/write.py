@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from tjscan.comparison.sidecar import StatedUnitAndFrame
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.report.data import read_report_data
 from tjscan.report.page import render_page
 
@@ -42,6 +42,6 @@ def write_run_report(
         If a recording is damaged, or the report can't be written.
     """
     page = render_page(read_report_data(directory, reference, tolerance, options))
-    with atomic_directory(directory) as draft:
+    with write_files_atomically(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

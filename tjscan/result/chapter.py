@@ -20,7 +20,7 @@ from tjscan.laser.profile import Profile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportChart:
-    """One quantity over another. Charts of one title are drawn together, a line for each station.
+    """A chart of a report: one quantity over another; charts of one title are drawn together.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class ReportChart:
 
 @dataclass(frozen=True, slots=True)
 class ReportEvent:
-    """Something out of the ordinary.
+    """An event of a run that a report lists: its time, name and detail.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class ReportEvent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportChapter:
-    """What an algorithm has to say of a run directory.
+    """What a task adds to the report of a run: facts, findings, charts, events and profiles.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class ReportChapter:
 
 
 class ChapterWriter(Protocol):
-    """What a task registers for reports."""
+    """A function that makes a task's chapter of the report on a run directory."""
 
     def __call__(self, directory: Path) -> ReportChapter:
         """Give the chapter of a run directory, an empty one where it has nothing to say.

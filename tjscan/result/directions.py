@@ -68,7 +68,7 @@ def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections
     frames = np.array([section.T_r_g[:3, :3] for section in sections])
     x, y, z = (frames[:, :, i] for i in range(3))
     edges = np.array([section.points[1:4] for section in sections])
-    along = [line_directions(edges[:, i], x) for i in range(3)]
+    along = [tangents_along_line(edges[:, i], x) for i in range(3)]
     opening = np.array([section.measures[0] for section in sections])
     work = np.array([section.work_angle for section in sections])
     # From (16): gamma_1 raises the bevel over z_g, gamma_2 lowers the leg below it.
@@ -83,8 +83,8 @@ def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections
     )
 
 
-def line_directions(points: Array, x: Array) -> Array:
-    """Directions of a smooth line through points.
+def tangents_along_line(points: Array, x: Array) -> Array:
+    """Unit tangents of a smooth line at its points, each turned to the side of `x`.
 
     Parameters
     ----------

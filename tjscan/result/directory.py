@@ -22,7 +22,7 @@ STATIONS_PICTURE: Final = "stitch.png"
 
 
 def job_label_of_run(*directories: Path) -> str:
-    """What a run's files call the job that they come from, see `Provenance`.
+    """Label of the job that a run's files come from, as their heads state it.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def job_label_of_run(*directories: Path) -> str:
     for directory in directories:
         if (file := directory / JOB).is_file():
             content = file.read_bytes()
-            head = Provenance.read(content.decode(errors="replace"), "#")
+            head = Provenance.from_comment_lines(content.decode(errors="replace"), "#")
             return job_label(JOB, content) if head is None else head.job
     return ""
 

@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import BaseModel, create_model
 from pydantic import Field as Described
 
-from tjscan.core.config import FileModel
+from tjscan.core.config import StrictFileModel
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import FIELDS, SectionQuantity
 
 
-class SectionFieldDescription(FileModel):
+class SectionFieldDescription(StrictFileModel):
     """What a field of the sections means."""
 
     unit: str
@@ -36,7 +36,7 @@ def _type(field: SectionQuantity) -> Any:
 _VALUES: Final[dict[str, Any]] = {
     field.name: (_type(field), Described(description=field.meaning)) for field in FIELDS
 }
-_SECTION: Final[Any] = create_model("Section", __base__=FileModel, **_VALUES)
+_SECTION: Final[Any] = create_model("Section", __base__=StrictFileModel, **_VALUES)
 _HEAD: Final[dict[str, Any]] = {
     "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
     "version": (Literal[2], 2),
@@ -48,7 +48,7 @@ _HEAD: Final[dict[str, Any]] = {
 _SECTIONS: Final[Any] = Annotated[tuple[_SECTION, ...], Described(strict=False, min_length=2)]
 
 DOCUMENT: Final[type[BaseModel]] = create_model(
-    "GrooveDocument", __base__=FileModel, **_HEAD, sections=(_SECTIONS, ...)
+    "GrooveDocument", __base__=StrictFileModel, **_HEAD, sections=(_SECTIONS, ...)
 )
 """The document's model, whose schema is ``docs/export.schema.json``."""
 
@@ -70,14 +70,15 @@ def sections_to_json(
         Where the sensor's pose on the flange comes from.
     """
     return (
-        sections_document(sections, provenance, run, calibration).model_dump_json(indent=1) + "\n"
+        build_sections_document(sections, provenance, run, calibration).model_dump_json(indent=1)
+        + "\n"
     ).encode()
 
 
-def sections_document(
+def build_sections_document(
     sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
 ) -> BaseModel:
-    """The same as a model; parameters as of `sections_to_json`."""
+    """Build the model of the sections' JSON document; parameters as of `sections_to_json`."""
     unit = provenance.length
     columns = {field.name: _values(field, sections, unit) for field in FIELDS}
     return DOCUMENT.model_validate(
@@ -102,7 +103,7 @@ def _values(
     field: SectionQuantity, sections: Sequence[MeasuredSection], unit: LengthUnit
 ) -> list[Any]:
     """A field's value of each section, to the digits that tables print."""
-    cells = field.printed_columns(sections, unit)
+    cells = field.formatted_columns(sections, unit)
     if field.text:
         return [row[0] for row in cells]
     if not field.shape:

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS, job_label_of_run
@@ -27,7 +27,7 @@ STEM: Final = "export"
 def export_run(
     directory: Path, to: Format, units: LengthUnit = "mm", out: Path | None = None
 ) -> Path:
-    """Write a run's sections for another tool, and return the file.
+    """Write a run's sections as a file for another tool, and return that file.
 
     Parameters
     ----------
@@ -49,18 +49,18 @@ def export_run(
         If the file can't be written; what stood there before then still does.
     """
     summary = read_finished_summary(directory)
-    sections = sorted_by_azimuth(read_sections_csv(directory / SECTIONS))
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
             file=directory / SECTIONS,
         )
     run, calibration = directory.resolve().name, summary.calibration
-    provenance = Provenance.written_now(job_label_of_run(directory), summary.frame, units)
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, units)
     file = out or directory / f"{STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
-    with atomic_directory(file.parent) as draft:
+    with write_files_atomically(file.parent) as draft:
         made = draft / file.name
         match to:
             case "csv":
@@ -74,7 +74,7 @@ def export_run(
     return file
 
 
-def sorted_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
+def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
     """Sections by growing azimuth, whichever way the scan went; as they are where none is known.
 
     Parameters

@@ -11,7 +11,7 @@ from tjscan.core.frames import Array, inverse_pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointOrBaseFrame:
-    """The joint's own frame where the job says where the joint is, else the base frame.
+    """Frame of the results: the joint's where the job says where the joint is, else the base frame.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ class JointOrBaseFrame:
     T_b_j: Array | None = None
 
     @property
-    def name(self) -> str:
-        """Its letter."""
+    def letter(self) -> str:
+        """Letter of the frame: j for the joint's, b for the base's."""
         return "b" if self.T_b_j is None else "j"
 
     @property

@@ -17,7 +17,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.readings import ProfileReading, fitted_sides
+from tjscan.result.readings import ProfileReading, fitted_side_polylines
 from tjscan.result.section import MEASURES, lengths_along_groove
 
 STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
@@ -31,7 +31,7 @@ ANGLE_AND_WIDTH, DEPTH_AND_AREA = (0, 1), (2, 3)
 """Measures that are drawn together."""
 
 
-def draw_groove(
+def draw_groove_overview(
     sections: Sequence[MeasuredSection],
     points: Array,
     *,
@@ -41,7 +41,7 @@ def draw_groove(
     paths: Sequence[Array] = (),
     example: ProfileReading | None = None,
 ) -> Figure:
-    """Draw what was found: the groove in space, one profile, and its measures.
+    """Draw the groove in space, one profile with its corners, and the measures along the groove.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) 
         If it can't be written.
     """
     try:
-        entries = {} if provenance is None else provenance.entries
+        entries = {} if provenance is None else provenance.header_entries
         figure.savefig(file, dpi=110, format="png", metadata=entries)
     except OSError as error:
         raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
@@ -108,7 +108,7 @@ def draw_groove_3d(
     outline: Sequence[Array],
     paths: Sequence[Array],
 ) -> None:
-    """Draw the groove in space; parameters as of `draw_groove`."""
+    """Draw the groove in space; parameters as of `draw_groove_overview`."""
     for line in outline:
         axes.plot(*(1e3 * line.T), color=STEEL, linewidth=0.7, alpha=0.6)
     points = points[:: max(1, len(points) // POINTS_DRAWN)]
@@ -158,8 +158,8 @@ def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[
     axes.set_title(" and ".join(field.name_in_words for field in fields))
 
 
-def draw_read_profiles(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:
-    """Draw profiles, at most `MOST_DRAWN`, evenly chosen, with the fitted sides over their points.
+def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:
+    """Draw profiles, at most `MOST_DRAWN`, with the fitted sides over their points.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def draw_read_profiles(readings: Sequence[ProfileReading], settings: GrooveSetti
         axes = figure.add_subplot(rows, columns, i)
         draw_profile(axes, reading.profile, reading.points_s)
         if reading.refusal is None:
-            for side in fitted_sides(reading.profile, settings):
+            for side in fitted_side_polylines(reading.profile, settings):
                 axes.plot(1e3 * side[:, 1], 1e3 * side[:, 0], color=CORNER, linewidth=1)
         reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
         axes.set_title(f"{reading.name}{reason}", fontsize=9)

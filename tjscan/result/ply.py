@@ -51,7 +51,7 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
     n = len(sections)
 
     def printed(name: str) -> Array:
-        cells = BY_NAME[name].printed_columns(sections, provenance.length)
+        cells = BY_NAME[name].formatted_columns(sections, provenance.length)
         return np.array([[float(cell or "nan") for cell in row] for row in cells])
 
     sigmas = np.full((n, 5), np.nan)
@@ -76,7 +76,7 @@ def _head(
     lines = [
         "ply",
         f"format {form} 1.0",
-        provenance.lines("comment").rstrip("\n"),
+        provenance.comment_lines("comment").rstrip("\n"),
         f"element vertex {count}",
         *(f"property {kind} {name}" for kind, name in properties),
         "end_header\n",

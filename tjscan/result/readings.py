@@ -22,7 +22,7 @@ SIDE_POINTS: Final = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileReading:
-    """What was read in one profile.
+    """Groove read in one profile: its corners and section, or why none was found.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class ProfileReading:
 def read_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings
 ) -> Iterator[ProfileReading]:
-    """Read every profile; one in which no groove is found has a result, too.
+    """Read the groove in every profile; where none is found, the reading says why.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def read_grooves(
             yield ProfileReading(name, profile, np.empty((0, 3)), refusal=refusal)
 
 
-def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
-    """The sides fitted to a profile, for pictures: polylines, x and z in metres, (n, 2) each.
+def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Array]:
+    """Polylines of the sides fitted to a profile, for pictures: x and z in metres, (n, 2) each.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def fitted_sides(profile: Profile, settings: GrooveSettings) -> list[Array]:
 
 
 def reading_to_dict(reading: ProfileReading) -> dict[str, Any]:
-    """A result for JSON, in millimetres and degrees.
+    """Convert a profile's reading to a dict for JSON, in millimetres and degrees.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _PAIRS: Final = np.triu_indices(4, 1)
 
 @dataclass(frozen=True, slots=True)
 class SectionQuantity:
-    """One quantity of a section.
+    """A quantity of groove sections as files and charts hold it: name, meaning, unit and values.
 
     Parameters
     ----------
@@ -84,32 +84,32 @@ class SectionQuantity:
 
     @property
     def name_in_words(self) -> str:
-        """Its name in words."""
+        """The quantity's name in words."""
         return self.name.replace("_", " ")
 
     @property
     def chart_title(self) -> str:
-        """Name and unit as a chart has them."""
+        """The quantity's name and unit as the title of a chart."""
         symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
         return f"{self.name_in_words}{symbol and f' / {symbol}'}"
 
     def unit_for_lengths(self, length: LengthUnit) -> FileUnit:
-        """Its unit in a file whose lengths are in mm or m."""
+        """The quantity's unit in a file whose lengths are in mm or m."""
         return self.unit if length == "mm" else IN_METRES.get(self.unit, self.unit)
 
     def column_names(self, length: LengthUnit = "mm") -> tuple[str, ...]:
-        """Names of its columns, which end in its unit."""
+        """Names of the quantity's columns in a table, which end in its unit."""
         suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
 
     def values(self, sections: Sequence[MeasuredSection]) -> Array:
-        """Values in millimetres and degrees, the shape of each after the number of sections."""
+        """The quantity's values of sections, in millimetres and degrees."""
         return np.asarray(self.take(sections) / self.unit.factor)
 
-    def printed_columns(
+    def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
     ) -> list[list[str]]:
-        """The printed numbers of each section, in the order of the columns; empty where unknown."""
+        """Numbers of each section as text, in the order of the columns; empty where unknown."""
         unit = self.unit_for_lengths(length)
         decimals = self.decimals
         if decimals is not None:
@@ -142,7 +142,7 @@ def lengths_along_groove(sections: Sequence[MeasuredSection]) -> Array:
 
 
 def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
-    """A section from the values of all fields that are not derived.
+    """Build a section from the values of all quantities that are not derived.
 
     Parameters
     ----------

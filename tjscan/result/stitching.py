@@ -23,7 +23,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class StationReport:
-    """Where a station stands.
+    """Where stitching placed a station, how sure that is, and what the station saw.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class StationReport:
 
 @dataclass(frozen=True, slots=True)
 class OverlapReport:
-    """How two stations fit where they overlap.
+    """How well two stations fit each other where they overlap.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class OverlapReport:
 
 @dataclass(frozen=True, slots=True)
 class StitchingReport:
-    """How stations were stitched.
+    """How stations were stitched, as ``stations.json`` holds it.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def write_stitching_report(file: Path, report: StitchingReport) -> None:
 
 
 def read_stitching_report(directory: Path) -> StitchingReport | None:
-    """Read how a run was stitched.
+    """Read ``stations.json`` of a stitched run.
 
     Parameters
     ----------

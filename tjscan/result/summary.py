@@ -40,7 +40,7 @@ SUMMED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class StepStatistics:
-    """Lengths of the steps that the scan found by itself, in millimetres.
+    """Nominal, mean and standard deviation of a scan's steps, in millimetres.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class StepStatistics:
 
     @classmethod
     def from_steps(cls, nominal: float, steps: Array) -> Self:
-        """The statistics of steps, shape (n,) in millimetres.
+        """Compute the statistics of steps, shape (n,) in millimetres.
 
         Parameters
         ----------
@@ -71,7 +71,7 @@ class StepStatistics:
 
 @dataclass(frozen=True, slots=True)
 class StationSummary:
-    """What was scanned from one place; for the parameters see `ScanSummary`."""
+    """Summary of one station's scan in a few numbers; for the parameters see `ScanSummary`."""
 
     name: str
     sections: int
@@ -159,7 +159,7 @@ def summarise_stations(
     *,
     closed: bool = False,
 ) -> ScanSummary:
-    """Draw the numbers of a stitched groove from those of its stations.
+    """Summarise a stitched groove from the summaries of its stations.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def sections_to_csv(
     provenance: Provenance,
     fields: Iterable[SectionQuantity] = FIELDS,
 ) -> str:
-    """A table with a row per section; units stand in the names of the columns.
+    """Convert sections to CSV text, a row per section; units stand in the names of the columns.
 
     Parameters
     ----------
@@ -58,10 +58,10 @@ def sections_to_csv(
     """
     fields, unit = tuple(fields), provenance.length
     stream = io.StringIO()
-    stream.write(provenance.lines(MARK))
+    stream.write(provenance.comment_lines(MARK))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([column for field in fields for column in field.column_names(unit)])
-    parts = [field.printed_columns(sections, unit) for field in fields]
+    parts = [field.formatted_columns(sections, unit) for field in fields]
     writer.writerows([cell for part in row for cell in part] for row in zip(*parts, strict=True))
     return stream.getvalue()
 

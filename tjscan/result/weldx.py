@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.document import sections_document
+from tjscan.result.document import build_sections_document
 
 ROOTS = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""
@@ -25,7 +25,7 @@ def write_weldx(
     run: str,
     calibration: str,
 ) -> None:
-    """Write the frames as a weldx ``CoordinateSystemManager``, and the JSON document beside it.
+    """Write section frames and points as a weldx file, with the JSON document beside them.
 
     Every section is a frame g below the joint (or the arm's base), with its five points as
     ``SpatialData`` in it. The document stands under ``groove``, the frames under
@@ -59,6 +59,6 @@ def write_weldx(
         frames.add_cs(name, root, where)
         points = per_metre * transform_points(inverse_pose(T), section.points)
         frames.assign_data(weldx.SpatialData(weldx.Q_(points, unit)), f"points of {name}", name)
-    groove = sections_document(sections, provenance, run, calibration).model_dump(mode="json")
+    groove = build_sections_document(sections, provenance, run, calibration).model_dump(mode="json")
     with weldx.WeldxFile(tree={"groove": groove, "coordinate_systems": frames}, mode="rw") as made:
         made.write_to(file)

@@ -14,7 +14,7 @@ GENERATRICES = 24
 
 
 def joint_wireframe(joint: JointDefinition) -> list[Array]:
-    """Lines of a joint: feature edges, rings and generatrices of the brace and of the leg near it.
+    """Lines of a joint's wireframe: feature edges, rings and generatrices of brace and leg.
 
     Parameters
     ----------

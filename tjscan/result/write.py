@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
@@ -39,7 +39,7 @@ def write_run_results(
     summary : ScanSummary
         The rest in a few numbers.
     picture : matplotlib Figure
-        See `draw_groove`.
+        See `draw_groove_overview`.
     job : str
         The job that all of it comes from, see `job_of`.
 
@@ -53,9 +53,9 @@ def write_run_results(
     RecordingError
         If a file can't be written.
     """
-    provenance = Provenance.written_now(job, summary.frame)
+    provenance = Provenance.for_file_written_now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
-    with atomic_directory(directory, last=SUMMARY) as draft:
+    with write_files_atomically(directory, last=SUMMARY) as draft:
         write_sections_csv(draft / SECTIONS, sections, provenance)
         write_cloud_ply(draft / CLOUD, points, provenance)
         write_png(draft / PICTURE, picture, provenance)

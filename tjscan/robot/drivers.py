@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.devices import Driver, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.robot.arm import Arm, ArmState
@@ -54,8 +54,8 @@ class ArmDriverInputs:
 
 
 @dataclass(frozen=True)
-class ArmDriver(Driver[ArmDriverInputs, Arm]):
-    """How an arm is made from a job file; see `Driver`.
+class ArmDriver(DriverFactory[ArmDriverInputs, Arm]):
+    """How an arm is made from a job file; see `DriverFactory`.
 
     Parameters
     ----------
@@ -111,4 +111,4 @@ ARMS: Final[Registry[ArmDriver]] = Registry(
     extras={"ur": "ur"},
     key="arm.driver",
 )
-"""Every arm driver by name. See `tjscan.core.devices.Driver` for how to add one."""
+"""Every arm driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import MM, FileKey, Settings
+from tjscan.core.units import MM, FileKey, SettingsTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClearanceMargins(Settings):
+class ClearanceMargins(SettingsTable):
     """What a path keeps.
 
     Parameters

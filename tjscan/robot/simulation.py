@@ -8,13 +8,13 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import DEG, MM, Settings
+from tjscan.core.units import DEG, MM, SettingsTable
 
 JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], DEG]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArmSimulation(Settings):
+class ArmSimulation(SettingsTable):
     """The table [simulation.arm].
 
     Parameters

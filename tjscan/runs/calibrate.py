@@ -20,7 +20,7 @@ from tjscan.calibration.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard import CalibrationWizard
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
-from tjscan.core.files import sole_writer
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
@@ -49,7 +49,7 @@ PROBE_STREAM: Final = 2
 def start_calibration(
     job: CalibrationJob, job_file: Path, directory: Path, operator: Operator
 ) -> SavedCalibration:
-    """Calibrate as a job says, and leave a directory behind that can be resumed.
+    """Calibrate as a job says, in a new directory that can be resumed.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def start_calibration(
 
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
-    """Go on with a calibration where it was left; raises as `start_calibration` does."""
+    """Resume an interrupted calibration; raises as `start_calibration` does."""
     job = read_calibration_job(directory / JOB)
     file = directory / CALIBRATION
     if file.exists():
@@ -80,12 +80,14 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
             "finish this calibration, or start a new one",
             file=directory / OLD,
         )
-    if not operator.present and {job.arm.kind, job.laser.kind} != {DriverKind.SIMULATED}:
+    if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
+        DriverKind.SIMULATED
+    }:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
-    cell, probe = make_board_cell(job, T_f_s)
-    with sole_writer(directory), Logbook(directory, T_f_s) as logbook, cell:
-        task = calibration_task(job, T_f_s)
+    cell, probe = make_calibration_cell(job, T_f_s)
+    with lock_and_clean_directory(directory), Logbook(directory, T_f_s) as logbook, cell:
+        task = calibration_plan_of_job(job, T_f_s)
         outcome = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
         begun = logbook.measured.started_at
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
@@ -93,16 +95,18 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     found = to_calibration_file(
         outcome.result,
         job.board.noise,
-        arm=job.arm.device,
-        laser=job.laser.device,
+        arm=job.arm.device_id,
+        laser=job.laser.device_id,
         date=begun,
         verification=outcome.verification,
     )
-    write_calibration(file, found, Provenance.written_now(job_label_of_run(directory), "f"))
+    write_calibration(
+        file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
+    )
     return SavedCalibration(file, found, outcome.result.caveats)
 
 
-def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
+def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
     """Make the cell of a calibration, and the probe that touches its board.
 
     Parameters
@@ -118,7 +122,7 @@ def make_board_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe
         As `make_cell` does.
     """
     simulation, board = job.simulation, job.board
-    if job.laser.kind is DriverKind.REPLAYED:
+    if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a calibration touches its board: recorded profiles go in with --lines and --poses",
             key="laser.driver",
@@ -147,8 +151,8 @@ def _board_surface(size: tuple[float, float]) -> RaycastSurface:
     return RaycastSurface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
 
 
-def calibration_task(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:
-    """What a calibration is to do.
+def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:
+    """Plan of a calibration: what its job says about board, laser and numbers of lines.
 
     Parameters
     ----------

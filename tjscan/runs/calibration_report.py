@@ -11,7 +11,7 @@ from tjscan.runs.results import calibration_label
 
 
 def calibration_chapter(directory: Path) -> ReportChapter:
-    """The chapter of a calibration, see `tjscan.result.chapter.ChapterWriter`."""
+    """Make the calibration's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     file = directory / CALIBRATION
     if not file.is_file():
         return ReportChapter(

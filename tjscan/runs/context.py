@@ -25,20 +25,20 @@ from tjscan.result.directory import URDF
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.directory import make_run_directory, recording_origin
+from tjscan.runs.directory import make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import View
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.topics import open_scan_recording
 
 
-def report_nothing(directory: Path) -> None:
-    """Do nothing with a directory whose results are written."""
+def do_nothing_when_finished(directory: Path) -> None:
+    """Do nothing when the results of a run are written: the callback where none is given."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunContext:
-    """A job, what it names, and where a run reports to.
+    """A scan job with its file, and where its run reports progress, events and results.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class RunContext:
     job_file: Path
     journal: Journal = field(default_factory=CombinedJournal)
     stop: StopRequest = field(default_factory=StopRequest)
-    finished: Callable[[Path], object] = report_nothing
+    finished: Callable[[Path], object] = do_nothing_when_finished
 
     @cached_property
     def joint_file(self) -> Path | None:
-        """The file of the joint that the job names.
+        """Path of the joint's file that the job names.
 
         Raises
         ------
@@ -80,16 +80,16 @@ class RunContext:
 
     @cached_property
     def joint(self) -> JointDefinition | None:
-        """The joint that the job names; raises ConfigurationError if there can be no such joint."""
+        """Definition of the joint that the job names; ConfigurationError if it can't be built."""
         return None if self.joint_file is None else read_joint(self.joint_file)
 
     @cached_property
-    def mount(self) -> SensorMount:
-        """Where the sensor sits on the flange; raises as `sensor_mount_of_job` does."""
+    def sensor_mount(self) -> SensorMount:
+        """Pose of the sensor on the flange; raises as `sensor_mount_of_job` does."""
         return sensor_mount_of_job(self.job, self.job_file)
 
-    def cell(self, left: View | None = None) -> Cell:
-        """Make the cell with all that the job names; connect nothing.
+    def make_cell(self, left: View | None = None) -> Cell:
+        """Make the cell (arm and laser) that the job names; connect nothing.
 
         Parameters
         ----------
@@ -104,9 +104,9 @@ class RunContext:
         with add_file_to_errors(self.job_file):
             joint = self.joint
             state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
-            return make_scan_cell(self.job, self.mount.T_f_s, joint, state)
+            return make_scan_cell(self.job, self.sensor_mount.T_f_s, joint, state)
 
-    def make_directory(self, directory: Path) -> None:
+    def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
         with add_file_to_errors(self.job_file):
             make_run_directory(
@@ -114,21 +114,21 @@ class RunContext:
                 self.job,
                 self.job_file,
                 joint=self.joint_file,
-                calibration=self.mount.file,
+                calibration=self.sensor_mount.file,
             )
 
-    def origin(self, directory: Path) -> JobSnapshot:
-        """What a recording in a run directory is made with."""
-        return recording_origin(directory, self.job)
+    def job_snapshot(self, directory: Path) -> JobSnapshot:
+        """Snapshot of the job and its files, for the recording in a run directory."""
+        return take_job_snapshot(directory, self.job)
 
     @contextmanager
-    def recording(self, directory: Path) -> Iterator[Journal]:
-        """Record into a run directory while the block runs; gives the journal to report to."""
+    def open_recording(self, directory: Path) -> Iterator[Journal]:
+        """Record into a run directory while the block runs; gives the journal that writes it."""
         arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
         with open_scan_recording(
             next_recording_file(directory),
-            self.origin(directory),
+            self.job_snapshot(directory),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
             attachments={URDF: arm.urdf.read_bytes()},
@@ -136,13 +136,13 @@ class RunContext:
             yield CombinedJournal(recording, self.journal)
 
 
-def groove_reader(job: ScanJob) -> Callable[[Profile], GrooveSection]:
-    """What reads the grooves of a job's profiles."""
+def groove_reader_of_job(job: ScanJob) -> Callable[[Profile], GrooveSection]:
+    """Function that reads the groove in a profile with the settings of a job."""
     return partial(find_groove, settings=job.groove)
 
 
 def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
-    """The frame of a scan's results.
+    """Frame of a scan's results: the joint's where the job says where that is, else the base's.
 
     It is b for a station: where the joint stands there is known but about.
     """

@@ -12,7 +12,7 @@ import tomli_w
 
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import DRAFT_PREFIX, atomic_directory, lock_directory
+from tjscan.core.files import DRAFT_PREFIX, lock_directory, write_files_atomically
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
@@ -62,7 +62,7 @@ def make_run_directory(
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with lock_directory(directory), atomic_directory(directory, last=JOB) as draft:
+    with lock_directory(directory), write_files_atomically(directory, last=JOB) as draft:
         _check_empty(directory, draft)
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
@@ -72,7 +72,7 @@ def make_run_directory(
             shutil.copyfile(job.arm.model, draft / URDF)
         text = _text(job, draft)
         name = job_label(_first_name(job_file), text.encode())
-        head = Provenance.written_now(name, "w" if job.station else "b").lines("#")
+        head = Provenance.for_file_written_now(name, "w" if job.station else "b").comment_lines("#")
         (draft / JOB).write_text(head + text, encoding="utf-8")
 
 
@@ -104,8 +104,8 @@ def nothing_recorded_yet(directory: Path) -> bool:
     )
 
 
-def recording_origin(directory: Path, job: CellJob) -> JobSnapshot:
-    """What a run directory's recording is made with: a job as it now is, and the files it names.
+def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
+    """Snapshot of a job as it now is and the files it names, for a run directory's recording.
 
     Raises
     ------

@@ -16,9 +16,9 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.job.cell import Cell, clearance_of_job
+from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.laser.profile import Profile
-from tjscan.runs.context import RunContext, groove_reader, result_frame_of_job
+from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 
 LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
 """Whose versions are reported."""
@@ -33,7 +33,7 @@ FEWEST: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What one check found.
+    """Result of one check: what was checked, what was found, and the error if there is one.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class CheckResult:
     error: TjscanError | None = None
 
     @property
-    def sound(self) -> bool:
-        """Whether nothing is wrong."""
+    def passed(self) -> bool:
+        """Whether the check found nothing wrong."""
         return self.error is None
 
 
@@ -77,11 +77,11 @@ def check_job_and_cell(
     def read() -> str:
         with add_file_to_errors(job_file):
             job = read_scan_job(job_file, overrides)
-            jobs.extend(job.jobs_by_station if station is None else (job.job_of_station(station),))
+            jobs.extend(job.jobs_at_stations if station is None else (job.job_at_station(station),))
         return f"{job_file} is sound"
 
     yield (finding := _look("job", read))
-    if not finding.sound:
+    if not finding.passed:
         return
     job = jobs[0]
     context = RunContext(job, job_file)
@@ -91,7 +91,7 @@ def check_job_and_cell(
         _look("clearance", partial(_clearance, job)),
     ]
     yield from named
-    if all(finding.sound for finding in named):
+    if all(finding.passed for finding in named):
         for place in jobs:
             where = f"{place.station[0].name}: " if len(jobs) > 1 else ""
             for finding in _devices(place, job_file):
@@ -100,7 +100,7 @@ def check_job_and_cell(
 
 def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
     try:
-        cell = RunContext(job, job_file).cell()
+        cell = RunContext(job, job_file).make_cell()
     except TjscanError as error:
         yield CheckResult("cell", str(error), error)
         return
@@ -111,13 +111,13 @@ def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             return name
 
         yield (arm := _look("arm", lambda: connect(cell.arm, f"{job.arm.driver} {job.arm.model}")))
-        yield (laser := _look("laser", lambda: connect(cell.laser, job.laser.device)))
-        if arm.sound:
+        yield (laser := _look("laser", lambda: connect(cell.laser, job.laser.device_id)))
+        if arm.passed:
             yield _look("model", partial(_model, cell))
             yield _look("stance", partial(_stance, cell))
-        if laser.sound and arm.sound:
-            yield _look("profile", partial(_profile, cell, groove_reader(job)))
-        if arm.sound:
+        if laser.passed and arm.passed:
+            yield _look("profile", partial(_profile, cell, groove_reader_of_job(job)))
+        if arm.passed:
             first, second = (start.T for start in job.start_poses)
             yield _look("first pose", partial(_path, cell, first))
             yield _look("second pose", partial(_path, cell, first, second))
@@ -139,12 +139,12 @@ def _versions() -> Iterator[str]:
 
 
 def _joint(context: RunContext) -> str:
-    frame = f"results will be in frame {result_frame_of_job(context.job).name}"
+    frame = f"results will be in frame {result_frame_of_job(context.job).letter}"
     return f"none named: {frame}" if context.joint is None else f"{context.joint_file}; {frame}"
 
 
 def _calibration(context: RunContext) -> str:
-    mount = context.mount
+    mount = context.sensor_mount
     where = "as the job has it" if mount.file is None else f"{mount.file}"
     return (
         f"{where}; the sensor is {1e3 * np.linalg.norm(mount.T_f_s[:3, 3]):.0f} mm from the flange"
@@ -152,7 +152,7 @@ def _calibration(context: RunContext) -> str:
 
 
 def _clearance(job: ScanJob) -> str:
-    clearance_of_job(job)
+    clear_path_planner_of_job(job)
     table = job.clearance
     around, carried = (
         ", ".join(one.name for one in solids) or "nothing" for solids in (table.solid, table.tool)

@@ -13,13 +13,13 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
-from tjscan.core.files import atomic_directory, refuse_links_outside
+from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.writer import recording_files
 from tjscan.result.directory import JOB
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext, groove_reader, report_nothing
+from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.directory import COPIES
 from tjscan.runs.scan import write_job_results
 from tjscan.runs.stitch import StitchedRun, stitch_run_directories
@@ -41,7 +41,7 @@ STRAYED: Final = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReprocessedStation:
-    """A run whose profiles were read again.
+    """One station's run whose profiles were read again.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
-    finished: Callable[[Path], object] = report_nothing,
+    finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
@@ -127,14 +127,14 @@ def reprocess_run(
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
-        return ReprocessedRun(out, (_reprocess(replace(context, job=job.job_of_station()), out),))
+        return ReprocessedRun(out, (_reprocess(replace(context, job=job.job_at_station()), out),))
     refuse_links_outside(directory, *(station.name for station in job.station))
-    context.make_directory(out)
+    context.make_run_directory(out)
     stations = tuple(
         _reprocess(
             replace(
                 context,
-                job=read_scan_job(run / JOB, overrides).job_of_station(),
+                job=read_scan_job(run / JOB, overrides).job_at_station(),
                 job_file=run / JOB,
             ),
             out / run.name,
@@ -153,7 +153,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     directory, job = context.job_file.parent, context.job
     refuse_links_outside(directory, *COPIES)
     with add_file_to_errors(context.job_file):
-        T_f_s = context.mount.T_f_s
+        T_f_s = context.sensor_mount.T_f_s
     recorded = read_recorded_scan(directory)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
@@ -162,8 +162,8 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
             iter(lost.values()),
             RecordingError(f"{directory}: holds less than {FEWEST} finished sections"),
         )
-    context.make_directory(out)
-    with atomic_directory(out) as draft:
+    context.make_run_directory(out)
+    with write_files_atomically(out) as draft:
         for file in recording_files(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
@@ -182,7 +182,7 @@ def _sections(
     job: ScanJob, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
-    read, far = groove_reader(job), STRAYED * job.scan.step
+    read, far = groove_reader_of_job(job), STRAYED * job.scan.step
     for one in recorded.sections.values():
         try:
             section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)

@@ -16,7 +16,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.result.frame import JointOrBaseFrame
-from tjscan.result.picture import draw_groove
+from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
 from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
@@ -45,12 +45,12 @@ def calibration_label(directory: Path) -> str:
 def sections_in_result_frame(
     sections: Sequence[ScannedSection], frame: JointOrBaseFrame, station: str = "1"
 ) -> tuple[MeasuredSection, ...]:
-    """Put every finished section into the frame of the result."""
+    """Transform every finished section into the frame of the result."""
     return tuple(
         measure(
             scan.groove,
             frame.T_r_b @ scan.view.T_b_s,
-            frame.name,
+            frame.letter,
             index=scan.view.index,
             station=station,
         )
@@ -75,7 +75,7 @@ def summarise_scan(
     corner_error: Array | None,
     calibration: str = "",
 ) -> ScanSummary:
-    """Sum up what a scan found.
+    """Summarise what a scan found in a few numbers.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def summarise_scan(
         complete=plan_is_fulfilled(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
-        frame=frame.name,
+        frame=frame.letter,
         groove_length_mm=1e3 * groove_length(result.sections),
         half_steps=result.counts.half_steps,
         step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
@@ -134,7 +134,7 @@ def write_scan_results(
     *,
     station: str = "1",
 ) -> ScanSummary:
-    """Write what a scan from one place found; raises as `write_run_results` does.
+    """Write the results of a scan from one place; raises as `write_run_results` does.
 
     Parameters
     ----------
@@ -153,10 +153,10 @@ def write_scan_results(
     error = None if joint is None else corner_to_edge_distances(corners, feature_edges(joint))
     summary = summarise_scan(result, plan, frame, error, calibration_label(directory))
     middle = result.sections[len(result.sections) // 2]
-    picture = draw_groove(
+    picture = draw_groove_overview(
         sections,
         points,
-        frame=frame.name,
+        frame=frame.letter,
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],

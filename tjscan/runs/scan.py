@@ -15,13 +15,13 @@ from tjscan.core.errors import (
     TjscanError,
     message_with_notes,
 )
-from tjscan.core.files import refuse_links_outside, sole_writer
+from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
-from tjscan.recording.header import JobSnapshot, job_changes
+from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext, groove_reader, result_frame_of_job
+from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.directory import COPIES, nothing_recorded_yet
 from tjscan.runs.results import write_scan_results
 from tjscan.scanning.events import ScanEvent
@@ -62,9 +62,9 @@ def check_scan_job(context: RunContext) -> None:
         If a taught pose is, or the way there is blocked.
     """
     with add_file_to_errors(context.job_file):
-        places = context.job.jobs_by_station
+        places = context.job.jobs_at_stations
     for place in places:
-        with replace(context, job=place).cell() as cell:
+        with replace(context, job=place).make_cell() as cell:
             cell.arm.check_moves(*(start.T for start in place.start_poses))
 
 
@@ -76,7 +76,7 @@ def scan_in_cell(
     stop: StopRequest | None = None,
 ) -> ScanResult:
     """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
-    stop, read = stop or StopRequest(), groove_reader(job)
+    stop, read = stop or StopRequest(), groove_reader_of_job(job)
     sections = () if done is None else done.reread_sections(read)
     seen = ScannedSurfaceObstacle(cell.clearance, sections)
     journal = CombinedJournal(journal, seen)
@@ -108,7 +108,7 @@ def _note_devices(cell: Cell, journal: Journal) -> None:
 
 
 def run_scan(context: RunContext, directory: Path) -> ScanSummary:
-    """Scan as a job says and leave a run directory behind.
+    """Scan as a job says, into a new run directory.
 
     Parameters
     ----------
@@ -123,17 +123,17 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     with add_file_to_errors(context.job_file):
-        context = replace(context, job=context.job.job_of_station())
-        cell = context.cell()
-        context.make_directory(directory)
-        with sole_writer(directory):
-            with context.recording(directory) as journal:
+        context = replace(context, job=context.job.job_at_station())
+        cell = context.make_cell()
+        context.make_run_directory(directory)
+        with lock_and_clean_directory(directory):
+            with context.open_recording(directory) as journal:
                 result = scan_in_cell(cell, context.job, journal, stop=context.stop)
             return write_job_results(context, directory, result)
 
 
 def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
-    """Go on with a scan that was interrupted, after its last finished section.
+    """Resume an interrupted scan after its last finished section.
 
     Parameters
     ----------
@@ -154,14 +154,14 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     directory = context.job_file.parent
     refuse_links_outside(directory, *COPIES)
     check_keys_replaceable(overrides, context.job_file)
-    with add_file_to_errors(context.job_file), sole_writer(directory):
-        context = replace(context, job=context.job.job_of_station())
+    with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
+        context = replace(context, job=context.job.job_at_station())
         changed, done = [], None
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory)
-            changed = changes_since_recording(directory, done, context.origin(directory))
-        cell = context.cell(left=done.views[-1] if done and done.views else None)
-        with context.recording(directory) as journal:
+            changed = changes_since_recording(directory, done, context.job_snapshot(directory))
+        cell = context.make_cell(left=done.views[-1] if done and done.views else None)
+        with context.open_recording(directory) as journal:
             for key, what in changed:
                 journal.record_event("changed", f"{key} {what}")
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
@@ -169,7 +169,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
 
 
 def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
-    """Check that keys may be replaced while a scan goes on.
+    """Check that keys of the job may be replaced when a scan is resumed.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
 def changes_since_recording(
     directory: Path, done: RecordedScan, now: JobSnapshot
 ) -> list[tuple[str, str]]:
-    """What changed since a run was last recorded, where a scan may go on all the same.
+    """Keys of the job that changed since a run was recorded; refuse those that must not.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def changes_since_recording(
                 "program made it. Start a new scan"
             )
         return []
-    changed = list(job_changes(before, now))
+    changed = list(job_snapshot_changes(before, now))
     for key, what in changed:
         if not key.startswith(RESUMABLE):
             raise ConfigurationError(
@@ -224,7 +224,7 @@ def changes_since_recording(
 
 
 def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
-    """Write what a job's scan found into its run directory.
+    """Write the results of a job's scan into its run directory.
 
     Raises
     ------

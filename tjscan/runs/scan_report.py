@@ -29,7 +29,7 @@ COUNTED: Final = (ScanEvent.HALF_STEP,)
 
 
 def scan_chapter(directory: Path) -> ReportChapter:
-    """The chapter of a scan from one place, see `tjscan.result.chapter.ChapterWriter`."""
+    """Make a scan's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / RECORDING).is_file():
         return ReportChapter()
     job, log = read_scan_job(directory / JOB), read_recorded_scan(directory)
@@ -50,8 +50,8 @@ def scan_chapter(directory: Path) -> ReportChapter:
 
 
 def _devices(job: ScanJob) -> str:
-    arm = f"arm {job.arm.device} ({job.arm.driver})"
-    return f"{arm}, laser {job.laser.device} ({job.laser.driver})"
+    arm = f"arm {job.arm.device_id} ({job.arm.driver})"
+    return f"{arm}, laser {job.laser.device_id} ({job.laser.driver})"
 
 
 def _job(job: ScanJob) -> str:
@@ -73,7 +73,7 @@ def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
         count = names.count(name)
         times = "" if count == 1 else f", {count} times"
         yield f"An event was recorded: {name}{times}. See the events."
-    kinds = {job.arm.kind, job.laser.kind}
+    kinds = {job.arm.driver_kind, job.laser.driver_kind}
     if kinds == {DriverKind.REPLAYED}:
         yield "Replayed from a recording: nothing moved."
     elif DriverKind.REPLAYED in kinds:

@@ -13,11 +13,11 @@ from tjscan.calibration.operator import Question
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
-from tjscan.core.files import refuse_links_outside, sole_writer
+from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.context import RunContext, report_nothing
+from tjscan.runs.context import RunContext, do_nothing_when_finished
 from tjscan.runs.directory import COPIES, nothing_recorded_yet
 from tjscan.runs.scan import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stitch import StitchedRun, stitch_run_directories
@@ -29,17 +29,17 @@ Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""
 
 
-class StationAttendant(Protocol):
-    """Moves the arm from station to station, and says when it stands there."""
+class StationOperator(Protocol):
+    """Whoever moves the arm from station to station, and confirms that it stands there."""
 
     def confirm(self, question: Question) -> bool:
-        """Say yes or no."""
+        """Answer a yes-or-no question, such as whether the arm stands at a station."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class StationScan:
-    """The scan from one station.
+    """The scan from one station: its run directory, and its summary once it is scanned.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ class StationScan:
     summary: ScanSummary | None
 
     @property
-    def done(self) -> bool:
-        """Whether it did what was asked."""
+    def is_complete(self) -> bool:
+        """Whether the station's scan did what was asked."""
         return self.summary is not None and self.summary.complete
 
 
 def run_stations(
-    context: RunContext, directory: Path, attendant: StationAttendant, watch: Watch
+    context: RunContext, directory: Path, operator: StationOperator, watch: Watch
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -74,7 +74,7 @@ def run_stations(
         The job, with several stations; its journal is not used.
     directory : Path
         The directory to make.
-    attendant : StationAttendant
+    operator : StationOperator
         Is asked before the arm moves at another station than the first.
     watch : callable
         Gives a journal for each scan.
@@ -90,19 +90,19 @@ def run_stations(
         As `run_scan` does; the stations that were scanned before are whole.
     """
     _check(context)
-    context.make_directory(directory)
+    context.make_run_directory(directory)
     made = replace(context, job=read_scan_job(directory / JOB), job_file=directory / JOB)
-    return resume_stations(made, {}, attendant, watch)
+    return resume_stations(made, {}, operator, watch)
 
 
 def resume_stations(
     context: RunContext,
     overrides: dict[str, Any],
-    attendant: StationAttendant,
+    operator: StationOperator,
     watch: Watch,
     only: str | None = None,
 ) -> tuple[StationScan, ...]:
-    """Scan what is missing: stations that were cut short, and those that were not begun.
+    """Resume a scan from several stations: those cut short, and those not begun.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def resume_stations(
         The job as the directory that `run_stations` made holds it, with keys replaced or not.
     overrides : dict
         The dotted keys that were replaced, and their values.
-    attendant, watch
+    operator, watch
         As of `run_stations`.
     only : str, optional
         The one station to scan; all where left out.
@@ -129,32 +129,32 @@ def resume_stations(
     directory = job_file.parent
     refuse_links_outside(directory, *COPIES)
     check_keys_replaceable(overrides, job_file)
-    refuse_links_outside(directory, *job.stations)
+    refuse_links_outside(directory, *job.station_names)
     _check(context)
     if only is not None:
         with add_file_to_errors(job_file):
-            job.job_of_station(only)
-    with sole_writer(directory):
-        for name in job.stations if only is None else (only,):
+            job.job_at_station(only)
+    with lock_and_clean_directory(directory):
+        for name in job.station_names if only is None else (only,):
             found = _found(directory, name)
-            if found.done:
+            if found.is_complete:
                 continue
-            if context.stop.stop_after_section or not _stands(job, found, attendant):
+            if context.stop.stop_after_section or not _stands(job, found, operator):
                 break
             with (
                 _saying_how_to_go_on(directory, name),
-                watch(name, job.job_of_station(name).scan) as journal,
+                watch(name, job.job_at_station(name).scan) as journal,
             ):
                 _scan(
-                    replace(context, job=job.job_of_station(name), journal=journal),
+                    replace(context, job=job.job_at_station(name), journal=journal),
                     found,
                     overrides,
                 )
-    return tuple(_found(directory, name) for name in job.stations)
+    return tuple(_found(directory, name) for name in job.station_names)
 
 
 def stitch_station_runs(
-    directory: Path, finished: Callable[[Path], object] = report_nothing
+    directory: Path, finished: Callable[[Path], object] = do_nothing_when_finished
 ) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
 
@@ -170,7 +170,7 @@ def stitch_station_runs(
     StitchingRefused
         If they can't be stitched; what each of them scanned is whole.
     """
-    with sole_writer(directory):
+    with lock_and_clean_directory(directory):
         try:
             return stitch_run_directories([directory], directory, finished=finished)
         except StitchingRefused as error:
@@ -185,14 +185,14 @@ def stitch_station_runs(
 def _check(context: RunContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     job = context.job
-    if job.laser.kind is DriverKind.REPLAYED:
+    if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
             file=context.job_file,
             key="laser.driver",
         )
-    for name in job.stations:
-        replace(context, job=job.job_of_station(name)).cell()
+    for name in job.station_names:
+        replace(context, job=job.job_at_station(name)).make_cell()
 
 
 def _found(directory: Path, name: str) -> StationScan:
@@ -201,18 +201,18 @@ def _found(directory: Path, name: str) -> StationScan:
     return StationScan(name, folder, read_summary(file) if file.is_file() else None)
 
 
-def _stands(job: ScanJob, station: StationScan, attendant: StationAttendant) -> bool:
+def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
     """Whether the arm stands there: it does at the first station, and at one that was cut short."""
-    i = job.stations.index(station.name)
+    i = job.station_names.index(station.name)
     if i == 0 or (station.directory / JOB).is_file():
         return True
-    before = _found(station.directory.parent, job.stations[i - 1])
+    before = _found(station.directory.parent, job.station_names[i - 1])
     so_far = (
         f"Station {before.name} is not scanned."
         if before.summary is None
         else f"Station {before.name}: {before.summary.sections} sections, {before.summary.detail}."
     )
-    return attendant.confirm(
+    return operator.confirm(
         Question(
             f"{so_far} Move the arm to station {station.name}. Does it stand there, firmly, and is "
             "the way to its start poses free?",

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
@@ -29,7 +29,7 @@ from tjscan.result.directory import (
     job_label_of_run,
 )
 from tjscan.result.frame import JointOrBaseFrame
-from tjscan.result.picture import draw_groove, write_png
+from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.stitching import StitchingReport, write_stitching_report
 from tjscan.result.summary import (
     ScanSummary,
@@ -39,9 +39,9 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.context import RunContext, groove_reader, report_nothing
+from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.results import all_profile_points
-from tjscan.runs.stitching_report import stitching_report
+from tjscan.runs.stitching_report import build_stitching_report
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
@@ -52,7 +52,7 @@ from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationRun:
-    """A run directory of one station.
+    """Run directory of one station, and what was read from it for stitching.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class StationRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StitchedRun:
-    """A stitched groove, as it was written.
+    """A stitched groove and the run directory it was written to.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
     settings: StitchSettings = DEFAULT,
-    finished: Callable[[Path], object] = report_nothing,
+    finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 
@@ -121,13 +121,13 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = [read_station(run) for run in station_directories(runs)]
+    read = [read_station_run(run) for run in station_directories(runs)]
     _check_names(read)
     try:
         stitched = stitch_stations([one.station for one in read], settings)
     except StitchingRefused as error:
         if isinstance(error.draft, StitchingDraft):
-            with atomic_directory(directory) as draft:
+            with write_files_atomically(directory) as draft:
                 write_png(draft / STATIONS_PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / STATIONS_PICTURE} shows it")
         raise
@@ -148,14 +148,14 @@ def _check_names(read: Sequence[StationRun]) -> None:
 
 
 def station_directories(runs: Sequence[Path]) -> list[Path]:
-    """The run directories of single stations that were named, or lie in a named one."""
+    """Run directories of single stations, as named or found in a named directory."""
     found = []
     for run in runs:
         if any(file.is_file() for file in recording_files(run)):
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        names = read_scan_job(run / JOB).stations if (run / JOB).is_file() else ()
+        names = read_scan_job(run / JOB).station_names if (run / JOB).is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
@@ -163,13 +163,13 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
     return found
 
 
-def read_station(directory: Path) -> StationRun:
+def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)
-        read = groove_reader(job)
+        read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
         joint = RunContext(job, job_file).joint
@@ -200,7 +200,7 @@ def _name(job: ScanJob, job_file: Path) -> str:
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
     """Copy the runs that lie elsewhere, and the joint, into the directory of the result."""
-    with atomic_directory(directory) as draft:
+    with write_files_atomically(directory) as draft:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
@@ -235,7 +235,9 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         None if joint is None else corner_to_edge_distances(corners, feature_edges(joint)),
         closed=stitched.closed,
     )
-    report = stitching_report(stitched, {one.station.name: _folder(directory, one) for one in read})
+    report = build_stitching_report(
+        stitched, {one.station.name: _folder(directory, one) for one in read}
+    )
     frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
     points = np.concatenate(
         [
@@ -243,7 +245,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
             for one, frame in zip(stitched.stations, frames, strict=True)
         ]
     )
-    picture = draw_groove(
+    picture = draw_groove_overview(
         stitched.sections,
         points,
         frame="j",
@@ -258,9 +260,9 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         ],
     )
     job = job_label_of_run(directory, *(one.directory for one in read))
-    provenance = Provenance.written_now(job, "j")
+    provenance = Provenance.for_file_written_now(job, "j")
     report = replace(report, provenance=provenance)
-    with atomic_directory(directory) as draft:
+    with write_files_atomically(directory) as draft:
         write_stitching_report(draft / STATIONS, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     summary = write_run_results(directory, stitched.sections, points, summary, picture, job)

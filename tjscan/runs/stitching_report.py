@@ -12,8 +12,8 @@ from tjscan.stitching.registration import StationRegistration, point_covariance_
 from tjscan.stitching.stitch import PlacedStation, StitchedGroove
 
 
-def stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
-    """Convert a stitched groove to the units and words of its file.
+def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
+    """Convert a stitched groove to the report of its stations and overlaps, in mm and degrees.
 
     Parameters
     ----------

@@ -13,12 +13,12 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, StartSeesNoGroove
-from tjscan.core.files import atomic_directory
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.robot.rest import await_rest, check_still
-from tjscan.runs.context import RunContext, groove_reader
+from tjscan.runs.context import RunContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
 
@@ -29,7 +29,7 @@ DEG_DECIMALS: Final = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TaughtPose:
-    """A pose as it was written.
+    """A start pose as it was written into a job file, and the groove seen from there.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class TaughtPose:
 
 
 def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
-    """Write where the arm stands into a job file, if the laser sees a groove there; move nothing.
+    """Write the arm's pose into a job file as a start pose, if the laser sees a groove there.
 
     It waits until the arm rests, for it may have been led there by hand a moment ago. Comments
     and everything else in the file stay as they are.
@@ -75,12 +75,12 @@ def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
     RecordingError
         If the file can't be written; it then is what it was.
     """
-    with RunContext(job, job_file).cell() as cell:
+    with RunContext(job, job_file).make_cell() as cell:
         state = await_rest(cell.arm)
         profile = cell.laser.capture()
         check_still(state, cell.arm.state())
         try:
-            groove = groove_reader(job)(profile)
+            groove = groove_reader_of_job(job)(profile)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
     if groove.on_tack:
@@ -133,7 +133,7 @@ def write_start_pose(
         pose = _table(pose, name, job_file)
     pose["position_mm"] = list(position_mm)
     pose["euler_zyx_deg"] = list(euler_zyx_deg)
-    with atomic_directory(file.parent) as folder:
+    with write_files_atomically(file.parent) as folder:
         draft = folder / file.name
         draft.write_text(tomlkit.dumps(document), encoding="utf-8")
         shutil.copymode(file, draft)

@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.core.units import DEG, MM, MM2, Settings
+from tjscan.core.units import DEG, MM, MM2, SettingsTable
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.track import MOST_SECTIONS, RecentSections, recent_section_arrays
@@ -27,7 +27,7 @@ CHOICES: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
-class AdaptiveStepSettings(Settings):
+class AdaptiveStepSettings(SettingsTable):
     """The table [scan.adaptive]: how much may change from section to section.
 
     Steps are as long as that allows; the plan's step counts for the taught poses alone.
@@ -93,5 +93,5 @@ def _areas(sections: Sequence[ScannedSection], track: RecentSections) -> Ordinar
 
 def _change(process: OrdinaryKriging, steps: Array) -> Array:
     """How much it may change over steps from the last section: expected, and once its doubt."""
-    change, sigma = process.change(steps, 0.0)
+    change, sigma = process.predict_change(steps, 0.0)
     return np.asarray(np.abs(change) + sigma)

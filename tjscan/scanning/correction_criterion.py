@@ -11,7 +11,7 @@ from annotated_types import Gt, Le
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.core.units import DEG, MM, Settings
+from tjscan.core.units import DEG, MM, SettingsTable
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.set_point import SetPoint
@@ -22,7 +22,7 @@ SIGMAS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionCriterion(Settings):
+class CorrectionCriterion(SettingsTable):
     """The table [scan.skip]: how far a view may be off the ideal one and still be the section's.
 
     A correction changes how the sensor looks at a section, not where the section lies: its points

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileKey, PoseSettings, Settings
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileKey, PoseSettings, SettingsTable
 from tjscan.scanning.adaptive import AdaptiveStepSettings
 from tjscan.scanning.correction_criterion import CorrectionCriterion
 from tjscan.scanning.prediction import SMOOTH
@@ -17,7 +17,7 @@ from tjscan.scanning.target import ScanDirection, target_pose_in_sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScanPlan(Settings):
+class ScanPlan(SettingsTable):
     """The table [scan]: step, direction, view and end of a scan.
 
     Parameters

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from tjscan.core.registry import Task
+from tjscan.core.registry import TaskPlugin
 
-TASK: Final = Task(
+TASK: Final = TaskPlugin(
     "scan",
     report="tjscan.runs.scan_report:scan_chapter",
-    study="tjscan.runs.scan_study.kind:SCAN_STUDY",
+    study="tjscan.runs.scan_study.backend:SCAN_STUDY",
 )

@@ -27,12 +27,12 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import (
+    event_log_message,
     frame_transforms_message,
     joint_states_message,
-    log_message,
-    profile_from_cloud,
-    profile_to_cloud,
-    scene_message,
+    line_and_surface_message,
+    profile_from_cloud_message,
+    profile_to_cloud_message,
 )
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.json_numbers import pose_from_list, pose_to_list, to_finite_floats
@@ -230,7 +230,7 @@ class RecordingJournal:
         self._recording.write(
             now,
             (VIEW, view),
-            (PROFILE, profile_to_cloud(now, view.profile)),
+            (PROFILE, profile_to_cloud_message(now, view.profile)),
             (
                 TRANSFORMS,
                 frame_transforms_message(now, {("b", "f"): view.T_b_f, ("f", "s"): T_f_s}),
@@ -257,7 +257,7 @@ class RecordingJournal:
             now,
             (SECTION, record),
             (TRANSFORMS, frame_transforms_message(now, frames)),
-            (SCENE, scene_message(now, f"section {scan.view.index}", points, surface)),
+            (SCENE, line_and_surface_message(now, f"section {scan.view.index}", points, surface)),
         )
         self._last = points
         self._recording.sync_to_disk()
@@ -265,7 +265,7 @@ class RecordingJournal:
     def record_event(self, name: str, detail: str) -> None:
         """Write what happened out of the ordinary."""
         level = _LEVELS.get(name, Log.Level.INFO)
-        self._recording.write(self._now, (LOG, log_message(self._now, level, name, detail)))
+        self._recording.write(self._now, (LOG, event_log_message(self._now, level, name, detail)))
 
 
 @contextmanager
@@ -313,7 +313,7 @@ def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection 
             elif entry.topic is PROFILE:
                 if pending is None:
                     raise ValueError("a profile without a view")
-                view = replace(pending, profile=profile_from_cloud(message, pending.time))
+                view = replace(pending, profile=profile_from_cloud_message(message, pending.time))
                 pending = None
                 yield when, view
             elif entry.topic is SECTION:

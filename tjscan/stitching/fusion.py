@@ -195,7 +195,9 @@ def _one(
         by = places - start
         starts = [*start[CORNERS], *start[CORNERS], *np.repeat(azimuth, 4)]
         ways = [*by[CORNERS], *by[CORNERS], *np.repeat(middle - azimuth, 4)]
-        grown = np.array([c.change(*way) for c, *way in zip(curves, starts, ways, strict=True)])
+        grown = np.array(
+            [c.predict_change(*way) for c, *way in zip(curves, starts, ways, strict=True)]
+        )
         out, up = one.out.copy(), one.up.copy()
         out[CORNERS] += grown[:3]
         up[CORNERS] += grown[3:6]

@@ -8,16 +8,16 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from tjscan.core.config import FileModel, read_toml, validate_table
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.study.kind import study_kind_of_task
+from tjscan.study.backend import study_backend_of_task
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
 
 
-class StudyFile(FileModel):
-    """A study as its TOML file holds it.
+class StudyFile(StrictFileModel):
+    """A study file: base jobs, and the settings that are fixed or varied.
 
     Parameters
     ----------
@@ -40,17 +40,17 @@ class StudyFile(FileModel):
     together: Tables = ()
 
     @property
-    def jobs(self) -> tuple[str, ...]:
-        """The base jobs, sought from the study's folder."""
+    def base_jobs(self) -> tuple[str, ...]:
+        """Paths of the base jobs, counted from the study's folder."""
         return (self.job,) if isinstance(self.job, str) else self.job
 
     @property
-    def fixed_keys(self) -> dict[str, Any]:
-        """Dotted keys and values that hold for every run."""
-        return dotted_keys(self.fixed)
+    def fixed_settings(self) -> dict[str, Any]:
+        """Dotted keys and values that are the same in every run."""
+        return flatten_to_dotted_keys(self.fixed)
 
-    def axes(self) -> list[list[dict[str, Any]]]:
-        """What is varied: the product of these lists, the last one running fastest.
+    def varied_axes(self) -> list[list[dict[str, Any]]]:
+        """Lists of the settings that are varied; a study runs their product.
 
         Each list holds the settings of one axis, a setting being dotted keys and their values.
 
@@ -61,18 +61,18 @@ class StudyFile(FileModel):
             together differ in length.
         """
         axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
-        axes += [_together(dotted_keys(table)) for table in self.together]
+        axes += [_together(flatten_to_dotted_keys(table)) for table in self.together]
         if self.seeds is not None:
-            key = study_kind_of_task(self.task).seed
+            key = study_backend_of_task(self.task).seed
             axes.append([{key: seed} for seed in range(1, self.seeds + 1)])
         keys = [key for axis in axes for key in axis[0]]
         for key in keys:
-            if keys.count(key) > 1 or key in self.fixed_keys:
+            if keys.count(key) > 1 or key in self.fixed_settings:
                 raise ConfigurationError("stands twice in the study", key=key)
         return axes
 
     def _grid(self) -> list[tuple[str, Any]]:
-        return list(dotted_keys(self.grid).items())
+        return list(flatten_to_dotted_keys(self.grid).items())
 
 
 def read_study_file(file: Path) -> StudyFile:
@@ -85,14 +85,14 @@ def read_study_file(file: Path) -> StudyFile:
     """
     study = validate_table(StudyFile, read_toml(file), file)
     try:
-        study.axes()
+        study.varied_axes()
     except ConfigurationError as error:
         raise ConfigurationError(error.message, file=file, key=error.key) from None
     return study
 
 
-def dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as dotted keys; ``{"scan": {"step_mm": 1}}`` is ``{"scan.step_mm": 1}``.
+def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested tables: ``{"scan": {"step_mm": 1}}`` becomes ``{"scan.step_mm": 1}``.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):
-            flat |= dotted_keys(value, f"{prefix}{key}.")
+            flat |= flatten_to_dotted_keys(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
+from tjscan.study.backend import study_backend_of_task
 from tjscan.study.file import StudyFile
-from tjscan.study.kind import study_kind_of_task
 from tjscan.study.trial import Trial, Value, canonical_json
 
 MOST_TRIALS: Final = 1_000_000
@@ -19,7 +19,7 @@ MOST_TRIALS: Final = 1_000_000
 
 
 def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
-    """All runs of a study, in the order of its table.
+    """All trials (runs to make) of a study, in the order of its table.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
     ConfigurationError
         For the first run that can't be, naming the key.
     """
-    kind, axes = study_kind_of_task(study.task), study.axes()
-    jobs = [study_file.parent / name for name in study.jobs]
+    kind, axes = study_backend_of_task(study.task), study.varied_axes()
+    jobs = [study_file.parent / name for name in study.base_jobs]
     count = len(jobs) * prod(map(len, axes))
     if count > MOST_TRIALS:
         raise ConfigurationError(
@@ -46,7 +46,7 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
         for setting in settings:
             varied |= setting
         with add_file_to_errors(study_file):
-            resolved = kind.resolve(job, study.fixed_keys | varied)
+            resolved = kind.resolve_run(job, study.fixed_settings | varied)
         named = {"job": job.stem} if len(jobs) > 1 else {}
         inputs = _cells(named | varied | dict(resolved.followed))
         trials.append(Trial(len(trials), inputs, study.task, resolved.settings))

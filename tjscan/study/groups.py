@@ -14,8 +14,8 @@ from tjscan.study.trial import Value
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 
-def varied_keys(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Value]]:
-    """Keys that take several values, and these in the order in which they come."""
+def varied_values_by_key(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Value]]:
+    """Keys that take several values in the rows of a study, with these values."""
     found: dict[str, dict[Value, None]] = {}
     for row in rows:
         for key, value in row.inputs.items():
@@ -25,7 +25,7 @@ def varied_keys(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Value]]:
 
 @dataclass(frozen=True, slots=True)
 class RowGroup(Generic[O]):
-    """Rows that share a value of one key, or of several.
+    """Rows of a study that share the value of one key, or of several.
 
     Parameters
     ----------
@@ -36,26 +36,26 @@ class RowGroup(Generic[O]):
     rows: tuple[StudyRow[O], ...]
 
     @property
-    def complete(self) -> tuple[StudyRow[O], ...]:
-        """Those whose run did what was asked."""
+    def complete_rows(self) -> tuple[StudyRow[O], ...]:
+        """The rows whose run did what was asked."""
         return tuple(row for row in self.rows if row.outcome.complete)
 
     @property
-    def share(self) -> float:
-        """How many of them are complete, from 0 to 1."""
-        return len(self.complete) / len(self.rows)
+    def complete_share(self) -> float:
+        """Share of the rows that are complete, from 0 to 1."""
+        return len(self.complete_rows) / len(self.rows)
 
-    def mean(self, value: Callable[[O], float | None]) -> float:
-        """Mean over the complete rows; NaN where nothing is known."""
-        values = [value(row.outcome) for row in self.complete]
+    def mean_of_complete(self, value: Callable[[O], float | None]) -> float:
+        """Mean of a quantity over the complete rows; NaN where nothing is known."""
+        values = [value(row.outcome) for row in self.complete_rows]
         known = [value for value in values if value is not None]
         return float(np.mean(known)) if known else float("nan")
 
 
-def group_rows(
+def group_rows_by_keys(
     rows: Iterable[StudyRow[O]], *keys: str
 ) -> dict[tuple[Value | None, ...], RowGroup[O]]:
-    """Rows by their values of some keys, in the order in which they come.
+    """Group the rows of a study by their values of some keys, in the order in which they come.
 
     Parameters
     ----------

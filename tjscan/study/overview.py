@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.study.groups import RowGroup, group_rows, varied_keys
-from tjscan.study.kind import StudyKind
+from tjscan.study.backend import StudyBackend
+from tjscan.study.groups import RowGroup, group_rows_by_keys, varied_values_by_key
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
@@ -22,7 +22,7 @@ COMPLETE: Final = "complete / %"
 
 
 def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
-    """The keys that an overview shows; of keys that always go together, the first.
+    """Keys that a study's overview shows; of keys that always vary together, the first.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
     """
     shown: list[str] = []
     seen: set[frozenset[tuple[int, ...]]] = set()
-    for key in varied_keys(rows):
+    for key in varied_values_by_key(rows):
         parts = frozenset(
-            tuple(row.index for row in g.rows) for g in group_by_value(rows, key).values()
+            tuple(row.index for row in g.rows) for g in group_rows_by_value(rows, key).values()
         )
         if key != seed and parts not in seen:
             seen.add(parts)
@@ -43,8 +43,8 @@ def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
     return shown
 
 
-def group_by_value(rows: Sequence[StudyRow[Any]], key: str) -> dict[str, RowGroup[Any]]:
-    """Rows by the value of a key, in words; by ranges of it where it has many values.
+def group_rows_by_value(rows: Sequence[StudyRow[Any]], key: str) -> dict[str, RowGroup[Any]]:
+    """Group rows by a key's value as text; by ranges of it where it has many values.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def group_by_value(rows: Sequence[StudyRow[Any]], key: str) -> dict[str, RowGrou
         Dotted.
     """
     rows = [row for row in rows if key in row.inputs]
-    groups = group_rows(rows, key)
+    groups = group_rows_by_keys(rows, key)
     numbers = [value for (value,) in groups if isinstance(value, int | float)]
     if len(groups) <= MOST_VALUES or len(numbers) < len(groups):
         ordered = sorted(groups.items(), key=lambda item: _order(item[0][0]))
@@ -69,14 +69,14 @@ def group_by_value(rows: Sequence[StudyRow[Any]], key: str) -> dict[str, RowGrou
     return {word: RowGroup(tuple(members)) for word, members in ranges.items() if members}
 
 
-def draw_overview(rows: Sequence[StudyRow[Any]], kind: StudyKind[Any]) -> Figure:
-    """Draw a row of panels for every key that was varied.
+def draw_overview(rows: Sequence[StudyRow[Any]], kind: StudyBackend[Any]) -> Figure:
+    """Draw the overview of a study: a row of panels for every key that was varied.
 
     Parameters
     ----------
     rows : sequence of StudyRow
         One at least.
-    kind : StudyKind
+    kind : StudyBackend
         Says what is measured.
     """
     keys = keys_to_show(rows, kind.seed)
@@ -84,13 +84,13 @@ def draw_overview(rows: Sequence[StudyRow[Any]], kind: StudyKind[Any]) -> Figure
     FigureCanvasAgg(figure)
     panels = figure.subplots(max(len(keys), 1), 1 + len(kind.measures), squeeze=False)
     for key, line in zip(keys, panels, strict=False):
-        groups = group_by_value(rows, key)
-        shares = [100 * members.share for members in groups.values()]
+        groups = group_rows_by_value(rows, key)
+        shares = [100 * members.complete_share for members in groups.values()]
         _draw_bars(line[0], list(groups), shares)
         line[0].set_ylim(min(90.0, *shares), 100)
         line[0].set_ylabel(key.removeprefix("joint.").removeprefix("rule."), fontsize="x-small")
         for measure, axes in zip(kind.measures, line[1:], strict=True):
-            means = [members.mean(measure.value) for members in groups.values()]
+            means = [members.mean_of_complete(measure.value) for members in groups.values()]
             _draw_bars(axes, list(groups), means)
     for name, axes in zip((COMPLETE, *(m.name for m in kind.measures)), panels[0], strict=True):
         axes.set_title(name, fontsize="small")

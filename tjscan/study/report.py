@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.result.picture import write_png
-from tjscan.study.kind import StudyKind
-from tjscan.study.overview import draw_overview, group_by_value, keys_to_show
+from tjscan.study.backend import StudyBackend
+from tjscan.study.overview import draw_overview, group_rows_by_value, keys_to_show
 from tjscan.study.row import StudyRow
 
 REPORT: Final = "report.md"
@@ -18,15 +18,15 @@ MOST_CAUSES: Final = 40
 
 
 def write_study_report(
-    folder: Path, kind: StudyKind[Any], rows: Sequence[StudyRow[Any]], *, planned: int
+    folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]], *, planned: int
 ) -> None:
-    """Write the report and its pictures.
+    """Write the report of a study and its pictures.
 
     Parameters
     ----------
     folder : Path
         Where to.
-    kind : StudyKind
+    kind : StudyBackend
         Says what is measured, and may have chapters of its own.
     rows : sequence of StudyRow
         What is done so far, one row at least.
@@ -38,7 +38,7 @@ def write_study_report(
     RecordingError
         If a picture can't be written.
     """
-    chapters = [*kind.chapters(folder, rows)] or [*_by_keys(folder, kind, rows)]
+    chapters = [*kind.special_report_lines(folder, rows)] or [*_by_keys(folder, kind, rows)]
     lines = [*_ended(rows, planned), *chapters, *_causes(rows)]
     (folder / REPORT).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -58,14 +58,15 @@ def _ended(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
     yield ""
 
 
-def _by_keys(folder: Path, kind: StudyKind[Any], rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+def _by_keys(folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
     keys = keys_to_show(rows, kind.seed)
     for key in keys:
         yield f"| {key} | runs | complete | {' | '.join(m.name for m in kind.measures)} |"
         yield f"| --- | ---: | ---: |{' ---: |' * len(kind.measures)}"
-        for word, members in group_by_value(rows, key).items():
-            means = (f"{members.mean(m.value):{m.form}}" for m in kind.measures)
-            yield f"| {word} | {len(members.rows)} | {members.share:.1%} | {' | '.join(means)} |"
+        for word, members in group_rows_by_value(rows, key).items():
+            means = (f"{members.mean_of_complete(m.value):{m.form}}" for m in kind.measures)
+            share = f"{members.complete_share:.1%}"
+            yield f"| {word} | {len(members.rows)} | {share} | {' | '.join(means)} |"
         yield ""
     if keys:
         write_png(folder / "overview.png", draw_overview(rows, kind))

@@ -18,7 +18,7 @@ HIDDEN = {"column": False}
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What came out of one run. Every algorithm adds its own fields, with defaults.
+    """Outcome of one run: whether it is complete, and why it ended. Each task adds its fields.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 @dataclass(frozen=True, slots=True)
 class StudyRow(Generic[O]):
-    """One run of a study: what was varied, and what came out.
+    """One row of a study's table: what was varied in a run, and its outcome.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class StudyRow(Generic[O]):
 
     @classmethod
     def from_trial(cls, trial: Trial, outcome: O, wall_s: float = 0.0) -> Self:
-        """The row of a trial.
+        """Make the row of a trial from its outcome.
 
         Parameters
         ----------
@@ -76,20 +76,20 @@ class StudyRow(Generic[O]):
         wall_s : float
             How long it took, seconds.
         """
-        return cls(trial.key, trial.index, trial.inputs, outcome, wall_s)
+        return cls(trial.hash_key, trial.index, trial.inputs, outcome, wall_s)
 
     @property
     def without_wall_time(self) -> Self:
-        """All of it that is the same in every run."""
+        """The row without the time that the run took, which differs from machine to machine."""
         return replace(self, wall_s=0.0)
 
-    def to_json(self) -> str:
-        """One line."""
+    def to_json_line(self) -> str:
+        """The row as one line of JSON."""
         return canonical_json(asdict(self))
 
     @classmethod
-    def from_json(cls, line: str, outcome: type[O]) -> Self:
-        """What `to_json` wrote.
+    def from_json_line(cls, line: str, outcome: type[O]) -> Self:
+        """Read a row from the line that `to_json_line` gave.
 
         Parameters
         ----------

@@ -9,18 +9,18 @@ from time import perf_counter
 from typing import Any
 
 from tjscan.core.errors import TjscanError
-from tjscan.core.files import atomic_directory, sole_writer
-from tjscan.study.kind import study_kind_of_task
+from tjscan.core.files import lock_and_clean_directory, write_files_atomically
+from tjscan.study.backend import study_backend_of_task
 from tjscan.study.report import write_study_report
 from tjscan.study.row import LOST_WORKER, StudyRow
-from tjscan.study.schedule import FinishedTask, LostTask, Scheduler
+from tjscan.study.schedule import CrashedTask, FinishedTask, TaskScheduler
 from tjscan.study.store import open_row_writer, read_rows, read_trials
 from tjscan.study.table import CSV, PARQUET, write_study_csv, write_study_parquet
 from tjscan.study.trial import Trial
 
 
 def run_study(
-    directory: Path, scheduler: Scheduler, watch: Callable[[StudyRow[Any]], None]
+    directory: Path, scheduler: TaskScheduler, watch: Callable[[StudyRow[Any]], None]
 ) -> tuple[StudyRow[Any], ...]:
     """Run what a study's directory still lacks, and write its tables.
 
@@ -30,7 +30,7 @@ def run_study(
     ----------
     directory : Path
         What `make_study` made.
-    scheduler : Scheduler
+    scheduler : TaskScheduler
         Where the trials run.
     watch : callable
         Receives every row, those on disk first, after it is on disk.
@@ -48,11 +48,11 @@ def run_study(
         If the directory can't be written, or another process runs this study.
     """
     trials = read_trials(directory)
-    with sole_writer(directory):
+    with lock_and_clean_directory(directory):
         rows = read_rows(directory, trials)
         for row in rows.values():
             watch(row)
-        left = [trial for trial in trials if trial.key not in rows]
+        left = [trial for trial in trials if trial.hash_key not in rows]
         try:
             with (
                 open_row_writer(directory) as keep,
@@ -64,17 +64,17 @@ def run_study(
                     rows[row.key] = row
                     watch(row)
         finally:
-            done = tuple(rows[trial.key] for trial in trials if trial.key in rows)
+            done = tuple(rows[trial.hash_key] for trial in trials if trial.hash_key in rows)
             if done:
                 write_study_results(directory, done, trials)
     return done
 
 
 def run_trial(trial: Trial) -> StudyRow[Any]:
-    """Make one run; a failure is a row too."""
-    kind, start = study_kind_of_task(trial.task), perf_counter()
+    """Execute one trial and return its row; a failure gives a row too."""
+    kind, start = study_backend_of_task(trial.task), perf_counter()
     try:
-        outcome = kind.run(trial.settings)
+        outcome = kind.execute_run(trial.settings)
     except TjscanError as error:
         outcome = kind.outcome(False, type(error).__name__, str(error))
     except Exception as error:
@@ -97,15 +97,15 @@ def write_study_results(
     trials : sequence of Trial
         All that were planned.
     """
-    kind = study_kind_of_task(trials[0].task)
-    with atomic_directory(directory) as draft:
+    kind = study_backend_of_task(trials[0].task)
+    with write_files_atomically(directory) as draft:
         write_study_csv(draft / CSV, rows)
         write_study_parquet(draft / PARQUET, rows)
         write_study_report(draft, kind, rows, planned=len(trials))
 
 
-def _row(ended: FinishedTask[Trial, StudyRow[Any]] | LostTask[Trial]) -> StudyRow[Any]:
-    if isinstance(ended, LostTask):
-        outcome = study_kind_of_task(ended.task.task).outcome
+def _row(ended: FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]) -> StudyRow[Any]:
+    if isinstance(ended, CrashedTask):
+        outcome = study_backend_of_task(ended.task.task).outcome
         return StudyRow.from_trial(ended.task, outcome(False, LOST_WORKER, ended.cause))
     return ended.result

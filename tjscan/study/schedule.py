@@ -31,26 +31,26 @@ NEEDED: Final = ("distributed", "pyarrow")
 
 @dataclass(frozen=True, slots=True)
 class FinishedTask(Generic[T, R]):
-    """A task and what its work gave."""
+    """A scheduled task and the result of its work."""
 
     task: T
     result: R
 
 
 @dataclass(frozen=True, slots=True)
-class LostTask(Generic[T]):
-    """A task whose process died under it whenever it was tried, and what is known."""
+class CrashedTask(Generic[T]):
+    """A task whose process died whenever it was tried, and the cause as far as it is known."""
 
     task: T
     cause: str
 
 
-class Scheduler(Protocol):
-    """Runs the trials of a study somewhere, in any order."""
+class TaskScheduler(Protocol):
+    """A function that runs the trials of a study somewhere, in any order."""
 
     def __call__(
         self, work: Callable[[Trial], StudyRow[Any]], trials: Sequence[Trial], /
-    ) -> Generator[FinishedTask[Trial, StudyRow[Any]] | LostTask[Trial]]:
+    ) -> Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]]:
         """Give every trial back once it has ended.
 
         Parameters
@@ -83,8 +83,8 @@ class DaskScheduler:
 
     def __call__(
         self, work: Callable[[T], R], tasks: Sequence[T]
-    ) -> Generator[FinishedTask[T, R] | LostTask[T]]:
-        """Run `work` on every task; for the parameters see `Scheduler`.
+    ) -> Generator[FinishedTask[T, R] | CrashedTask[T]]:
+        """Run `work` on every task; for the parameters see `TaskScheduler`.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class DaskScheduler:
 
 
 def check_study_packages() -> None:
-    """Check that all is installed that a study needs.
+    """Check that the packages that a study needs are installed.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def check_study_packages() -> None:
 
 def _run(
     client: Any, work: Callable[[T], R], tasks: Sequence[T]
-) -> Generator[FinishedTask[T, R] | LostTask[T]]:
+) -> Generator[FinishedTask[T, R] | CrashedTask[T]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
     from distributed import KilledWorker, as_completed
 
@@ -138,7 +138,9 @@ def _run(
         if fault is None and future.status != "finished":
             raise _gone()
         if isinstance(fault, KilledWorker):
-            over: FinishedTask[T, R] | LostTask[T] = LostTask(task, "every worker that ran it died")
+            over: FinishedTask[T, R] | CrashedTask[T] = CrashedTask(
+                task, "every worker that ran it died"
+            )
         elif fault is not None:
             raise ComputeClusterFault(f"a worker failed: {fault!r}")
         else:

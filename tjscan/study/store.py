@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import atomic_directory, check_file_size
-from tjscan.study.kind import study_kind_of_task
+from tjscan.core.files import check_file_size, write_files_atomically
+from tjscan.study.backend import study_backend_of_task
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial
 
@@ -22,7 +22,7 @@ MOST_BYTES: Final = 2_000_000_000
 
 
 def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
-    """Make a study's directory, with every resolved trial in it.
+    """Make a study's directory and write all its trials into it.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
             "--resume",
             file=directory,
         )
-    with atomic_directory(directory) as draft:
-        text = "".join(f"{trial.to_json()}\n" for trial in trials)
+    with write_files_atomically(directory) as draft:
+        text = "".join(f"{trial.to_json_line()}\n" for trial in trials)
         (draft / PLAN).write_text(text, encoding="utf-8")
 
 
 def read_trials(directory: Path) -> tuple[Trial, ...]:
-    """The trials of a study's directory.
+    """Read the trials of a study from its directory.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
     file = directory / PLAN
     try:
         check_file_size(file, MOST_BYTES, "a plan")
-        return tuple(Trial.from_json(line) for line in file.read_text("utf-8").splitlines())
+        return tuple(Trial.from_json_line(line) for line in file.read_text("utf-8").splitlines())
     except OSError:
         raise ConfigurationError("there is no study", file=directory) from None
     except (ValueError, KeyError, TypeError, RecursionError) as error:
@@ -68,7 +68,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
 
 
 def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[Any]]:
-    """Rows on disk that belong to one of the trials, by key; a line that was cut off is none.
+    """Read the finished rows of a study that belong to one of the trials, by hash key.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     RecordingError
         If it can't be read.
     """
-    file, keys = directory / ROWS, {trial.key for trial in trials}
+    file, keys = directory / ROWS, {trial.hash_key for trial in trials}
     rows: dict[str, StudyRow[Any]] = {}
     if not trials or not file.exists():
         return rows
@@ -93,10 +93,10 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
-    outcome = study_kind_of_task(trials[0].task).outcome
+    outcome = study_backend_of_task(trials[0].task).outcome
     for line in lines:
         try:
-            row: StudyRow[Any] = StudyRow.from_json(line, outcome)
+            row: StudyRow[Any] = StudyRow.from_json_line(line, outcome)
         except (ValueError, RecursionError):
             continue
         if row.key in keys:
@@ -104,8 +104,8 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     return rows
 
 
-class RowSink(Protocol):
-    """Takes rows."""
+class RowWriter(Protocol):
+    """A function that keeps one finished row of a study."""
 
     def __call__(self, row: StudyRow[Any]) -> None:
         """Keep a row."""
@@ -113,8 +113,8 @@ class RowSink(Protocol):
 
 
 @contextmanager
-def open_row_writer(directory: Path) -> Iterator[RowSink]:
-    """Give what puts a row on disk before it returns.
+def open_row_writer(directory: Path) -> Iterator[RowWriter]:
+    """Open the rows file of a study; gives the function that writes a row to disk.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def open_row_writer(directory: Path) -> Iterator[RowSink]:
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
             def keep(row: StudyRow[Any]) -> None:
-                file.write(row.to_json().encode() + b"\n")
+                file.write(row.to_json_line().encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
 

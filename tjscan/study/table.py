@@ -19,7 +19,7 @@ Cell = Value | None
 
 
 def table_columns(rows: Sequence[StudyRow[Any]]) -> dict[str, list[Cell]]:
-    """The table by columns: row, what was varied, what came out, and the wall clock at last.
+    """Columns of a study's table: row, what was varied, what came out, and the wall-clock time.
 
     Parameters
     ----------

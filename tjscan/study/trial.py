@@ -17,7 +17,7 @@ Value = bool | int | float | str
 
 @dataclass(frozen=True)
 class Trial:
-    """One run to make.
+    """One run of a study to make: its row in the table, inputs, task and settings.
 
     Parameters
     ----------
@@ -37,13 +37,13 @@ class Trial:
     settings: str
 
     @cached_property
-    def key(self) -> str:
-        """Distinguishes this run from every other: a hash of all that decides its result."""
+    def hash_key(self) -> str:
+        """Hash of all that decides the run's result; tells it from every other run."""
         text = canonical_json([VERSION, dict(self.inputs), self.task, self.settings])
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
-    def to_json(self) -> str:
-        """One line."""
+    def to_json_line(self) -> str:
+        """The trial as one line of JSON."""
         return canonical_json(
             {
                 "index": self.index,
@@ -54,8 +54,8 @@ class Trial:
         )
 
     @classmethod
-    def from_json(cls, line: str) -> Self:
-        """What `to_json` wrote.
+    def from_json_line(cls, line: str) -> Self:
+        """Read a trial from the line that `to_json_line` gave.
 
         Raises
         ------
@@ -67,5 +67,5 @@ class Trial:
 
 
 def canonical_json(data: Any) -> str:
-    """JSON that is the same for the same data."""
+    """JSON text that is always the same for the same data."""
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

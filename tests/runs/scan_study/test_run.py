@@ -26,7 +26,7 @@ def outcome(settings: StudyScanSettings) -> ScanOutcome:
 
 
 def test_settings_come_back_from_their_text(settings: StudyScanSettings) -> None:
-    assert StudyScanSettings.from_json(settings.to_json()) == settings
+    assert StudyScanSettings.from_json_text(settings.to_canonical_json_text()) == settings
 
 
 def test_a_study_keeps_what_a_recorded_scan_would_say(

@@ -8,11 +8,11 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, MinLen
 
-from tjscan.core.units import DEG, KG, MM, SECONDS, Position, Settings
+from tjscan.core.units import DEG, KG, MM, SECONDS, Position, SettingsTable
 
 
 @dataclass(frozen=True, slots=True)
-class UrSettings(Settings):
+class UrSettings(SettingsTable):
     """The table [arm.ur]: where the controller is, what the arm carries, what it is held to.
 
     Parameters

@@ -21,7 +21,7 @@ from tjscan.runs.scan_study.paper import (
     LARGEST_STEP_ERROR_PERCENT,
     ROTATION_DEG,
     TRAVEL_MM,
-    PaperBar,
+    PaperBarValue,
 )
 from tjscan.study.groups import RowGroup
 from tjscan.study.row import StudyRow
@@ -42,7 +42,7 @@ MEASURES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = 
 
 
 def write_paper_comparison(folder: Path, rows: Sequence[StudyRow[ScanOutcome]]) -> Iterator[str]:
-    """Write pictures, and give the report's lines, of the paper's programme.
+    """Yield report lines that compare a study with the paper's programme, and write pictures.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _table(
     yield f"| {name} | {' | '.join(f'{step:g} mm' for step in chart.steps)} |"
     yield f"| --- |{' ---: |' * len(chart.steps)}"
     for case in chart.cases:
-        cells = [_cell(chart.at(case, step), value, form) for step in chart.steps]
+        cells = [_cell(chart.rows_of_bar(case, step), value, form) for step in chart.steps]
         yield f"| {_case(case)} | {' | '.join(cells)} |"
     yield ""
 
@@ -89,8 +89,12 @@ def _cell(
 ) -> str:
     if members is None:
         return ""
-    mean = members.mean(value)
-    missing = "" if members.share == 1 else f" ({len(members.complete)} of {len(members.rows)})"
+    mean = members.mean_of_complete(value)
+    missing = (
+        ""
+        if members.complete_share == 1
+        else f" ({len(members.complete_rows)} of {len(members.rows)})"
+    )
     return ("–" if isnan(mean) else f"{mean:{form}}") + missing
 
 
@@ -98,13 +102,17 @@ def _compared(chart: PredictionBarChart) -> Iterator[str]:
     yield "| beside the paper | paper | here |"
     yield "| --- | ---: | ---: |"
     for case, largest in LARGEST_STEP_ERROR_PERCENT.items():
-        found = [chart.at(case, step) for step in chart.steps]
-        errors = [abs(g.mean(lambda m: m.step_error_percent)) for g in found if g and g.complete]
+        found = [chart.rows_of_bar(case, step) for step in chart.steps]
+        errors = [
+            abs(g.mean_of_complete(lambda m: m.step_error_percent))
+            for g in found
+            if g and g.complete_rows
+        ]
         if errors:
             yield f"| largest mean step error, case {case} | {largest} % | {max(errors):.2f} % |"
     for bars, what, unit, value in _papers_bars():
         for bar in bars:
-            members = chart.at(bar.case, bar.step_mm)
+            members = chart.rows_of_bar(bar.case, bar.step_mm)
             if members is not None:
                 cell = _cell(members, value, ".0f")
                 where = f"case {bar.case}, {bar.step_mm:g} mm steps"
@@ -113,7 +121,7 @@ def _compared(chart: PredictionBarChart) -> Iterator[str]:
 
 
 def _papers_bars() -> Iterator[
-    tuple[tuple[PaperBar, ...], str, str, Callable[[ScanOutcome], float | None]]
+    tuple[tuple[PaperBarValue, ...], str, str, Callable[[ScanOutcome], float | None]]
 ]:
     yield TRAVEL_MM, "flange travel", "mm", lambda m: m.travel_mm
     yield ROTATION_DEG, "flange rotation", "°", lambda m: m.rotation_deg

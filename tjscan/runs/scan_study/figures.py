@@ -17,9 +17,9 @@ from tjscan.runs.scan_study.paper import (
     ROTATION_DEG,
     STEP,
     TRAVEL_MM,
-    PaperBar,
+    PaperBarValue,
 )
-from tjscan.study.groups import RowGroup, group_rows
+from tjscan.study.groups import RowGroup, group_rows_by_keys
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Value
 
@@ -43,7 +43,7 @@ WIDTH: Final = 0.8
 
 
 class PredictionBarChart:
-    """Bars of every prediction beside each other, at every step length.
+    """Bar chart of a study: a bar for every prediction at every step length.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class PredictionBarChart:
     """
 
     def __init__(self, rows: Sequence[StudyRow[ScanOutcome]]) -> None:
-        self.groups = group_rows(rows, CASE, STEP)
+        self.groups = group_rows_by_keys(rows, CASE, STEP)
         self.cases = list(dict.fromkeys(case for case, _ in self.groups))
         self.steps = sorted({float(step) for _, step in self.groups if step is not None})
 
-    def at(self, case: Value | None, step_mm: float) -> RowGroup[ScanOutcome] | None:
-        """The rows of one bar.
+    def rows_of_bar(self, case: Value | None, step_mm: float) -> RowGroup[ScanOutcome] | None:
+        """Rows of the study that one bar stands for.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class PredictionBarChart:
         below: Callable[[ScanOutcome], float | None] | None = None,
         spread: Callable[[ScanOutcome], float | None] | None = None,
     ) -> None:
-        """Draw a bar for each; where no scan is complete there is a cross.
+        """Draw a bar for each prediction and step; a cross where no scan is complete.
 
         Parameters
         ----------
@@ -96,26 +96,28 @@ class PredictionBarChart:
         """
         for case in self.cases:
             for step in self.steps:
-                found = self.at(case, step)
+                found = self.rows_of_bar(case, step)
                 if found is None:
                     continue
                 x, colour = self.bar_position(case, step), COLOURS.get(case, OTHER)
-                if not found.complete:
+                if not found.complete_rows:
                     axes.plot(x, 0.0, "x", color=colour, markersize=6, clip_on=False, zorder=3)
                     continue
-                top = found.mean(value)
-                foot = 0.0 if below is None else found.mean(below)
+                top = found.mean_of_complete(value)
+                foot = 0.0 if below is None else found.mean_of_complete(below)
                 common: dict[str, Any] = {"width": 0.95 * WIDTH / len(self.cases)}
                 if below is not None:
                     axes.bar(x, foot, color=_light(colour), **common)
                 axes.bar(x, top - foot, bottom=foot, color=colour, **common)
                 if spread is not None:
-                    axes.errorbar(x, top, found.mean(spread), color="black", linewidth=0.8)
+                    axes.errorbar(
+                        x, top, found.mean_of_complete(spread), color="black", linewidth=0.8
+                    )
         axes.set_xticks(range(len(self.steps)), [f"{step:g}" for step in self.steps])
         axes.set_xlabel("step length / mm")
 
     def legend(self, axes: Any, *more: Any) -> None:
-        """Name the prediction of each colour.
+        """Add a legend that names the prediction of each colour.
 
         Parameters
         ----------
@@ -134,19 +136,19 @@ class PredictionBarChart:
             )
             for case in self.cases
         ]
-        if not all(members.complete for members in self.groups.values()):
+        if not all(members.complete_rows for members in self.groups.values()):
             style: dict[str, Any] = {"color": "grey", "marker": "x", "linestyle": ""}
             more = (*more, Line2D([], [], label="no complete scan", **style))
         axes.legend(handles=[*known, *more], fontsize="small")
 
-    def draw_paper_bars(self, axes: Any, bars: Sequence[PaperBar]) -> None:
+    def draw_paper_bars(self, axes: Any, bars: Sequence[PaperBarValue]) -> None:
         """Mark the bars that the paper gives a number for.
 
         Parameters
         ----------
         axes
             Where.
-        bars : sequence of PaperBar
+        bars : sequence of PaperBarValue
             Of the paper.
         """
         shown = [bar for bar in bars if bar.case in self.cases and bar.step_mm in self.steps]
@@ -199,10 +201,10 @@ def draw_flange_paths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     step = min(chart.steps, key=lambda s: abs(s - PATH_STEP_MM))
     distance, height = figure.subplots(1, 2)
     for case in chart.cases:
-        found = chart.at(case, step)
-        if found is None or not found.complete:
+        found = chart.rows_of_bar(case, step)
+        if found is None or not found.complete_rows:
             continue
-        azimuth, rho, z = np.array(found.complete[0].outcome.path).T
+        azimuth, rho, z = np.array(found.complete_rows[0].outcome.path).T
         style: dict[str, Any] = {"color": COLOURS.get(case, OTHER), "linewidth": 1}
         style |= {"marker": ".", "markersize": 4}
         distance.plot(azimuth, rho, **style)

@@ -9,7 +9,7 @@ from tjscan.study.row import HIDDEN, RunOutcome
 
 @dataclass(frozen=True, slots=True)
 class ScanOutcome(RunOutcome):
-    """What came out of one scan. Lengths in millimetres, angles in degrees; None where unknown.
+    """Outcome of one scan of a study. Lengths in millimetres, angles in degrees.
 
     Travel, rotation and time run from the second taught pose on.
 

@@ -13,8 +13,8 @@ LARGEST_STEP_ERROR_PERCENT: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
 
 
 @dataclass(frozen=True, slots=True)
-class PaperBar:
-    """One bar of the paper's Fig. 15 or 16 that the text gives a number for.
+class PaperBarValue:
+    """Number that the paper's text gives for one bar of its Fig. 15 or 16.
 
     Parameters
     ----------
@@ -32,17 +32,17 @@ class PaperBar:
 
 
 TRAVEL_MM: Final = (
-    PaperBar(3, 10, 1945),
-    PaperBar(4, 10, 3344),
-    PaperBar(2, 100, 1718),
-    PaperBar(3, 100, 1619),
+    PaperBarValue(3, 10, 1945),
+    PaperBarValue(4, 10, 3344),
+    PaperBarValue(2, 100, 1718),
+    PaperBarValue(3, 100, 1619),
 )
 """Travel of the end effector (Fig. 15)."""
 
 ROTATION_DEG: Final = (
-    PaperBar(3, 10, 182),
-    PaperBar(4, 10, 402),
-    PaperBar(1, 100, 133),
-    PaperBar(2, 100, 195),
+    PaperBarValue(3, 10, 182),
+    PaperBarValue(4, 10, 402),
+    PaperBarValue(1, 100, 133),
+    PaperBarValue(2, 100, 195),
 )
 """Rotation of the end effector (Fig. 16)."""

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from tjscan.core.config import FileModel
+from tjscan.core.config import StrictFileModel
 from tjscan.joint.bevel import bevel_sections
 from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
@@ -15,8 +15,8 @@ from tjscan.joint.file import JointFile
 from tjscan.joint.geometry import cylindrical_to_j
 
 
-class DerivedKeySettings(FileModel):
-    """Keys of a study that set others.
+class DerivedKeySettings(StrictFileModel):
+    """Keys of a study from which others of the job and the joint are derived.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ LONGEST_MM = 20_000.0
 """What a joint's file allows; a stand-in while the length needed is not known yet."""
 
 
-def joint_from_rules(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
-    """A joint with all that rules say of it.
+def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
+    """Joint file with the dimensions that the derived keys of a study give it.
 
     Parameters
     ----------

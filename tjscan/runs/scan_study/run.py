@@ -30,7 +30,7 @@ EDGES_KEPT = 4
 
 
 def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
-    """Make one scan.
+    """Execute one scan of a study and return its outcome.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from tjscan.study.trial import canonical_json
 
 @dataclass(frozen=True, slots=True)
 class StudyScanSettings:
-    """The settings of one scan.
+    """Complete settings of one scan of a study: its job and its joint.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ class StudyScanSettings:
     job: ScanJob
     joint: JointFile
 
-    def to_json(self) -> str:
-        """Canonical JSON."""
+    def to_canonical_json_text(self) -> str:
+        """The settings as canonical JSON text."""
         return canonical_json(
             {
                 "job": table_to_dict(self.job),
@@ -37,7 +37,7 @@ class StudyScanSettings:
         )
 
     @classmethod
-    def from_json(cls, text: str) -> Self:
-        """What `to_json` wrote."""
+    def from_json_text(cls, text: str) -> Self:
+        """Read the settings from the text that `to_canonical_json_text` gave."""
         data = json.loads(text)
         return cls(validate_table(ScanJob, data["job"]), validate_table(JointFile, data["joint"]))

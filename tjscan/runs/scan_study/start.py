@@ -14,7 +14,7 @@ from tjscan.joint.file import JointFile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan_study.rules import DerivedKeySettings
 from tjscan.runs.scan_study.teaching import (
-    TeachingError,
+    TeachingInaccuracy,
     joint_pose_for_carried_base,
     plan_with_centred_groove,
     taught_sensor_poses,
@@ -26,7 +26,7 @@ from tjscan.study.trial import canonical_json
 def teach_start_poses(
     job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
 ) -> tuple[float, dict[str, Any]]:
-    """Teach a job's start as rules say, with errors that the job's seed draws.
+    """Simulate the teaching of a job's start poses, with random errors from the job's seed.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def teach_start_poses(
         }
     if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
         T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
-    error = TeachingError(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    error = TeachingInaccuracy(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
     T_j_s = taught_sensor_poses(definition, azimuth, plan, error, random)
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}

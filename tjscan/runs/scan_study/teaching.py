@@ -25,8 +25,8 @@ AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 
 
 @dataclass(frozen=True, slots=True)
-class TeachingError:
-    """How far off a taught pose is, at most, along and about each axis of frame t.
+class TeachingInaccuracy:
+    """Largest error of a taught pose along and about each axis of frame t.
 
     The operator watches the laser line on the steel: shift and turn are those of frame t, which
     lies in the groove, and not of the sensor an arm's length above it.
@@ -40,14 +40,14 @@ class TeachingError:
     shift: float
     turn: float
 
-    def draw(self, rng: np.random.Generator) -> Array:
-        """Draw what frame t is off by, in itself: a pose, shape (4, 4), metres."""
+    def draw_random_pose_error(self, rng: np.random.Generator) -> Array:
+        """Draw a random error of frame t, as a pose in itself, shape (4, 4), metres."""
         turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
         return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
 
 
 def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
-    """Random numbers of teaching: others for every joint, the same each time.
+    """Random generator for teaching errors: another for every joint, the same each time.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
 def ideal_sensor_pose(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, error: Array | None = None
 ) -> Array:
-    """Where the sensor would best stand before the groove at an azimuth.
+    """Ideal pose of the sensor before the groove at an azimuth.
 
     Parameters
     ----------
@@ -131,10 +131,10 @@ def taught_sensor_poses(
     joint: JointDefinition,
     azimuth: float,
     plan: ScanPlan,
-    error: TeachingError,
+    error: TeachingInaccuracy,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Both start poses of the sensor as an operator teaches them, a step apart.
+    """Simulate both start poses of the sensor as an operator teaches them, a step apart.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def taught_sensor_poses(
         Of the first pose in frame j, radians.
     plan : ScanPlan
         Step, direction, angles and stand-off.
-    error : TeachingError
+    error : TeachingInaccuracy
         How far off they are.
     rng : Generator
         Draws the errors.
@@ -156,15 +156,16 @@ def taught_sensor_poses(
     """
     second = azimuth_further_along(joint, azimuth, plan.step, plan.direction)
     first_view, second_view = (
-        ideal_sensor_pose(joint, phi, plan, error.draw(rng)) for phi in (azimuth, second)
+        ideal_sensor_pose(joint, phi, plan, error.draw_random_pose_error(rng))
+        for phi in (azimuth, second)
     )
     return first_view, second_view
 
 
-def scan_azimuths(
+def azimuths_at_arc_shares(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
 ) -> list[float]:
-    """Azimuths at shares of the arc from the first section to the last one that a plan asks for.
+    """Azimuths at shares (0 to 1) of the arc that a plan scans.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def scan_azimuths(
 def joint_pose_for_carried_base(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array
 ) -> Array:
-    """Where the joint stands for a base that was carried to it.
+    """Pose of the joint in the base frame when the base is carried, as on a gantry, to it.
 
     Parameters
     ----------
@@ -201,14 +202,14 @@ def joint_pose_for_carried_base(
     ndarray, shape (4, 4)
         T_b_j: at home the arm looks at the middle of the arc.
     """
-    (middle,) = scan_azimuths(joint, azimuth, plan, [0.5])
+    (middle,) = azimuths_at_arc_shares(joint, azimuth, plan, [0.5])
     return T_b_s_home @ inverse_pose(ideal_sensor_pose(joint, middle, plan))
 
 
 def plan_with_centred_groove(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, window: tuple[float, float]
 ) -> ScanPlan:
-    """The plan with the groove in the middle of what the laser sees.
+    """Scan plan whose view has the groove in the middle of the laser's window.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def plan_with_centred_groove(
     corners = np.concatenate(
         [
             _corners_s(joint, phi, plan)
-            for phi in scan_azimuths(joint, azimuth, plan, np.linspace(0, 1, 9))
+            for phi in azimuths_at_arc_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
         ]
     )
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2

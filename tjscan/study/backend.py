@@ -16,7 +16,7 @@ O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
 @dataclass(frozen=True, slots=True)
 class ResolvedRun:
-    """A run, resolved and checked.
+    """Complete settings of one run of a study, resolved and checked.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ResolvedRun:
 
 @dataclass(frozen=True, slots=True)
 class ReportedQuantity(Generic[O]):
-    """A number of every run that reports show.
+    """A quantity of every run that a study's report shows: its name, value and format.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class ReportedQuantity(Generic[O]):
     form: str
 
 
-class StudyKind(ABC, Generic[O]):
-    """The studies of one algorithm, which its `Task` names.
+class StudyBackend(ABC, Generic[O]):
+    """How the runs of one task are resolved, executed and reported in a study.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class StudyKind(ABC, Generic[O]):
     measures: Sequence[ReportedQuantity[O]]
 
     @abstractmethod
-    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
-        """Resolve and check one run; nothing moves.
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+        """Resolve and check the settings of one run; nothing moves.
 
         Parameters
         ----------
@@ -84,8 +84,8 @@ class StudyKind(ABC, Generic[O]):
         """
 
     @abstractmethod
-    def run(self, settings: str) -> O:
-        """Make a run from what `resolve` gave.
+    def execute_run(self, settings: str) -> O:
+        """Execute a run whose settings `resolve_run` gave.
 
         Raises
         ------
@@ -93,8 +93,8 @@ class StudyKind(ABC, Generic[O]):
             If it fails.
         """
 
-    def chapters(self, folder: Path, rows: Sequence[StudyRow[O]]) -> Iterator[str]:
-        """Lines of the report in place of the usual ones, where rows are of a known programme.
+    def special_report_lines(self, folder: Path, rows: Sequence[StudyRow[O]]) -> Iterator[str]:
+        """Lines of the report in place of the usual ones, where the study is of a known programme.
 
         Parameters
         ----------
@@ -106,12 +106,12 @@ class StudyKind(ABC, Generic[O]):
         yield from ()
 
 
-def study_kind_of_task(task: str) -> StudyKind[Any]:
-    """The studies of a task.
+def study_backend_of_task(task: str) -> StudyBackend[Any]:
+    """Load the study backend of a task.
 
     Raises
     ------
     ConfigurationError
         If there is no such task, or it can't be studied.
     """
-    return cast("StudyKind[Any]", TASKS.load(task).load("study"))
+    return cast("StudyBackend[Any]", TASKS.load(task).load_part("study"))

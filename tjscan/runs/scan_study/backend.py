@@ -18,11 +18,11 @@ from tjscan.joint.file import JointFile
 from tjscan.runs.scan_study.chapters import write_paper_comparison
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.runs.scan_study.paper import CASE, STEP
-from tjscan.runs.scan_study.rules import DerivedKeySettings, joint_from_rules
+from tjscan.runs.scan_study.rules import DerivedKeySettings, joint_with_derived_dimensions
 from tjscan.runs.scan_study.run import run_study_scan
 from tjscan.runs.scan_study.settings import StudyScanSettings
 from tjscan.runs.scan_study.start import teach_start_poses
-from tjscan.study.kind import ReportedQuantity, ResolvedRun, StudyKind
+from tjscan.study.backend import ReportedQuantity, ResolvedRun, StudyBackend
 from tjscan.study.row import StudyRow
 
 JOINT: Final = "joint."
@@ -31,8 +31,8 @@ JOINT_TABLES: Final = tuple(JointFile.model_fields)
 START: Final = "rule.start_azimuth_deg"
 
 
-class ScanStudy(StudyKind[ScanOutcome]):
-    """Studies of scans.
+class ScanStudyBackend(StudyBackend[ScanOutcome]):
+    """How scans are resolved, executed and reported in a study.
 
     Keys are those of the job file, those of the joint's file below ``joint.``
     (``joint.brace.wall_mm``), and those of `DerivedKeySettings` below ``rule.``.
@@ -46,11 +46,15 @@ class ScanStudy(StudyKind[ScanOutcome]):
         ReportedQuantity("mean corner error / mm", lambda m: m.corner_mean_mm, ".3f"),
     )
 
-    def resolve(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
-        """Resolve and check one scan; see `StudyKind.resolve`."""
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+        """Resolve and check the settings of one scan; see `StudyBackend.resolve_run`."""
         job_keys, joint_keys, rules = _sorted_out(keys)
         job = _job(job_file, job_keys)
-        if job.joint is None or job.simulation is None or job.arm.kind is not DriverKind.SIMULATED:
+        if (
+            job.joint is None
+            or job.simulation is None
+            or job.arm.driver_kind is not DriverKind.SIMULATED
+        ):
             raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
         if job.station:
             raise ConfigurationError("a study's jobs scan from one place", key="station")
@@ -61,21 +65,24 @@ class ScanStudy(StudyKind[ScanOutcome]):
             changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(T_f_s)}
         data = table_to_dict(job) | changed
         return ResolvedRun(
-            StudyScanSettings(validate_table(ScanJob, data), joint).to_json(), followed
+            StudyScanSettings(validate_table(ScanJob, data), joint).to_canonical_json_text(),
+            followed,
         )
 
-    def run(self, settings: str) -> ScanOutcome:
-        """Make one scan; see `StudyKind.run`."""
-        return run_study_scan(StudyScanSettings.from_json(settings))
+    def execute_run(self, settings: str) -> ScanOutcome:
+        """Execute one scan; see `StudyBackend.execute_run`."""
+        return run_study_scan(StudyScanSettings.from_json_text(settings))
 
-    def chapters(self, folder: Path, rows: Sequence[StudyRow[ScanOutcome]]) -> Iterator[str]:
-        """The paper's programme beside the paper; see `StudyKind.chapters`."""
+    def special_report_lines(
+        self, folder: Path, rows: Sequence[StudyRow[ScanOutcome]]
+    ) -> Iterator[str]:
+        """Report lines that compare with the paper; see `StudyBackend.special_report_lines`."""
         as_paper = all(CASE in row.inputs and STEP in row.inputs for row in rows)
         if as_paper and any(row.outcome.complete for row in rows):
             yield from write_paper_comparison(folder, rows)
 
 
-SCAN_STUDY: Final = ScanStudy()
+SCAN_STUDY: Final = ScanStudyBackend()
 
 
 def _job(file: Path, keys: dict[str, Any]) -> ScanJob:
@@ -119,7 +126,7 @@ def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> Jo
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
     with _below(JOINT):
-        joint = joint_from_rules(validate_table(JointFile, data), rules)
+        joint = joint_with_derived_dimensions(validate_table(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
 
