@@ -15,12 +15,12 @@ SURE = 0.4 * MM
 SEEDS = range(4)
 
 
-def bowed(start: Array, end: Array, height: float) -> Array:
-    """An arc-like face over a chord, towards the sensor, shape (41, 2)."""
+def bowed(start: Array, end: Array, height: float, power: float = 1.0) -> Array:
+    """A parabola over a chord, towards the sensor, shape (41, 2); blunter with a lower power."""
     s = np.linspace(0, 1, 41)[:, None]
     along = end - start
     away = np.array([along[1], -along[0]]) / np.linalg.norm(along)
-    return np.asarray(start + s * along - height * 4 * s * (1 - s) * away)
+    return np.asarray(start + s * along - height * (4 * s * (1 - s)) ** power * away)
 
 
 def normalised(section: GrooveSection, corners: Array) -> Array:
@@ -44,6 +44,20 @@ def test_a_curved_root_bead_leaves_its_corners_where_they_are(height: float, see
     assert normalised(section, groove.corners).max() < 8
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     assert off.max() < 0.3 * MM
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("rise", [4, 6])
+def test_a_blunt_root_pass_has_both_its_toes(rise: int, seed: int) -> None:
+    groove = Groove(root=0.004)
+    sides, d = groove.outline(), groove.directions
+    low, out = groove.corners[1] - rise * MM * d[1], groove.corners[2] + rise * MM * d[3]
+    sides[1] = np.array([groove.corners[0], low])
+    sides[2] = bowed(low, out, 0.12 * float(np.linalg.norm(out - low)), power=0.75)
+    sides[3] = np.array([out, groove.corners[2] + 0.12 * d[3]])
+    section = find_groove(seen(sides, NOISE, seed))
+    off = np.linalg.norm(section.points_s[1:4, [0, 2]] - (groove.corners[0], low, out), axis=1)
+    assert off.max() < SURE
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -118,3 +132,23 @@ def test_ghosts_before_the_surface_move_no_corner_that_is_stated_to_be_known(see
     known = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)) < SURE
     assert known[0]
     assert off[known].max() < 1 * MM
+
+
+@pytest.mark.parametrize("by", [-3, 3])
+@pytest.mark.parametrize("share", [0.4, 0.5, 0.6])
+def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
+    by: float, share: float
+) -> None:
+    groove = Groove()
+    profile = seen(groove.outline(), NOISE, 1)
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    tangents, (p2, p3, _) = x / z, groove.corners
+    ends = sorted((p2[0] / p2[1], p3[0] / p3[1]))
+    at = ends[0] + share * (ends[1] - ends[0])
+    run = (tangents > ends[0]) & (tangents < at)
+    scale = 1 + by * MM / z[run]
+    x[run], z[run] = x[run] * scale, z[run] * scale
+    section = find_groove(Profile(x, z))
+    off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
+    known = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)) < SURE
+    assert off[known].max(initial=0.0) < 1 * MM

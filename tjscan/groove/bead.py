@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve
 from tjscan.groove.hypotheses import PolylineHypothesis, bearing, end_of
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import Row, corners_of
+from tjscan.groove.refinement import BLUNT, Row, corners_of
 
 PLACES: Final = ((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97))
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
@@ -23,6 +23,9 @@ FEWEST: Final = 6
 
 LEAST_GAIN: Final = 3.0
 """By how many points a parabola must explain more than a straight face."""
+
+WIDER: Final = 0.3
+"""What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
 
 def with_bead(
@@ -115,7 +118,10 @@ def _parabola(
     coefficients = np.linalg.solve(basis[distinct], d[triples][distinct][..., None])[..., 0]
     steep = np.abs(coefficients[:, 2]) * length > 2
     away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
-    cost = np.minimum((away / tolerance) ** 2, 1).sum(axis=1) + 1e9 * steep
+    # A face that rises high is no parabola.
+    reach = np.maximum(tolerance, BLUNT * np.abs(coefficients[:, 2]) * length**2 / 4)
+    cost = np.minimum((away / reach[:, None]) ** 2, 1).sum(axis=1) + 1e9 * steep
+    cost += WIDER * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if straight is not None:
         flat = np.minimum((straight.distances(points) / tolerance) ** 2, 1).sum()

@@ -45,10 +45,11 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     row, found = locate(profile, settings)
     corners_s, covariance = corner_estimates(row, found.fitted, found.model)
     found = replace(found, fitted=replace(found.fitted, corners=corners_s))
-    corners = corners_at(row, found, covariance, settings.tolerance)
-    spreads = [corners.covariance[k : k + 2, k : k + 2] for k in (0, 2, 4)]
+    corners = corners_at(row, found, covariance + found.rivals, settings.tolerance)
+    root = [corners.covariance[k : k + 2, k : k + 2] for k in (2, 4)]
     # Without the root's corners or with one more nothing else bears out that this is a groove.
-    needed = spreads if found.model is settings.model else spreads[:1]
+    # Other readings of it do not object to that.
+    needed = [covariance[:2, :2], *(root if found.model is settings.model else ())]
     check_certainty(row, min(float(np.diag(c).max()) for c in needed), settings)
     section = _section(found, corners)
     if not OPENING_LEAST < section.groove_angle < OPENING_MOST:

@@ -26,6 +26,7 @@ from tjscan.groove.hypotheses import (
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, Turn
 from tjscan.groove.refinement import FittedProfile, Row, refine
+from tjscan.groove.rivals import reflection_covariance, rival_covariance
 from tjscan.groove.segments import Segments, find_segments, with_halves
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.shape import leaves, undulations
@@ -74,6 +75,9 @@ ATTACHED: Final = 1.5e-3
 FEWEST_ATTACHED: Final = 2
 """Points of a side that show its corner."""
 
+DETACHED: Final = 2.0
+"""What a side whose points end before its corner costs, in outliers: reflections often do."""
+
 SEEN_SHARE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
@@ -98,12 +102,15 @@ class Candidate:
         What all points and sides pay, in outliers.
     objection : str, optional
         Why the points do not bear it out.
+    rivals : float or ndarray, shape (2 k, 2 k)
+        What other readings add to the covariance of its corners and of its outer sides' angles.
     """
 
     model: GrooveModel
     fitted: FittedProfile
     cost: float
     objection: str | None = None
+    rivals: Array | float = 0.0
 
 
 def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, FittedProfile]:
@@ -188,13 +195,21 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
             enough = budget is not SEARCH_BUDGETS[0] and forms is stages[-1]
             explained = best.cost < left_out * len(row.points) or _leaves_few_points(best, settings)
             if explained and (enough or _convincing(best)):
-                return best
+                return _with_rivals(best, sound)
     if sound:
-        return best
+        return _with_rivals(best, sound)
     if search.found:
         best = min(search.found, key=lambda c: c.cost)
         raise GrooveNotFound("ambiguous", str(best.objection), row.points)
     raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
+
+
+def _with_rivals(best: Candidate, sound: list[Candidate]) -> Candidate:
+    """A reading that knows how far others are from it, and which sides may be reflections."""
+    others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
+    rivals = rival_covariance(best.model, best.fitted, others)
+    rivals += reflection_covariance(best.model, best.fitted, attached(best.fitted))
+    return replace(best, rivals=rivals)
 
 
 class _Search:
@@ -351,7 +366,11 @@ def _candidate(
                 best = Candidate(model, fitted, total)
         if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
             break
-    return None if best is None else replace(best, cost=best.cost + SIDE_COST * len(model.sides))
+    if best is None:
+        return None
+    seen = attached(best.fitted)
+    detached = seen.size - np.count_nonzero(seen)
+    return replace(best, cost=best.cost + SIDE_COST * len(model.sides) + DETACHED * detached)
 
 
 def _turns(fitted: FittedProfile) -> list[float]:
@@ -372,6 +391,8 @@ def _leaves_few_points(found: Candidate, settings: GrooveSettings) -> bool:
 def _convincing(found: Candidate) -> bool:
     """Whether every side is seen well, and none but the root's face bends or leaves the points."""
     fitted, sides = found.fitted, found.model.sides
+    if not attached(fitted).all():
+        return False
     if fitted.shares.min() < SEEN_SHARE or undulations(fitted)[1:-1].max() > STRAIGHT:
         return False
     return not any(leaves(fitted, k) for k, side in enumerate(sides[1:-1], 1) if not side.bead)

@@ -43,6 +43,10 @@ FEWEST: Final = 3
 LEANING: Final = 20
 """A side of few points can't tell its own noise: it leans on all by as many points as this."""
 
+BLUNT: Final = 0.2
+"""Share of its height by which the face of a bead may lie off a parabola: its points are within
+that of the fit."""
+
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
@@ -210,7 +214,8 @@ def refine(
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
-    limits = np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance
+    blunt = _blunt(sides, corners, model)
+    limits = np.maximum(np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance, blunt)
     sigmas = np.full(len(sides), tolerance / 4)
     fitted: FittedProfile | None = None
     noise: Correlation | None = None
@@ -224,9 +229,11 @@ def refine(
         if fitted is None:
             return None
         sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
+        blunt = _blunt(sides, corners, model)
         limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance)
         if count + 1 < len(widths):
             limits = np.where(bead, 1.0, widths[count + 1]) * tolerance
+        limits = np.maximum(limits, blunt)
         moved = np.inf if before is None else np.abs(fitted.corners - before.corners).max()
         if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
             break
@@ -237,6 +244,16 @@ def refine(
             straight = _evidence(row, fitted, noise, spread)
             curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
     return None if fitted is None else replace(fitted, noise=noise, straight=straight)
+
+
+def _blunt(sides: tuple[Curve, ...], corners: Array, model: tuple[Side, ...]) -> Array:
+    """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
+    found = np.zeros(len(sides))
+    for k, side in enumerate(model):
+        if side.bead:
+            gap = corners[k] - corners[k - 1]
+            found[k] = BLUNT * abs(sides[k].c2) * float(gap @ gap) / 4
+    return found
 
 
 def prior_weights(

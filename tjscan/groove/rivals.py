@@ -1,0 +1,118 @@
+"""What other readings of the same points add to the uncertainty of the likeliest one.
+
+A run of reflections beside a bevel may look as good as the bevel. Then noise says little about
+how far the corners may be off: the other reading says more, by how likely it is (Bayesian model
+averaging).
+"""
+
+from __future__ import annotations
+
+from math import exp
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.refinement import FittedProfile
+
+INDEPENDENT: Final = 0.25
+"""Logarithm of the odds that one point explained more is worth: points of a reflection come in
+runs, and noise is correlated, so that a point counts for a part of an independent one."""
+
+LEAST_ODDS: Final = 0.01
+"""Readings less likely than this, over the likeliest, are left out."""
+
+REFLECTED, REFLECTION = 0.2, 3e-3
+"""Probability that a side is a reflection if it reaches neither of its corners, and how far
+reflections lie off the surface, in metres."""
+
+SAME: Final = 0.05e-3
+"""Readings whose corners differ by less, in metres, are one."""
+
+
+def odds(excess: float) -> float:
+    """Odds of a reading against one whose cost is less by `excess`, in outliers."""
+    return exp(-INDEPENDENT * excess)
+
+
+def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
+    """Pairs of corners, of a and of b, that are the same corner of a groove: its ends."""
+    pairs = [(0, 0)]
+    last_a, last_b = len(a.sides) - 2, len(b.sides) - 2
+    for k in range(min(last_a, last_b)):
+        before_a, before_b = a.sides[last_a - k], b.sides[last_b - k]
+        if a.sides[last_a - k + 1].name != b.sides[last_b - k + 1].name:
+            break
+        if before_a.bead != before_b.bead:
+            break
+        pairs.append((last_a - k, last_b - k))
+    return pairs
+
+
+def rival_covariance(
+    model: GrooveModel,
+    fitted: FittedProfile,
+    rivals: list[tuple[float, GrooveModel, FittedProfile]],
+) -> Array:
+    """Second moment, about the likeliest reading, of where others have its corners.
+
+    Parameters
+    ----------
+    model : GrooveModel
+    fitted : FittedProfile
+        The likeliest reading, of k sides.
+    rivals : list of (float, GrooveModel, FittedProfile)
+        Others, with how much more they cost, in outliers.
+
+    Returns
+    -------
+    ndarray, shape (2 k, 2 k)
+        Of the corners' coordinates; nothing for the angles of wall and leg, the last two.
+    """
+    moments: list[tuple[float, Array]] = []
+    for excess, other, found in sorted(rivals, key=lambda r: r[0]):
+        weight = odds(excess)
+        if weight < LEAST_ODDS:
+            break
+        away = np.zeros(2 * len(model.sides))
+        for i, j in matched_corners(model, other):
+            away[2 * i : 2 * i + 2] = found.corners[j] - fitted.corners[i]
+        known = (np.zeros_like(away), *(v for _, v in moments))
+        if min(np.abs(away - v).max() for v in known) > SAME:
+            moments.append((weight, away))
+    covariance = np.zeros((2 * len(model.sides),) * 2)
+    total = 1 + sum(weight for weight, _ in moments)
+    for weight, away in moments:
+        covariance += weight / total * np.outer(away, away)
+    return covariance
+
+
+def reflection_covariance(
+    model: GrooveModel, fitted: FittedProfile, seen: NDArray[np.bool_]
+) -> Array:
+    """What it adds, shape (2 k, 2 k), that a side which reaches no corner may be a reflection.
+
+    Parameters
+    ----------
+    model : GrooveModel
+    fitted : FittedProfile
+        Of k sides.
+    seen : ndarray of bool, shape (k - 1, 2)
+        Whether the side before and the side after each corner reach it.
+    """
+    covariance = np.zeros((2 * len(model.sides),) * 2)
+    for k, side in enumerate(model.sides[1:-1], 1):
+        if side.bead or seen[k - 1, 1] or seen[k, 0]:
+            continue
+        away = np.zeros(len(covariance))
+        for i, neighbour in ((k - 1, k - 1), (k, k + 1)):
+            own = fitted.curves[k].tangent(fitted.places[i][k - i])
+            j = 0 if neighbour == i else 1
+            tx, tz = fitted.curves[neighbour].tangent(fitted.places[i][j])
+            # Sideways by so much, a side meets its neighbour farther along it.
+            sine = tx * own[1] - tz * own[0]
+            away[2 * i : 2 * i + 2] = REFLECTION / sine * np.array((tx, tz))
+        covariance += REFLECTED * np.outer(away, away)
+    return covariance
