@@ -22,8 +22,13 @@ from tjscan.calibration.file import (
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import read_points, read_poses
-from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose, read_entries
+from tjscan.calibration.recorded import read_flange_poses, read_points_in_base_frame
+from tjscan.calibration.topics import (
+    BoardTouch,
+    LaserLineTaken,
+    SkippedPose,
+    read_calibration_entries,
+)
 from tjscan.cli.overrides import parse_overrides
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.config import validate_table
@@ -130,7 +135,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
 
 
 def _measured(file: Path) -> None:
-    list(read_entries(file.parent))
+    list(read_calibration_entries(file.parent))
 
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
@@ -174,9 +179,11 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
 def _tables(run: Path) -> Iterator[Reader]:
     quaternions = "profile,x_mm,y_mm,z_mm,qx,qy,qz,qw\n1,1,2,3,0,0,0,1\n2,3,4,5,0,0.6,0,0.8\n"
     angles = "x_m,y_m,z_m,a_deg,b_deg,c_deg\n1,2,3,4,5,6\n2,3,4,5,6,7\n"
-    yield Reader("poses", "poses.csv", (quaternions.encode(), angles.encode()), read_poses, 4)
+    yield Reader(
+        "poses", "poses.csv", (quaternions.encode(), angles.encode()), read_flange_poses, 4
+    )
     points = b"x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n7,8,10\n"
-    yield Reader("touched points", "points.csv", (points,), read_points, 4)
+    yield Reader("touched points", "points.csv", (points,), read_points_in_base_frame, 4)
     sections = (run / "sections.csv").read_bytes()
     yield Reader("sections", "sections.csv", (sections,), read_sections_csv, 4)
     summary = (run / "summary.json").read_bytes()

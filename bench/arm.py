@@ -46,7 +46,7 @@ def time_lines(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
     watch = Stopwatch()
     for before, after in pairwise(views[1:]):
         with watch:
-            arm.clear_path(before.q, after.T_b_f, straight=True)
+            arm.plan_clear_path(before.q, after.T_b_f, straight=True)
     return watch
 
 
@@ -55,7 +55,7 @@ def time_first_move(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwa
     q, watch = np.radians((-110, -95, 160, 105, -110, 0)), Stopwatch()
     for _ in range(5):
         with watch:
-            arm.clear_path(q, views[0].T_b_f, straight=False)
+            arm.plan_clear_path(q, views[0].T_b_f, straight=False)
     return watch
 
 

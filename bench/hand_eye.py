@@ -22,13 +22,13 @@ from tjscan.calibration.design import HandEyeUncertainty, predict_uncertainty
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
 from tjscan.calibration.line_fit import fit_line
-from tjscan.calibration.logbook import MeasuredSoFar
+from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import SilentOperator
-from tjscan.calibration.plucker import PluckerPlane, plane_through
+from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.session import CalibrationPlan, current_progress, next_pose
+from tjscan.calibration.session import CalibrationPlan, current_progress, suggest_next_line_pose
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused
@@ -83,8 +83,8 @@ class Stage:
             laser.near, laser.far, laser.emitter_z, laser.half_angle, laser.columns
         )
         centre = np.array((0.8, 0.1, 0.05))
-        plane = plane_through(centre, (0.05, 0.02, 1.0))
-        axes = PlaneTarget.from_fitted_plane(plane, centre).axes_b
+        plane = plane_through_point(centre, (0.05, 0.02, 1.0))
+        axes = PlaneTarget.unknown_plane(plane, centre).axes_b
         grid = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * HALF_BOARD
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
@@ -108,10 +108,12 @@ def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: BoardRectang
     task = CalibrationPlan(
         at, board.half_sizes, np.zeros(3), hand.T_f_s, hand.window, NOISE, 9, LINES
     )
-    measured, rng = MeasuredSoFar(datetime.now(UTC), {}), np.random.default_rng(0)
+    measured, rng = MeasurementsSoFar(datetime.now(UTC), {}), np.random.default_rng(0)
     for k in range(LINES):
         progress = current_progress(task, measured, target)
-        T_b_f = next_pose(task, measured, target, board, progress, lambda _: True).T_b_f
+        T_b_f = suggest_next_line_pose(
+            task, measured, target, board, progress, lambda _: True
+        ).T_b_f
         shot = PosedProfile(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
         measured = measured.with_entry(LaserLineTaken(shot))
     return np.stack([shot.T_b_f for shot in measured.line_profiles])
@@ -196,7 +198,7 @@ def spoiled(
         k = i % LINES
         taken[k] = Profile(taken[k].x_s, taken[k].z_s + SPOILED_BY * (-1) ** (i // LINES))
         result = calibrate_on_plane(samples(stage.poses, taken), target, NOISE)
-        named += result.rejected_samples == (f"line {k + 1}",)
+        named += result.rejected_sample_names == (f"line {k + 1}",)
         errors.append(error(result.T_f_s))
     p, r = rms(errors)
     return [

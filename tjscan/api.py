@@ -225,9 +225,9 @@ def calibrate(
         If the arguments do not fit together.
     """
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.offline import calibrate_profiles
+    from tjscan.calibration.offline import calibrate_from_profiles
     from tjscan.calibration.posed_profile import PosedProfile
-    from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane
+    from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
@@ -235,16 +235,16 @@ def calibrate(
     if (touched is not None and target != "plane") or (radius is not None and target != "sphere"):
         raise ValueError("touched points are of a plane, a radius is of a sphere")
     model = NoiseModel(**(noise or {}))
-    board: PlaneTarget | BallTarget | None = None
+    board: PlaneTarget | SphereTarget | None = None
     if target == "sphere":
-        board = BallTarget(radius)
+        board = SphereTarget(radius)
     elif touched is not None:
         board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(axis=0))
     posed = [
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    return calibrate_profiles(posed, board, model, _warn)
+    return calibrate_from_profiles(posed, board, model, _warn)
 
 
 def compare(

@@ -29,8 +29,8 @@ from tjscan.calibration.advice import (
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
 from tjscan.calibration.design import ReachabilityCheck, predict_lines, predict_uncertainty
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.measuring_range import lines_on_plane
-from tjscan.calibration.motion import check_condition
+from tjscan.calibration.measuring_range import visible_lines_on_plane
+from tjscan.calibration.motion import check_rotation_condition
 from tjscan.calibration.plucker import transform_plane
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
@@ -64,7 +64,7 @@ def test_the_foreseen_line_is_the_line_that_is_seen(
     T_b_f = looking(*tilts, depth=depth)
     profile = EXACT_HAND.profile(T_b_f, np.random.default_rng(0))
     plane_s = transform_plane(inverse_pose(T_b_f @ T_F_S), PLANE)
-    seen = lines_on_plane(WINDOW, plane_s.u[None], np.array((plane_s.u0,)))
+    seen = visible_lines_on_plane(WINDOW, plane_s.u[None], np.array((plane_s.u0,)))
     count = int(profile.valid.sum())
     assert seen.columns[0] == pytest.approx(count, abs=2)
     if count > 2:
@@ -99,11 +99,11 @@ def test_suggested_poses_are_well_conditioned_also_when_the_mount_is_known_rough
     T_f_s = solve_closed_form(lines, PLANE).T_f_s
     np.testing.assert_allclose(T_f_s, T_F_S, atol=1e-9)
     A, u_f = rotation_equations(lines, PLANE.u), PLANE.u @ poses[:, :3, :3]
-    assert check_condition(A, u_f, T_f_s[:3, :3], None) < 20
+    assert check_rotation_condition(A, u_f, T_f_s[:3, :3], None) < 20
 
 
 def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:
-    unknown = PlaneTarget.from_fitted_plane(PLANE, CENTRE)
+    unknown = PlaneTarget.unknown_plane(PLANE, CENTRE)
     poses = planned(target=unknown)
     taken = samples(poses, shots(poses, HAND, np.random.default_rng(0)))
     assert calibrate_on_plane(taken, None, NOISE).uncertainty.position < 0.5e-3

@@ -10,9 +10,9 @@ from tjscan.calibration.plucker import (
     PluckerLine,
     PluckerPlane,
     incidence_residuals,
-    line_through,
+    line_through_point,
     line_transform_matrix,
-    plane_through,
+    plane_through_point,
     transform_line,
     transform_plane,
 )
@@ -34,8 +34,8 @@ laws = settings(max_examples=40, deadline=None)
 def test_a_line_does_not_depend_on_the_point_that_names_it(
     point: Array, a: Array, along: float
 ) -> None:
-    line = line_through(point, a)
-    np.testing.assert_allclose(line_through(point + along * a, a).m, line.m, atol=1e-11)
+    line = line_through_point(point, a)
+    np.testing.assert_allclose(line_through_point(point + along * a, a).m, line.m, atol=1e-11)
     assert line.a @ line.m == pytest.approx(0.0, abs=1e-11)
 
 
@@ -44,9 +44,9 @@ def test_a_line_does_not_depend_on_the_point_that_names_it(
 def test_the_screw_matrix_moves_lines_as_poses_move_points(
     T: Array, point: Array, a: Array
 ) -> None:
-    moved = transform_line(T, line_through(point, a))
-    by_points = line_through(transform_points(T, point), T[:3, :3] @ a)
-    np.testing.assert_allclose(moved.screw, by_points.screw, atol=1e-11)
+    moved = transform_line(T, line_through_point(point, a))
+    by_points = line_through_point(transform_points(T, point), T[:3, :3] @ a)
+    np.testing.assert_allclose(moved.six_coordinates, by_points.six_coordinates, atol=1e-11)
 
 
 @laws
@@ -67,9 +67,9 @@ def test_screw_matrices_compose_and_invert_like_poses(T_1: Array, T_2: Array) ->
 def test_a_line_in_a_plane_is_incident_in_every_frame(
     point: Array, u: Array, seed: int, T: Array
 ) -> None:
-    plane = plane_through(point, u)
+    plane = plane_through_point(point, u)
     a = np.cross(plane.u, np.random.default_rng(seed).standard_normal(3))
-    line = line_through(point, a)
+    line = line_through_point(point, a)
     np.testing.assert_allclose(incidence_residuals(line, plane), 0, atol=1e-11)
     moved = incidence_residuals(transform_line(T, line), transform_plane(T, plane))
     np.testing.assert_allclose(moved, 0, atol=1e-10)
@@ -78,9 +78,9 @@ def test_a_line_in_a_plane_is_incident_in_every_frame(
 @laws
 @given(point=coordinates, u=directions, height=st.floats(-1, 1))
 def test_a_parallel_line_shows_its_distance(point: Array, u: Array, height: float) -> None:
-    plane = plane_through(point, u)
+    plane = plane_through_point(point, u)
     a = np.linalg.svd(plane.u[None])[2][1]
-    line = line_through(point + height * plane.u, a)
+    line = line_through_point(point + height * plane.u, a)
     np.testing.assert_allclose(incidence_residuals(line, plane)[1:], -height * a, atol=1e-11)
 
 
@@ -96,9 +96,9 @@ def test_many_lines_at_once_are_those_one_by_one() -> None:
     T = np.stack([pose_from_vector(v) for v in rng.uniform(-1, 1, (4, 6))])
     points, directions = rng.uniform(-1, 1, (2, 4, 3))
     plane = PluckerPlane(np.array((0.1, -0.4, 0.9)), 0.3)
-    many = incidence_residuals(transform_line(T, line_through(points, directions)), plane)
+    many = incidence_residuals(transform_line(T, line_through_point(points, directions)), plane)
     single = [
-        incidence_residuals(transform_line(T_b_s, line_through(p, a)), plane)
+        incidence_residuals(transform_line(T_b_s, line_through_point(p, a)), plane)
         for T_b_s, p, a in zip(T, points, directions, strict=True)
     ]
     np.testing.assert_allclose(many, single, atol=EXACT)
@@ -106,7 +106,7 @@ def test_many_lines_at_once_are_those_one_by_one() -> None:
 
 def test_a_line_that_crosses_is_not_incident() -> None:
     crossing = incidence_residuals(
-        line_through((0, 0, 0), (0, 0.6, 0.8)), PluckerPlane(np.array((0, 0, 1.0)), 0.0)
+        line_through_point((0, 0, 0), (0, 0.6, 0.8)), PluckerPlane(np.array((0, 0, 1.0)), 0.0)
     )
     assert crossing[0] == pytest.approx(0.8)
 

@@ -38,7 +38,7 @@ def recorded(name: str) -> list[LineSample]:
 def test_a_good_recording_lies_flat() -> None:
     taken = recorded("root")
     result = calibrate_on_plane(taken, None, NOISE)
-    assert result.rejected_samples == ()
+    assert result.rejected_sample_names == ()
     assert points_rms(result, taken) <= 0.19 * MM
     assert any("certain to" in said for said in result.caveats)  # eight lines, plane unknown
 

@@ -6,9 +6,9 @@ from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.circle_fit import fit_circle
-from tjscan.calibration.hand_eye import ArcSample, calibrate_on_ball
-from tjscan.calibration.sphere_model import BallModel
-from tjscan.calibration.targets import BallTarget
+from tjscan.calibration.hand_eye import ArcSample, calibrate_on_sphere
+from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import boxplus
@@ -55,7 +55,7 @@ def test_the_sensor_is_found_without_a_guess(radius: float | None) -> None:
     squares = []
     for seed in range(5):
         taken = arcs(np.random.default_rng(seed))
-        result = calibrate_on_ball(taken, BallTarget(radius), NOISE)
+        result = calibrate_on_sphere(taken, SphereTarget(radius), NOISE)
         away = error(result.T_f_s)
         squares.append(away @ np.linalg.solve(result.covariance, away))
         assert result.radius == pytest.approx(RADIUS, abs=0.2e-3)
@@ -67,8 +67,8 @@ def test_the_sensor_is_found_without_a_guess(radius: float | None) -> None:
 
 def test_a_guess_leads_to_the_same_place() -> None:
     taken = arcs(np.random.default_rng(0))
-    free = calibrate_on_ball(taken, BallTarget(RADIUS), NOISE)
-    led = calibrate_on_ball(taken, BallTarget(RADIUS), NOISE, T_f_s_guess=T_F_S)
+    free = calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE)
+    led = calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE, T_f_s_guess=T_F_S)
     np.testing.assert_allclose(led.T_f_s, free.T_f_s, atol=1e-7)
 
 
@@ -76,7 +76,7 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = arcs(rng, 6)
     poses = np.stack([s.T_b_f for s in taken])
-    model = BallModel.from_arc_fits(poses, [s.fit for s in taken], BallTarget(), NOISE)
+    model = SphereModel.from_arc_fits(poses, [s.fit for s in taken], SphereTarget(), NOISE)
     T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), np.append(BALL_B + 0.01, 0.031)
     found, h = model.linearise(T, where), 1e-6
     for i in range(6):
@@ -94,9 +94,11 @@ def test_a_bad_pose_is_named() -> None:
     T = taken[3].T_b_f.copy()
     T[:3, 3] += 2e-3
     taken[3] = ArcSample("arc 4", T, taken[3].fit)
-    assert calibrate_on_ball(taken, BallTarget(RADIUS), NOISE).rejected_samples == ("arc 4",)
+    assert calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE).rejected_sample_names == (
+        "arc 4",
+    )
 
 
 def test_poses_that_only_translate_are_refused() -> None:
     with pytest.raises(CalibrationRefused, match="only translations"):
-        calibrate_on_ball(arcs(np.random.default_rng(0), tilt=0.1), BallTarget(RADIUS), NOISE)
+        calibrate_on_sphere(arcs(np.random.default_rng(0), tilt=0.1), SphereTarget(RADIUS), NOISE)

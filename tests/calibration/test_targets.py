@@ -6,7 +6,7 @@ from calibration_stage import AXES, CENTRE, HAND, NOISE, PLACES, PLANE, target
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane
+from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
 from tjscan.core.errors import CalibrationRefused
 
 EXACT = 1e-12
@@ -16,7 +16,7 @@ def test_three_points_fix_a_plane() -> None:
     found = fit_plane(PLACES[[0, 2, 6]], NOISE.touch, CENTRE + PLANE.u)
     np.testing.assert_allclose(found.plane.u, PLANE.u, atol=EXACT)
     assert found.plane.u0 == pytest.approx(PLANE.u0, abs=EXACT)
-    assert found.known
+    assert found.was_touched
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -63,8 +63,8 @@ def test_a_bad_touch_is_named() -> None:
 @settings(max_examples=20, deadline=None)
 def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
     near = np.random.default_rng(seed).standard_normal(3)
-    unknown = PlaneTarget.from_fitted_plane(PLANE, near)
-    assert not unknown.known
+    unknown = PlaneTarget.unknown_plane(PLANE, near)
+    assert not unknown.was_touched
     assert PLANE.signed_distances(unknown.centre_b) == pytest.approx(0.0, abs=EXACT)
     np.testing.assert_allclose(unknown.axes_b @ PLANE.u, 0, atol=EXACT)
     np.testing.assert_allclose(unknown.boxplus(np.zeros(3)).u, PLANE.u, atol=EXACT)
@@ -73,4 +73,4 @@ def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
 @pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, np.nan])
 def test_a_ball_has_a_size(radius: float) -> None:
     with pytest.raises(ValueError, match="positive"):
-        BallTarget(radius)
+        SphereTarget(radius)

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from written import content
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.logbook import Logbook, MeasuredSoFar
+from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.operator import Question
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
@@ -38,9 +38,9 @@ from tjscan.calibration.topics import (
     CalibrationEntry,
     LaserLineTaken,
     SkippedPose,
-    StartedOrResumed,
+    StartOrResumeEntry,
     messages_of_entry,
-    read_entries,
+    read_calibration_entries,
 )
 from tjscan.calibration.wizard import (
     MAX_RETOUCHES,
@@ -111,7 +111,7 @@ class Stage:
                 self.task, cell.arm, operator=watcher, logbook=logbook, **parts
             ).run()
 
-    def measured(self) -> MeasuredSoFar:
+    def measured(self) -> MeasurementsSoFar:
         with Logbook(self.folder, self.task.T_f_s) as logbook:
             return logbook.measured
 
@@ -156,8 +156,8 @@ def entries(directory: Path) -> list[tuple[str, bytes]]:
     """Kind of each entry, and what is written of it."""
     return [
         (kind(entry), b"".join(topic.encode(one) for topic, one in messages_of_entry(0, entry)))
-        for entry in read_entries(directory)
-        if not isinstance(entry, StartedOrResumed)
+        for entry in read_calibration_entries(directory)
+        if not isinstance(entry, StartOrResumeEntry)
     ]
 
 
@@ -361,7 +361,7 @@ def test_a_board_that_is_not_flat_is_refused_in_the_end(tmp_path: Path) -> None:
 def test_a_line_taken_while_something_moved_is_named(tmp_path: Path) -> None:
     stage = Stage(tmp_path, board__lines=10)
     result = stage.run(Watcher(), laser=Knocked(stage.cell, after=6, until=7)).result
-    assert result.rejected_samples == ("line 7",)
+    assert result.rejected_sample_names == ("line 7",)
 
 
 def test_a_fresh_line_that_contradicts_is_refused_unless_the_operator_insists(
@@ -436,7 +436,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
             LaserLineTaken(PosedProfile("fresh", T, profile), for_verification=True),
         ):
             logbook.record_entry(entry)
-            on_disk = read_entries(tmp_path)
+            on_disk = read_calibration_entries(tmp_path)
             assert kind(list(on_disk)[-1]) == kind(entry)
         written = logbook.measured
         whole = file.read_bytes()

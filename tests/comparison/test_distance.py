@@ -6,7 +6,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.comparison.alignment import align_icp, nearest_in_cloud, nearest_on_mesh
+from tjscan.comparison.alignment import (
+    align_icp,
+    nearest_point_finder_in_cloud,
+    nearest_point_finder_on_mesh,
+)
 from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
@@ -58,19 +62,19 @@ def test_a_cloud_shifted_from_a_plane_has_the_shift_as_its_distance(d: float, se
     plane = MeshDistance(corners, np.array([[0, 1, 2], [0, 2, 3]]))
     xy = np.random.default_rng(seed).uniform(-0.9, 0.9, (200, 2))
     points = np.column_stack((xy, np.full(200, d)))
-    np.testing.assert_allclose(plane.signed(points), d, atol=EXACT)
+    np.testing.assert_allclose(plane.signed_distances(points), d, atol=EXACT)
     assert not plane.watertight
 
 
 def test_distances_to_a_box_are_those_of_its_closed_form_inside_and_out() -> None:
     points = np.random.default_rng(1).uniform(-0.35, 0.35, (20_000, 3))
-    np.testing.assert_allclose(box().signed(points), box_distance(points), atol=EXACT)
+    np.testing.assert_allclose(box().signed_distances(points), box_distance(points), atol=EXACT)
 
 
 def test_the_sign_is_right_before_edges_and_vertices() -> None:
     corner = np.full(3, SIDE / 2)
     points = np.array([corner + 1e-3, corner - 1e-3, corner + np.array((1e-3, 1e-3, -0.1))])
-    assert np.sign(box().signed(points)).tolist() == [1, -1, 1]
+    assert np.sign(box().signed_distances(points)).tolist() == [1, -1, 1]
 
 
 def test_long_thin_triangles_keep_distances_right() -> None:
@@ -80,7 +84,7 @@ def test_long_thin_triangles_keep_distances_right() -> None:
     d = rng.normal(0, 2e-3, 20_000)
     points = np.column_stack(((0.3 + d) * np.cos(angle), (0.3 + d) * np.sin(angle), z))
     sagitta = 0.3 * (1 - np.cos(np.pi / 3000))
-    found = MeshDistance(mesh.vertices, mesh.faces).signed(points)
+    found = MeshDistance(mesh.vertices, mesh.faces).signed_distances(points)
     np.testing.assert_allclose(found, d, atol=sagitta + EXACT)
 
 
@@ -91,8 +95,8 @@ def test_a_rigid_motion_of_both_leaves_distances() -> None:
     T = pose(
         trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3], (3.0, -2.0, 1.0)
     )
-    before = MeshDistance(mesh.vertices, mesh.faces).signed(points)
-    after = MeshDistance(transform_points(T, mesh.vertices), mesh.faces).signed(
+    before = MeshDistance(mesh.vertices, mesh.faces).signed_distances(points)
+    after = MeshDistance(transform_points(T, mesh.vertices), mesh.faces).signed_distances(
         transform_points(T, points)
     )
     np.testing.assert_allclose(after, before, atol=PROMISED)
@@ -100,14 +104,14 @@ def test_a_rigid_motion_of_both_leaves_distances() -> None:
 
 def test_feet_lie_as_far_away_as_the_distance_says() -> None:
     points = np.random.default_rng(4).uniform(-0.35, 0.35, (2000, 3))
-    feet, _ = box().feet(points)
+    feet, _ = box().nearest_points_and_normals(points)
     np.testing.assert_allclose(
         np.linalg.norm(points - feet, axis=1), np.abs(box_distance(points)), atol=EXACT
     )
 
 
 def test_no_points_have_no_distances() -> None:
-    assert box().signed(np.empty((0, 3))).shape == (0,)
+    assert box().signed_distances(np.empty((0, 3))).shape == (0,)
 
 
 @pytest.mark.parametrize("triangles", [[[0, 0, 1]], [[0, 1, 2]]])
@@ -119,7 +123,7 @@ def test_a_mesh_without_an_area_is_refused(triangles: list[list[int]]) -> None:
 
 def test_points_that_are_no_points_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="finite"):
-        box().signed(np.array([[0.0, np.nan, 0.0]]))
+        box().signed_distances(np.array([[0.0, np.nan, 0.0]]))
 
 
 def test_statistics_keep_the_sign_where_it_means_something() -> None:
@@ -148,7 +152,9 @@ def test_icp_finds_a_known_small_pose_on_a_mesh(flyers: float) -> None:
     points = surface_cloud(noise)
     wild = np.random.default_rng(6).random(len(points)) < flyers
     points[wild] += 8e-3
-    found = align_icp(transform_points(inverse_pose(SMALL), points), nearest_on_mesh(box()))
+    found = align_icp(
+        transform_points(inverse_pose(SMALL), points), nearest_point_finder_on_mesh(box())
+    )
     # Standard deviation noise / sqrt(n) of a position, times ten.
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 10 * noise / np.sqrt(3000)
     assert rotation_angle_between(found.T, SMALL) < 10 * noise / np.sqrt(3000) / (SIDE / 4)
@@ -159,7 +165,8 @@ def test_icp_finds_a_known_small_pose_on_a_mesh(flyers: float) -> None:
 def test_icp_finds_a_known_small_pose_on_a_cloud() -> None:
     reference = surface_cloud(0.0, seed=7)
     found = align_icp(
-        transform_points(inverse_pose(SMALL), surface_cloud(20e-6)), nearest_in_cloud(reference)
+        transform_points(inverse_pose(SMALL), surface_cloud(20e-6)),
+        nearest_point_finder_in_cloud(reference),
     )
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 0.1e-3
     assert rotation_angle_between(found.T, SMALL) < 1e-3
@@ -169,7 +176,7 @@ def test_icp_refuses_a_reference_of_separate_lines() -> None:
     x, z = np.meshgrid(np.arange(-0.2, 0.2, 0.04), np.arange(-0.2, 0.2, 0.0005))
     lines = np.column_stack((x.T.ravel(), np.zeros(x.size), z.T.ravel()))
     with pytest.raises(ComparisonRefused, match="lines"):
-        nearest_in_cloud(lines)
+        nearest_point_finder_in_cloud(lines)
 
 
 def test_icp_takes_clouds_that_are_read_only() -> None:
@@ -182,13 +189,13 @@ def test_icp_takes_clouds_that_are_read_only() -> None:
 
 def test_icp_refuses_too_small_an_overlap() -> None:
     with pytest.raises(ComparisonRefused, match="overlap"):
-        align_icp(surface_cloud(0.0) + 0.2, nearest_on_mesh(box()))
+        align_icp(surface_cloud(0.0) + 0.2, nearest_point_finder_on_mesh(box()))
 
 
 def test_icp_refuses_points_that_can_slide() -> None:
     top = surface_cloud(0.0)[2::3]
     with pytest.raises(ComparisonRefused, match="slide"):
-        align_icp(top, nearest_on_mesh(box()))
+        align_icp(top, nearest_point_finder_on_mesh(box()))
 
 
 @pytest.mark.parametrize("factor", [1000.0, 1e-3])

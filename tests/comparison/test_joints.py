@@ -9,7 +9,7 @@ from cells import scan_example
 from command import tjscan
 from scipy.spatial.transform import Rotation
 
-from tjscan.comparison.clouds import read_shape
+from tjscan.comparison.clouds import read_shape_file
 from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
 from tjscan.core.errors import ComparisonRefused
@@ -77,7 +77,7 @@ def off(T: Array) -> tuple[float, float]:
 @pytest.mark.parametrize("file", [PAPER, LEANING], ids=lambda file: file.stem)
 def test_a_cloud_finds_its_joint_wherever_it_stands(file: Path) -> None:
     T = moves(1)
-    found = compare_shapes(measured(cloud_of(read_joint(file), T)), read_shape(file), "joint")
+    found = compare_shapes(measured(cloud_of(read_joint(file), T)), read_shape_file(file), "joint")
     left = found.alignment.T @ T
     if file is PAPER and abs(rotation_angle_between(np.eye(4), left)) > 1:
         left = pose(rot_z(np.pi)) @ left  # an upright joint is the same from behind
@@ -116,7 +116,7 @@ def test_tubes_are_found_in_a_foreign_cloud_too() -> None:
 def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
     points_b = all_profile_points(scan_example({}).sections, JointOrBaseFrame())
     found = compare_shapes(
-        Shape("run", UnitAndFrame("mm", "the run", "b"), points_b), read_shape(PAPER), "joint"
+        Shape("run", UnitAndFrame("mm", "the run", "b"), points_b), read_shape_file(PAPER), "joint"
     )
     T_b_j = pose(rot_z(np.pi), (0.522, 0.903, -0.128))
     left = found.alignment.T @ T_b_j
@@ -130,7 +130,7 @@ def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
 def test_a_shape_in_its_own_joints_frame_stays_there() -> None:
     cloud = cloud_of(read_joint(LEANING), np.eye(4))
     own = Shape("stitched", UnitAndFrame("mm", "the run", "j"), cloud, is_in_joint_frame=True)
-    alignment = compare_shapes(own, read_shape(LEANING), "joint").alignment
+    alignment = compare_shapes(own, read_shape_file(LEANING), "joint").alignment
     np.testing.assert_array_equal(alignment.T, np.eye(4))
     assert alignment.moved == 0
 
@@ -139,7 +139,7 @@ def test_other_joints_and_no_joints_are_refused() -> None:
     rng = np.random.default_rng(0)
     heap = measured(rng.uniform(-0.3, 0.3, (3000, 3)))
     with pytest.raises(ComparisonRefused, match="leg and brace can't be found"):
-        compare_shapes(heap, read_shape(PAPER), "joint")
+        compare_shapes(heap, read_shape_file(PAPER), "joint")
     small, large = (read_joint(CAD / f"tjoint-{name}.toml") for name in ("406x324", "600x457"))
     reference = Shape("camera", UnitAndFrame("m", "the test", "c"), cloud_of(large, moves(7)))
     with pytest.raises(ComparisonRefused, match="two different joints"):

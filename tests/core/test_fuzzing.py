@@ -11,7 +11,7 @@ from _fuzz import Reader, fuzz
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tjscan.comparison.clouds import read_shape
+from tjscan.comparison.clouds import read_shape_file
 from tjscan.core.config import LONGEST_LINE, MOST_CONFIGURATION_BYTES, read_toml
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.core.files import check_file_size, refuse_links_outside, write_files_atomically
@@ -64,7 +64,7 @@ def test_random_bytes_end_in_an_error_of_the_tree_or_in_none(
     file.write_bytes(data)
     for read in (
         read_joint,
-        read_shape,
+        read_shape_file,
         lambda f: list(read_views(f)),
         lambda f: read_profiles(f, ProfileFormat("mm", 1.0)),
     ):

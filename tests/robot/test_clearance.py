@@ -151,7 +151,7 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
     along = np.linspace(0, 1, 300)[:, None]
     closest = np.min([model.distances(q) - margins for q in HOME + along * (goal - HOME)])
     try:
-        keeps.end_of_joint_move(HOME, T_b_f)
+        keeps.joint_angles_after_joint_move(HOME, T_b_f)
     except PathBlocked:
         assert closest < RESOLUTION
     else:
@@ -160,7 +160,7 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
 
 def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> None:
     with pytest.raises(PathBlocked) as refusal:
-        clearance(post(0.0)).end_of_linear_move(HOME, aside(0.5))
+        clearance(post(0.0)).joint_angles_after_linear_move(HOME, aside(0.5))
     blocked = refusal.value
     assert (blocked.moving, blocked.other) == ("sensor", "post")
     # 40 mm of the sensor, 20 mm of the post, 10 mm of margin before its middle, 250 mm away.
@@ -171,14 +171,14 @@ def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> 
 
 def test_a_path_past_a_solid_says_how_near_it_comes() -> None:
     with pytest.raises(PathBlocked, match=r"within 6\.0 mm of post, where 10 mm") as refusal:
-        clearance(post(-0.11 - 0.006)).end_of_linear_move(HOME, aside(0.5))
+        clearance(post(-0.11 - 0.006)).joint_angles_after_linear_move(HOME, aside(0.5))
     assert refusal.value.distance == pytest.approx(0.006, abs=1e-4)
 
 
 def test_a_wider_margin_refuses_all_that_a_narrower_one_does() -> None:
     def passes(margin: float) -> bool:
         try:
-            clearance(post(-0.15), margin=margin).end_of_linear_move(HOME, aside(0.5))
+            clearance(post(-0.15), margin=margin).joint_angles_after_linear_move(HOME, aside(0.5))
         except PathBlocked:
             return False
         return True
@@ -190,32 +190,34 @@ def test_a_thin_solid_between_two_waypoints_is_met() -> None:
     x, y, z = kinematics().forward(HOME)[:3, 3] + (0, 0, -0.06)
     pin = Solid("pin", Capsule(1e-3, 0.02), pose(p=(x, y + 0.2525, z)))
     with pytest.raises(PathBlocked, match="pin"):
-        clearance(pin, margin=0.0).end_of_linear_move(HOME, aside(0.5))
+        clearance(pin, margin=0.0).joint_angles_after_linear_move(HOME, aside(0.5))
     with pytest.raises(PathBlocked, match="pin"):
-        clearance(pin, margin=0.0).end_of_joint_move(HOME, aside(0.5))
+        clearance(pin, margin=0.0).joint_angles_after_joint_move(HOME, aside(0.5))
 
 
 def test_a_path_that_begins_too_near_may_lead_away_but_not_nearer() -> None:
     wall = Solid("wall", Box((0.08, 0.02, 0.08)), pose(p=aside(0.055)[:3, 3] - (0, 0, 0.06)))
     keeps = clearance(wall)  # 5 mm from the sensor
-    keeps.end_of_linear_move(HOME, aside(-0.1))
+    keeps.joint_angles_after_linear_move(HOME, aside(-0.1))
     with pytest.raises(PathBlocked, match="wall"):
-        keeps.end_of_linear_move(HOME, aside(0.002))
+        keeps.joint_angles_after_linear_move(HOME, aside(0.002))
 
 
 def test_an_arm_that_stands_in_something_is_not_moved() -> None:
     with pytest.raises(PathBlocked, match="where the arm stands, sensor already overlaps post"):
-        clearance(post(0.0, y=0.0)).end_of_linear_move(HOME, aside(-0.3))
+        clearance(post(0.0, y=0.0)).joint_angles_after_linear_move(HOME, aside(-0.3))
 
 
 def test_an_arm_does_not_run_into_itself() -> None:
     folded = HOME + np.radians([0, 0, 62, 0, 0, 0])
     with pytest.raises(PathBlocked) as refusal:
-        clearance().end_of_joint_move(HOME, kinematics().forward(folded))
+        clearance().joint_angles_after_joint_move(HOME, kinematics().forward(folded))
     assert refusal.value.other in kinematics().link_names
     free = CollisionModel(kinematics(), tool=[TIP], self_collision=False)
     assert free.pairs == ()
-    ClearPathPlanner(kinematics(), free).end_of_joint_move(HOME, kinematics().forward(folded))
+    ClearPathPlanner(kinematics(), free).joint_angles_after_joint_move(
+        HOME, kinematics().forward(folded)
+    )
 
 
 def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
@@ -229,8 +231,8 @@ def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
     sizes = [kinematics().smallest_singular_value(q) for q in path]
     assert sizes[-1] < sizes[0] < 0.2
     with pytest.raises(PoseUnreachable, match="too near to a singularity"):
-        keeps.end_of_linear_move(start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
-    keeps.end_of_linear_move(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
+        keeps.joint_angles_after_linear_move(start, pose(far[:3, :3], far[:3, 3] - (0.04, 0, 0)))
+    keeps.joint_angles_after_linear_move(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -312,7 +314,7 @@ def test_where_nothing_goes_the_refusal_is_that_of_the_direct_path_and_nothing_m
 
 def test_where_the_nearest_configuration_is_blocked_another_one_is_taken() -> None:
     goal = aside(0.5)
-    nearest, *others = kinematics().inverses(goal, near=HOME)
+    nearest, *others = kinematics().all_inverse_solutions(goal, near=HOME)
     T_b_forearm = kinematics().link_poses(nearest)[kinematics().link_names.index("forearm_link")]
     middle_b = transform_points(T_b_forearm, (-0.28, 0.0, 0.04))
     ball = Solid("ball", Capsule(0.03, 1e-3), pose(p=middle_b))
@@ -336,7 +338,7 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     goal = kinematics().forward(q) @ pose(rot_z(0.05))
     spy = Spy(SimulatedArm(kinematics(), q))
     with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
-        assert np.abs(arm.clear_path(q, goal, straight=False).segments[-1].q - q).max() > SWEEP
+        assert np.abs(arm.plan_clear_path(q, goal, straight=False).segments[-1].q - q).max() > SWEEP
         with pytest.raises(PoseUnreachable, match="would turn by"):
             arm.move_joint_to_pose(goal, near=q)
     assert spy.told == []
@@ -375,14 +377,14 @@ def test_an_arm_that_took_another_configuration_is_not_moved_on() -> None:
 
 def test_what_has_been_seen_is_in_the_way() -> None:
     keeps = clearance()
-    keeps.end_of_linear_move(HOME, aside(0.5))
+    keeps.joint_angles_after_linear_move(HOME, aside(0.5))
     x, y, z = aside(0.25)[:3, 3]
     grid = np.array(
         [[(x + u, y, z - 0.3 + v) for v in np.linspace(0, 0.3, 5)] for u in (-0.1, 0, 0.1)]
     )
     keeps.set_measured_surface(grid.reshape(-1, 3), grid_triangles(3, 5))
     with pytest.raises(PathBlocked) as refusal:
-        keeps.end_of_linear_move(HOME, aside(0.5))
+        keeps.joint_angles_after_linear_move(HOME, aside(0.5))
     assert refusal.value.other == SEEN
 
 

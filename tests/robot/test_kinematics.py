@@ -119,7 +119,7 @@ def test_all_configurations_hold_the_pose_and_the_nearest_comes_first(
     q = WELL + 0.5 * share
     assume(kinematics.smallest_singular_value(q) > REGULAR)
     T_b_f = kinematics.forward(q)
-    found = kinematics.inverses(T_b_f, near=q)
+    found = kinematics.all_inverse_solutions(T_b_f, near=q)
     assert np.abs(found[0] - q).max() < ANGLES
     assert 4 <= len(found) <= 8  # shoulder, elbow and wrist, two ways each
     away = [float(np.linalg.norm(one - q)) for one in found]

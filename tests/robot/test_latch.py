@@ -21,7 +21,7 @@ def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
     for way in (latch.hold_for_move, latch.begin_move):
         with pytest.raises(ArmFault, match="taken back"), way():
             pytest.fail("it began")
-    latch.clear()
+    latch.clear_stop()
     with latch.hold_for_move(), latch.begin_move():
         pass
 
@@ -75,7 +75,7 @@ def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
 
     def clear() -> None:
         clearing.set()
-        latch.clear()
+        latch.clear_stop()
         done.set()
 
     clearer = threading.Thread(target=clear)
@@ -109,6 +109,6 @@ def test_nothing_starts_between_a_stop_and_its_end() -> None:
         count = started[0]
         threading.Event().wait(0.0)  # let the mover try
         assert started[0] == count
-        latch.clear()
+        latch.clear_stop()
     ended.set()
     mover.join()

@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
-from tjscan.robot.rest import LIMIT, PAUSE, STILL_TOLERANCE, WINDOW, await_rest, check_still
+from tjscan.robot.rest import LIMIT, PAUSE, STILL_TOLERANCE, WINDOW, await_rest, check_not_moved
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5
@@ -61,7 +61,7 @@ def test_a_state_at_rest_is_one_after_the_motion(speed: float, seconds: float) -
         assert state.time >= min(seconds, LIMIT)
         # Flickering encoders may hold a slow motion on for another window.
         assert state.time <= seconds + 2 * WINDOW + 3 * PAUSE
-        check_still(state, arm.state())
+        check_not_moved(state, arm.state())
 
 
 @settings(max_examples=20, deadline=None)
@@ -76,10 +76,10 @@ def test_an_arm_that_never_rests_is_not_waited_for_for_ever(speed: float) -> Non
 def test_an_arm_that_moved_meanwhile_is_told() -> None:
     with LedArm(1.0, 1.0) as arm:
         before = arm.state()
-        check_still(before, arm.state())
+        check_not_moved(before, arm.state())
         arm.pause(0.5)
         with pytest.raises(ArmFault, match=r"moved while the laser looked.*28\.6\d deg"):
-            check_still(before, arm.state())
+            check_not_moved(before, arm.state())
 
 
 def test_the_end_of_a_move_is_waited_for() -> None:

@@ -221,7 +221,7 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
     with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
 
         def stop() -> None:
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             arm.stop()
 
         stopper = threading.Thread(target=stop)
@@ -265,7 +265,7 @@ def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
         loopback.schedule_fault(order)
         with DashboardClient(loopback.host) as dashboard:
-            dashboard.stop()
+            dashboard.stop_program()
 
 
 DRIVER = """
@@ -291,9 +291,9 @@ def test_the_arm_stops_when_the_program_is_killed() -> None:
     with LoopbackProcess(address()) as loopback:
         folder = str(Path(__file__).parents[1] / "support")
         with subprocess.Popen([sys.executable, "-c", DRIVER, loopback.host, folder]) as program:
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             program.kill()
-        loopback.wait_for("program stopped")
+        loopback.wait_for_line("program stopped")
         with arm_at(loopback.host) as arm:
             assert np.abs(arm.state().q - HOME).max() < 0.2
 
@@ -303,11 +303,11 @@ def test_the_arm_stops_when_the_program_stands_still() -> None:
         folder = str(Path(__file__).parents[1] / "support")
         command = [sys.executable, "-c", DRIVER, loopback.host, folder]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             program.send_signal(signal.SIGSTOP)
             try:
                 # Its client lives, and answers the controller's watchdog.
-                loopback.wait_for("program stopped")
+                loopback.wait_for_line("program stopped")
             finally:
                 program.send_signal(signal.SIGCONT)
             said, _ = program.communicate()
@@ -325,7 +325,7 @@ def test_a_program_that_stands_still_for_a_moment_moves_on() -> None:
         folder = str(Path(__file__).parents[1] / "support")
         command = [sys.executable, "-c", DRIVER, loopback.host, folder]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             program.send_signal(signal.SIGSTOP)
             program.send_signal(signal.SIGCONT)
             said, _ = program.communicate()
@@ -336,7 +336,7 @@ def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
     with LoopbackProcess(address()) as loopback, arm_at(loopback.host) as arm:
 
         def hang() -> None:
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             for pid in client_processes():
                 os.kill(pid, signal.SIGSTOP)
 
@@ -346,7 +346,7 @@ def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
         with pytest.raises((ArmNotResponding, ProgramStopped)):
             arm.move_joint_to_pose(beside_home(0.3))
         hanger.join()
-        loopback.wait_for("program stopped")
+        loopback.wait_for_line("program stopped")
     assert client_processes() == []
 
 
@@ -356,11 +356,11 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
         ur = ["--arm.driver", "ur", "--arm.ur.host", loopback.host, "--out", str(tmp_path / "run")]
         with subprocess.Popen([*scan, *ur], stderr=subprocess.PIPE, text=True) as program:
             assert program.stderr is not None
-            loopback.wait_for("move")
+            loopback.wait_for_line("move")
             program.send_signal(signal.SIGINT)
             assert any("once more" in line for line in program.stderr)
             program.send_signal(signal.SIGINT)  # and once more, which stops the arm at once
-            loopback.wait_for("program stopped")
+            loopback.wait_for_line("program stopped")
             program.communicate()
             assert program.returncode == 130
         events = read_recorded_scan(tmp_path / "run").events

@@ -12,7 +12,7 @@ from tjscan.calibration.hand_eye import LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import plane_through
+from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile
@@ -21,8 +21,8 @@ MM = 1e-3
 NOISE = NoiseModel()
 WINDOW = MeasuringRange(near=0.190, far=0.290, apex_z=-0.028, half_angle=0.188, columns=640)
 CENTRE = np.array((0.8, 0.1, 0.05))
-PLANE = plane_through(CENTRE, (0.05, 0.02, 1.0))
-AXES = PlaneTarget.from_fitted_plane(PLANE, CENTRE).axes_b
+PLANE = plane_through_point(CENTRE, (0.05, 0.02, 1.0))
+AXES = PlaneTarget.unknown_plane(PLANE, CENTRE).axes_b
 PLACES = CENTRE + 0.15 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ AXES
 T_F_S = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
     [

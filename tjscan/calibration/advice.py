@@ -55,7 +55,7 @@ class BoardRectangle:
 
     @classmethod
     def through_touched_points(cls, points_b: ArrayLike, target: PlaneTarget) -> BoardRectangle:
-        """The smallest rectangle along the plane's axes that holds all touched points.
+        """Smallest rectangle along the plane's axes that holds all touched points.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class BoardRectangle:
 
 @dataclass(frozen=True, slots=True)
 class CandidatePoseGrid:
-    """The poses of the sensor over the board among which to choose. Angles in radians.
+    """Grid of sensor poses over the board from which the next one is chosen. Angles in radians.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class CandidatePoseGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuggestedPose:
-    """The pose to take the next line from, and what it would bring.
+    """The flange pose to take the next line from, and the uncertainty expected with and without it.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def suggest_pose(
     *,
     reachable: ReachabilityCheck | None = None,
 ) -> SuggestedPose:
-    """The candidate whose line shrinks the uncertainty most, given the lines taken already.
+    """Suggest the candidate pose whose line shrinks the uncertainty most.
 
     Parameters
     ----------

@@ -36,8 +36,8 @@ MAX_RADIUS: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArcFit:
-    """A circle in the laser plane, frame s.
+class CircleFit:
+    """A circle fitted to the arc of points in a profile, frame s.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class ArcFit:
         return int(self.inlier.sum())
 
 
-def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS) -> ArcFit:
+def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS) -> CircleFit:
     """Fit the circle that most points of a profile lie on.
 
     Parameters
@@ -148,7 +148,7 @@ def _algebraic(points: Array) -> Array:
 
 def _describe(
     points: Array, inlier: InlierMask, valid: InlierMask, noise: NoiseModel, largest: float
-) -> ArcFit:
+) -> CircleFit:
     kept = points[inlier]
 
     def jacobian(circle: Array) -> Array:
@@ -181,4 +181,4 @@ def _describe(
     columns = np.zeros(len(valid), dtype=bool)
     columns[np.flatnonzero(valid)[inlier]] = True
     centre = np.array((circle[0], 0.0, circle[1]))
-    return ArcFit(centre, float(circle[2]), covariance, scatter, columns)
+    return CircleFit(centre, float(circle[2]), covariance, scatter, columns)

@@ -12,7 +12,7 @@ from tjscan.calibration.plucker import (
     PluckerLine,
     PluckerPlane,
     incidence_residuals,
-    line_through,
+    line_through_point,
     transform_line,
 )
 from tjscan.core.frames import Array, pose, readonly_copy, skew_matrix
@@ -23,7 +23,7 @@ SIGN_RESIDUAL_RATIO: Final = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineBundle:
-    """Lines and the flange poses they were taken from, n at a time.
+    """Lines on the board stacked with the flange poses they were taken from.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ class LineBundle:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
-    def line_s(self) -> PluckerLine:
-        """All lines in frame s."""
-        return line_through(self.points_s, self.directions_s)
+    def plucker_lines_s(self) -> PluckerLine:
+        """All lines in frame s, in Plücker coordinates."""
+        return line_through_point(self.points_s, self.directions_s)
 
 
 def stack_lines(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
-    """Stack poses and lines.
+    """Stack flange poses and lines into one bundle.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def stack_lines(T_b_f: Array, fits: list[LineFit]) -> LineBundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedFormSolution:
-    """What the closed form finds.
+    """Solution of the closed form: the sensor's pose on the flange, and how well it is conditioned.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class _Solution:
 
 
 def rotation_equations(lines: LineBundle, u_b: Array) -> Array:
-    """A of eq. (21), shape (..., n, 6).
+    """Matrix A of the equations for the rotation, eq. (21), shape (..., n, 6).
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def sensor_position(lines: LineBundle, plane: PluckerPlane, R_f_s: Array) -> tup
     residual : float
         RMS of what eq. (22) leaves, per line, metres.
     """
-    line_f = transform_line(pose(R_f_s), lines.line_s)  # (18), as if p_f_s were zero
+    line_f = transform_line(pose(R_f_s), lines.plucker_lines_s)  # (18), as if p_f_s were zero
     T_b_f = np.tile(np.eye(4), (len(lines.p_b_f), 1, 1))
     T_b_f[:, :3, :3], T_b_f[:, :3, 3] = lines.R_b_f, lines.p_b_f
     line_b = transform_line(T_b_f, line_f)  # (18)
@@ -175,7 +175,8 @@ def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolut
     Parameters
     ----------
     lines : LineBundle
-        In general position; `tjscan.calibration.motion.check_condition` says whether they are.
+        In general position; `tjscan.calibration.motion.check_rotation_condition` says whether
+        they are.
     plane : PluckerPlane
         Frame b.
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.closed_form import LineBundle
-from tjscan.calibration.measuring_range import MeasuringRange, lines_on_plane
+from tjscan.calibration.measuring_range import MeasuringRange, visible_lines_on_plane
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.refine import covariance_from_information
@@ -27,7 +27,7 @@ the bracket. An assumption; it only keeps the first choices finite."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeUncertainty:
-    """How far T_f_s is expected to be off.
+    """Expected error of T_f_s, in position and rotation.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class PredictedLines:
 def predict_lines(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
 ) -> PredictedLines:
-    """Lines that a sensor is expected to take of a plane.
+    """Predict the lines that a sensor would take of a plane, and their information.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def predict_lines(
     T_b_s = T_b_f @ T_f_s
     u_s = target.plane.u @ T_b_s[:, :3, :3]
     u0_s = T_b_s[:, :3, 3] @ target.plane.u + target.plane.u0
-    seen = lines_on_plane(window, u_s, u0_s)
+    seen = visible_lines_on_plane(window, u_s, u0_s)
     there = seen.span > 0
     ends_s = np.where(there[:, None, None], seen.ends_s, np.array(((-1.0, 0, 0), (1.0, 0, 0))))
     along = ends_s[:, 1] - ends_s[:, 0]
@@ -115,7 +115,7 @@ def prior_information(target: PlaneTarget) -> Array:
     information[:3, :3] = np.eye(3) / PRIOR_SIGMA_POSITION**2
     information[3:6, 3:6] = np.eye(3) / PRIOR_SIGMA_ROTATION**2
     information[6:, 6:] = target.information
-    if not target.known:
+    if not target.was_touched:
         # Unknown, yet no determinant may vanish: half a turn and a metre.
         information[6:, 6:] = np.diag((np.pi**-2, np.pi**-2, 1.0))
     return information
@@ -124,7 +124,7 @@ def prior_information(target: PlaneTarget) -> Array:
 def predict_uncertainty(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
 ) -> HandEyeUncertainty:
-    """How far a calibration with lines from these poses would be off.
+    """Predict how far a calibration with lines from these poses would be off.
 
     It falls with every pose, also before there are enough of them to solve; n may be zero.
 
@@ -167,7 +167,7 @@ def information_gain(before: Array, information: Array) -> Array:
 def choose_most_informative(
     candidates: Array, information: Array, before: Array, reachable: ReachabilityCheck | None = None
 ) -> int | None:
-    """Index of the reachable candidate with most information; None where no line is seen.
+    """Choose the reachable candidate with most information; None where no line is seen.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 
 
 class ResidualEntry(StrictFileModel):
-    """One line; see `tjscan.calibration.hand_eye.SampleResidual`."""
+    """Residual of one line in the file; see `tjscan.calibration.hand_eye.SampleResidual`."""
 
     name: str
     used: bool
@@ -48,7 +48,7 @@ class ResidualEntry(StrictFileModel):
 
 
 class VerificationEntry(StrictFileModel):
-    """A fresh line; see `tjscan.calibration.verify.Verification`."""
+    """Result of the fresh line in the file; see `tjscan.calibration.verify.Verification`."""
 
     offset_mm: float
     sigma_offset_mm: float
@@ -59,7 +59,7 @@ class VerificationEntry(StrictFileModel):
 
 
 class CalibrationFile(StrictFileModel):
-    """One calibration.
+    """Content of ``calibration.toml``: one calibration.
 
     `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees.
     """
@@ -99,13 +99,13 @@ class CalibrationFile(StrictFileModel):
 
     @property
     def covariance_si(self) -> Array:
-        """Of translation and small rotation in the axes of f, shape (6, 6), metres and radians."""
+        """Covariance of T_f_s, shape (6, 6): translation and small rotation in axes of f, SI."""
         return np.array(self.covariance) / np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)
 
 
 @dataclass(frozen=True, slots=True)
 class SavedCalibration:
-    """A calibration, and where it was written.
+    """A calibration and the file it was written to.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def to_calibration_file(
     date: datetime,
     verification: Verification | None = None,
 ) -> CalibrationFile:
-    """Put a calibration into the words of the file.
+    """Convert a calibration to the content of its file.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _verification(found: Verification) -> VerificationEntry:
 
 
 def write_calibration(file: Path, calibration: CalibrationFile, provenance: Provenance) -> None:
-    """Write ``calibration.toml``: whole, or not at all.
+    """Write ``calibration.toml``, whole or not at all.
 
     Parameters
     ----------

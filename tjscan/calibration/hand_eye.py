@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.circle_fit import ArcFit
+from tjscan.calibration.circle_fit import CircleFit
 from tjscan.calibration.closed_form import (
     ClosedFormSolution,
     rotation_equations,
@@ -20,22 +20,26 @@ from tjscan.calibration.design import HandEyeUncertainty
 from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.motion import (
     MAX_CONDITION,
-    check_condition,
     check_motion,
+    check_rotation_condition,
     check_tilts_vary,
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.refine import RefinedEstimate, leave_one_out, refine
-from tjscan.calibration.snooping import chi2_is_plausible, reject_outlying_profiles
-from tjscan.calibration.sphere_model import BallModel
-from tjscan.calibration.starts import (
-    ball_calibration_starts,
-    ball_start_parameters,
-    unknown_plane_starts,
+from tjscan.calibration.refine import (
+    RefinedEstimate,
+    leave_one_out_changes,
+    refine_by_least_squares,
 )
-from tjscan.calibration.targets import BallTarget, PlaneTarget
+from tjscan.calibration.snooping import chi2_is_plausible, reject_outlying_profiles
+from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.starts import (
+    plane_calibration_starts,
+    sphere_calibration_starts,
+    sphere_start_parameters,
+)
+from tjscan.calibration.targets import PlaneTarget, SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy, transform_points
 
@@ -59,7 +63,7 @@ REFINED_STARTS: Final = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineSample:
-    """A line on the board, and where the flange was.
+    """A line fitted to a profile of the board, and the flange pose it was taken from.
 
     Parameters
     ----------
@@ -81,11 +85,11 @@ class LineSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcSample:
-    """An arc on the ball, and where the flange was; see `LineSample`."""
+    """A circle fitted to a profile of the ball, and the flange pose; see `LineSample`."""
 
     name: str
     T_b_f: Array
-    fit: ArcFit
+    fit: CircleFit
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
@@ -93,7 +97,7 @@ class ArcSample:
 
 @dataclass(frozen=True, slots=True)
 class SampleResidual:
-    """What one line says against the result, and what it did to it.
+    """How far one line is off the result, and how much the result would change without it.
 
     Parameters
     ----------
@@ -126,7 +130,7 @@ class SampleResidual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeCalibration:
-    """A calibration that can be trusted.
+    """Result of a calibration: the sensor's pose on the flange, its covariance and residuals.
 
     Parameters
     ----------
@@ -176,25 +180,27 @@ class HandEyeCalibration:
 
     @property
     def covariance(self) -> Array:
-        """Of T_f_s alone, shape (6, 6): translation and small rotation in the axes of f."""
+        """Covariance of T_f_s, shape (6, 6): translation and small rotation in the axes of f."""
         return self.joint_covariance[:6, :6]
 
     @property
     def uncertainty(self) -> HandEyeUncertainty:
-        """How far T_f_s is expected to be off."""
+        """How far T_f_s is expected to be off, position and rotation."""
         return HandEyeUncertainty(self.covariance)
 
     @property
-    def rejected_samples(self) -> tuple[str, ...]:
+    def rejected_sample_names(self) -> tuple[str, ...]:
         """Names of the samples that contradict the others; the result does without them."""
         return tuple(r.name for r in self.residuals if not r.used)
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What a user should know before relying on it; empty for a good calibration."""
+        """Warnings to a user before relying on the calibration; empty for a good one."""
         said = []
-        if self.rejected_samples:
-            said.append(f"left out as contradicting the others: {', '.join(self.rejected_samples)}")
+        if self.rejected_sample_names:
+            said.append(
+                f"left out as contradicting the others: {', '.join(self.rejected_sample_names)}"
+            )
         if self.sigma_scale > 1:
             said.append(
                 f"residuals are {self.sigma_scale:.1f} times larger than stated; the uncertainty "
@@ -216,7 +222,7 @@ def calibrate_on_plane(
     *,
     T_f_s_guess: Array | None = None,
 ) -> HandEyeCalibration:
-    """Find the sensor's place on the flange from lines on one plane.
+    """Calibrate the sensor's pose on the flange from lines on one plane.
 
     Parameters
     ----------
@@ -255,39 +261,41 @@ def calibrate_on_plane(
         T_f_s = closed.T_f_s
     model = PlaneModel.from_line_fits(T_b_f, fits, target, noise)
     every = np.ones(len(fits), dtype=bool)
-    estimate = reject_outlying_profiles(model, refine(model, T_f_s, np.zeros(3), every))
+    estimate = reject_outlying_profiles(
+        model, refine_by_least_squares(model, T_f_s, np.zeros(3), every)
+    )
 
     plane = target.boxplus(estimate.target)
     used = estimate.used
-    condition = check_condition(
+    condition = check_rotation_condition(
         rotation_equations(model.lines, plane.u)[used],
         plane.u @ T_b_f[used, :3, :3],
         estimate.T_f_s[:3, :3],
         R_guess,
     )
-    if not target.known:
+    if not target.was_touched:
         check_tilts_vary(plane.u @ T_b_f[estimate.used, :3, :3], estimate.T_f_s[:3, :3])
-    method = "plane touched" if target.known else "plane unknown"
+    method = "plane touched" if target.was_touched else "plane unknown"
     board = replace(
         target, plane=plane, information=np.asarray(np.linalg.inv(estimate.covariance[6:, 6:]))
     )
     return _accept(samples, estimate, method, condition, board=board, closed_form=closed)
 
 
-def calibrate_on_ball(
+def calibrate_on_sphere(
     samples: Sequence[ArcSample],
-    sphere: BallTarget,
+    sphere: SphereTarget,
     noise: NoiseModel,
     *,
     T_f_s_guess: Array | None = None,
 ) -> HandEyeCalibration:
-    """Find the sensor's place on the flange from arcs on one ball that stays where it is.
+    """Calibrate the sensor's pose on the flange from arcs on one ball that stays where it is.
 
     Parameters
     ----------
     samples : sequence of ArcSample
         Five arcs or more, at different heights of the ball.
-    sphere : BallTarget
+    sphere : SphereTarget
         The ball; where it lies is found together with the sensor.
     noise : NoiseModel
         What arcs and poses err by.
@@ -301,16 +309,18 @@ def calibrate_on_ball(
     """
     T_b_f = _poses(samples)
     check_motion(T_b_f, None, None if T_f_s_guess is None else T_f_s_guess[:3, :3])
-    model = BallModel.from_arc_fits(T_b_f, [sample.fit for sample in samples], sphere, noise)
-    starts = ball_calibration_starts(model)
+    model = SphereModel.from_arc_fits(T_b_f, [sample.fit for sample in samples], sphere, noise)
+    starts = sphere_calibration_starts(model)
     if T_f_s_guess is not None:
         centres = [
             transform_points(T @ T_f_s_guess, c)
             for T, c in zip(T_b_f, model.centres_s, strict=True)
         ]
-        starts.append((T_f_s_guess, ball_start_parameters(model, np.mean(centres, axis=0))))
+        starts.append((T_f_s_guess, sphere_start_parameters(model, np.mean(centres, axis=0))))
     every = np.ones(len(samples), dtype=bool)
-    estimate = min((refine(model, *start, every) for start in starts), key=lambda e: e.chi2)
+    estimate = min(
+        (refine_by_least_squares(model, *start, every) for start in starts), key=lambda e: e.chi2
+    )
     estimate = reject_outlying_profiles(model, estimate)
     condition = _scaled_condition(estimate)
     if condition > MAX_CONDITION:
@@ -341,7 +351,7 @@ def _find_plane(
 ) -> tuple[PlaneTarget, Array]:
     """Plane and sensor that fit the lines best, from many starts."""
     lines = stack_lines(T_b_f, fits)
-    starts = unknown_plane_starts(lines, REFINED_STARTS)
+    starts = plane_calibration_starts(lines, REFINED_STARTS)
     if guess is not None:
         points = np.stack(
             [transform_points(T, p) for T, p in zip(T_b_f @ guess, lines.points_s, strict=True)]
@@ -353,8 +363,8 @@ def _find_plane(
     found = []
     for T_f_s, plane in starts:
         near = (T_b_f[0] @ T_f_s @ np.append(lines.points_s[0], 1.0))[:3]
-        target = PlaneTarget.from_fitted_plane(plane, near)
-        estimate = refine(
+        target = PlaneTarget.unknown_plane(plane, near)
+        estimate = refine_by_least_squares(
             PlaneModel.from_line_fits(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every
         )
         behind = (
@@ -366,7 +376,7 @@ def _find_plane(
     plane = target.boxplus(estimate.target)
     if plane.signed_distances(T_b_f[0, :3, 3]) < 0:  # the normal points to the sensor's side
         plane = PluckerPlane(-plane.u, -plane.u0)
-    return PlaneTarget.from_fitted_plane(plane, near), estimate.T_f_s
+    return PlaneTarget.unknown_plane(plane, near), estimate.T_f_s
 
 
 def _scaled_condition(estimate: RefinedEstimate) -> float:
@@ -417,7 +427,7 @@ def _accept(
 
 
 def _residuals(names: list[str], estimate: RefinedEstimate) -> tuple[SampleResidual, ...]:
-    deletion = leave_one_out(estimate)
+    deletion = leave_one_out_changes(estimate)
     r = estimate.linearised.residuals
     arcs = r.shape[1] == 3
     offset = np.hypot(r[:, 0], r[:, 1]) if arcs else r[:, 0]

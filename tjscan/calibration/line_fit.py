@@ -19,7 +19,7 @@ from tjscan.calibration.consensus import (
     sample_index_sets,
 )
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerLine, line_through
+from tjscan.calibration.plucker import PluckerLine, line_through_point
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
@@ -39,7 +39,7 @@ An assumption: lateral errors of such sensors are smaller than range errors, but
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineFit:
-    """A line in the laser plane, frame s. It says all that its points have to say.
+    """A straight line fitted to a profile in the laser plane, frame s.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ class LineFit:
         return int(self.inlier.sum())
 
     @property
-    def line_s(self) -> PluckerLine:
+    def plucker_line_s(self) -> PluckerLine:
         """The line in Plücker coordinates, frame s: what eq. (18) starts from."""
-        return line_through(self.point_s, self.direction_s)
+        return line_through_point(self.point_s, self.direction_s)
 
 
 def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:

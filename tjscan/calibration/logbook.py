@@ -19,9 +19,9 @@ from tjscan.calibration.topics import (
     CalibrationEntry,
     LaserLineTaken,
     SkippedPose,
-    StartedOrResumed,
+    StartOrResumeEntry,
     messages_of_entry,
-    read_entries,
+    read_calibration_entries,
 )
 from tjscan.core.frames import Array
 from tjscan.recording.foxglove import frame_transforms_message
@@ -29,8 +29,8 @@ from tjscan.recording.writer import RecordingWriter, next_recording_file
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredSoFar:
-    """All that was measured so far. What comes next follows from it alone.
+class MeasurementsSoFar:
+    """All touches, lines and skipped poses so far; what comes next follows from them alone.
 
     Parameters
     ----------
@@ -55,10 +55,10 @@ class MeasuredSoFar:
     skipped_in_a_row: int = 0
     verification_profile: PosedProfile | None = None
 
-    def with_entry(self, entry: CalibrationEntry) -> MeasuredSoFar:
-        """The same with one entry more."""
+    def with_entry(self, entry: CalibrationEntry) -> MeasurementsSoFar:
+        """The same measurements with one entry more."""
         match entry:
-            case StartedOrResumed():
+            case StartOrResumeEntry():
                 return replace(self, skipped_in_a_row=0)
             case BoardTouch():
                 return replace(self, touches={**self.touches, entry.place_number: entry})
@@ -75,7 +75,7 @@ class MeasuredSoFar:
 
 
 class Logbook:
-    """The recording of a calibration; a context manager.
+    """Writes the recording of a calibration, entry by entry; a context manager.
 
     Parameters
     ----------
@@ -96,10 +96,10 @@ class Logbook:
         self._directory, self._T_f_s = directory, T_f_s
 
     def __enter__(self) -> Self:
-        begun = StartedOrResumed(datetime.now(UTC).replace(microsecond=0))
-        entries = list(read_entries(self._directory))
-        first = next((entry for entry in entries if isinstance(entry, StartedOrResumed)), begun)
-        self.measured = MeasuredSoFar(first.date, {})
+        begun = StartOrResumeEntry(datetime.now(UTC).replace(microsecond=0))
+        entries = list(read_calibration_entries(self._directory))
+        first = next((entry for entry in entries if isinstance(entry, StartOrResumeEntry)), begun)
+        self.measured = MeasurementsSoFar(first.date, {})
         for entry in entries:
             self.measured = self.measured.with_entry(entry)
         with ExitStack() as stack:
@@ -123,7 +123,7 @@ class Logbook:
         self._stack.__exit__(kind, error, trace)
 
     def record_entry(self, entry: CalibrationEntry) -> None:
-        """Bring an entry to the disk; only then does it count as measured."""
+        """Write an entry to the disk; only then does it count as measured."""
         now = time.time_ns()
         self._recording.write(now, *messages_of_entry(now, entry))
         self._recording.sync_to_disk()

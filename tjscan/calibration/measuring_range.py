@@ -11,7 +11,7 @@ from tjscan.core.frames import Array
 
 @dataclass(frozen=True, slots=True)
 class MeasuringRange:
-    """The measuring range in the laser plane. Metres, radians.
+    """The laser's measuring range (its window) in the laser plane. Metres, radians.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class MeasuringRange:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibleLines:
-    """Where lines on a plane lie in the window, n of them at once, in frame s.
+    """Where the laser sees planes as lines: their ends, length and columns, frame s.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ class VisibleLines:
     columns: Array
 
 
-def lines_on_plane(window: MeasuringRange, u_s: Array, u0_s: Array) -> VisibleLines:
-    """Lines in which planes cut the window.
+def visible_lines_on_plane(window: MeasuringRange, u_s: Array, u0_s: Array) -> VisibleLines:
+    """Lines that the laser sees where planes cut its window.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from tjscan.core.frames import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearisedModel:
-    """n profiles with k residuals each, seen from one guess of the sensor and the target.
+    """Residuals of n profiles at a guess of sensor and target, with derivatives and covariance.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class LinearisedModel:
 
 
 class TargetModel(Protocol):
-    """Profiles of one target."""
+    """Model of the residuals that profiles of a calibration target leave."""
 
     @property
     def prior_information(self) -> Array:

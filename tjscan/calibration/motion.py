@@ -62,7 +62,7 @@ def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> N
     """Name the axis turned about, and the one to tilt about: square to it, along the board."""
     if u_f is None and R_f_s is not None:
         u_f = -R_f_s[:, 2]  # the sensor looks at the board
-    turned = name_axis(axis_f, R_f_s)
+    turned = describe_axis(axis_f, R_f_s)
     if u_f is None:
         advice = f"turn about an axis square to it by {ADVISED_TILT_DEG}° or more, both ways"
     elif abs(axis_f @ u_f) > 0.9:
@@ -113,14 +113,16 @@ def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
         raise CalibrationRefused(
             "all tilts alike",
             f"the board is unknown, and every pose is tilted alike about "
-            f"{name_axis(axes[2], R_f_s)} (the cosines differ by {spread:.4f} RMS, "
+            f"{describe_axis(axes[2], R_f_s)} (the cosines differ by {spread:.4f} RMS, "
             f"{MIN_TILT_SPREAD:g} is needed); missing: tilts of other sizes, some of them with the "
             "sensor square to the board",
         )
 
 
-def check_condition(A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | None) -> float:
-    """Condition number of eq. (21): refuse lines that fix no rotation.
+def check_rotation_condition(
+    A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | None
+) -> float:
+    """Condition number of eq. (21); refuses lines that fix no rotation.
 
     Parameters
     ----------
@@ -150,7 +152,7 @@ def check_condition(A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | Non
     R = R_f_s_guess if R_f_s_guess is not None or condition > ARBITRARY_CONDITION else R_f_s
     spread, axes = tilt_spread(u_f)
     shown = " and ".join(
-        f"{np.degrees(s):.1f}° about {name_axis(axis, R)}"
+        f"{np.degrees(s):.1f}° about {describe_axis(axis, R)}"
         for s, axis in zip(spread, axes, strict=True)
     )
     # About equally little both ways: both are missing.
@@ -180,7 +182,7 @@ def tilt_spread(u_f: Array) -> tuple[Array, Array]:
 
 
 def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
-    """Text that asks for tilts about axes.
+    """Text that asks the operator for tilts about axes.
 
     Parameters
     ----------
@@ -194,12 +196,12 @@ def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
     str
         In the sensor's axes where its rotation is known, else in the flange's.
     """
-    names = " and ".join(sorted({name_axis(axis, R_f_s) for axis in axes_f}))
+    names = " and ".join(sorted({describe_axis(axis, R_f_s) for axis in axes_f}))
     return f"missing: tilt about {names}, by {ADVISED_TILT_DEG}° or more, both ways"
 
 
-def name_axis(axis_f: Array, R_f_s: Array | None) -> str:
-    """Name a direction: by the sensor's axes where its rotation is known, else by the flange's.
+def describe_axis(axis_f: Array, R_f_s: Array | None) -> str:
+    """Name of a direction for messages, by the sensor's axes if known, else by the flange's.
 
     Parameters
     ----------

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_ball, calibrate_on_plane
+from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_plane, calibrate_on_sphere
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_line_samples
-from tjscan.calibration.targets import BallTarget, PlaneTarget
+from tjscan.calibration.targets import PlaneTarget, SphereTarget
 
 
-def calibrate_profiles(
+def calibrate_from_profiles(
     profiles: Sequence[PosedProfile],
-    target: PlaneTarget | BallTarget | None,
+    target: PlaneTarget | SphereTarget | None,
     noise: NoiseModel,
     report: Callable[[str], None],
 ) -> HandEyeCalibration:
@@ -22,7 +22,7 @@ def calibrate_profiles(
     ----------
     profiles : sequence of PosedProfile
         Profiles and their poses.
-    target : PlaneTarget, BallTarget or None
+    target : PlaneTarget, SphereTarget or None
         The board or the ball; none for a board whose place is unknown.
     noise : NoiseModel
         What they err by.
@@ -32,14 +32,14 @@ def calibrate_profiles(
     Raises
     ------
     CalibrationRefused
-        As `calibrate_on_plane` and `calibrate_on_ball` do.
+        As `calibrate_on_plane` and `calibrate_on_sphere` do.
     """
-    if isinstance(target, BallTarget):
+    if isinstance(target, SphereTarget):
         arcs, unread = fit_arc_samples(profiles, noise)
     else:
         lines, unread = fit_line_samples(profiles, noise)
     for name, refusal in unread.items():
         report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
-    if isinstance(target, BallTarget):
-        return calibrate_on_ball(arcs, target, noise)
+    if isinstance(target, SphereTarget):
+        return calibrate_on_sphere(arcs, target, noise)
     return calibrate_on_plane(lines, target, noise)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Something to say yes or no to.
+    """A yes-or-no question to the operator.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Question:
 
 
 class Operator(Protocol):
-    """Answers questions and receives messages."""
+    """Whoever answers the questions of a calibration and receives its messages."""
 
     @property
     def present(self) -> bool:
@@ -37,7 +37,7 @@ class Operator(Protocol):
         ...
 
     def confirm(self, question: Question) -> bool:
-        """Say yes or no."""
+        """Answer a question: yes or no."""
         ...
 
     def report(self, message: str) -> None:
@@ -50,16 +50,16 @@ class Operator(Protocol):
 
 
 class SilentOperator:
-    """Takes every question's default and receives no messages."""
+    """Operator without a person: takes every question's default and shows nothing."""
 
     present = False
 
     def confirm(self, question: Question) -> bool:
-        """Say what the question proposes."""
+        """Answer with the question's default."""
         return question.default
 
     def report(self, message: str) -> None:
-        """Let it pass."""
+        """Ignore a message."""
 
     def show_progress(self, progress: CalibrationProgress) -> None:
-        """Show nothing."""
+        """Show no progress."""

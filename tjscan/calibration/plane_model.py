@@ -17,7 +17,7 @@ from tjscan.core.frames import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneModel:
-    """The distance of each line's centroid from the plane, and the sine of its tilt out of it.
+    """Residuals of lines on a plane: distance of each centroid, and sine of the tilt out of it.
 
     Both are all that eq. (17) asks of a line. The target's parameters are those of
     `PlaneTarget.boxplus`.
@@ -67,7 +67,7 @@ class PlaneModel:
 
     @property
     def prior_information(self) -> Array:
-        """Inverse covariance of (tilt, tilt, height), shape (3, 3)."""
+        """Inverse covariance of the plane's (tilt, tilt, height) known beforehand, shape (3, 3)."""
         return self.target.information
 
     def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:

@@ -30,8 +30,8 @@ class PluckerLine:
         object.__setattr__(self, "m", readonly_copy(self.m))
 
     @property
-    def screw(self) -> Array:
-        """Direction over moment, shape (..., 6)."""
+    def six_coordinates(self) -> Array:
+        """The six Plücker coordinates, direction over moment, shape (..., 6)."""
         return np.concatenate((self.a, self.m), axis=-1)
 
 
@@ -67,8 +67,8 @@ class PluckerPlane:
         return np.asarray(np.asarray(points, dtype=float) @ self.u + self.u0)
 
 
-def line_through(point: ArrayLike, direction: ArrayLike) -> PluckerLine:
-    """Line through a point along a direction.
+def line_through_point(point: ArrayLike, direction: ArrayLike) -> PluckerLine:
+    """Plücker line through a point along a direction.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def line_through(point: ArrayLike, direction: ArrayLike) -> PluckerLine:
     return PluckerLine(a, np.cross(np.asarray(point, dtype=float), a))
 
 
-def plane_through(point: ArrayLike, normal: ArrayLike) -> PluckerPlane:
-    """Plane through a point, square to a normal.
+def plane_through_point(point: ArrayLike, normal: ArrayLike) -> PluckerPlane:
+    """Plane through a point, perpendicular to a normal.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def line_transform_matrix(T_b_s: Array) -> Array:
 
 
 def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
-    """Lines of frame s in frame b, eq. (18).
+    """Transform lines of frame s into frame b, eq. (18).
 
     Parameters
     ----------
@@ -114,12 +114,12 @@ def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
     line_s : PluckerLine
         One, or one for each pose.
     """
-    screw = (line_transform_matrix(T_b_s) @ line_s.screw[..., None])[..., 0]
+    screw = (line_transform_matrix(T_b_s) @ line_s.six_coordinates[..., None])[..., 0]
     return PluckerLine(screw[..., :3], screw[..., 3:])
 
 
 def transform_plane(T_b_s: Array, plane_s: PluckerPlane) -> PluckerPlane:
-    """A plane of frame s in frame b.
+    """Transform a plane of frame s into frame b.
 
     Parameters
     ----------

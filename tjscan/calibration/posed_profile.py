@@ -17,7 +17,7 @@ from tjscan.laser.profile import Profile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedProfile:
-    """One profile of the target.
+    """A profile of the calibration target, and the flange pose it was taken from.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ S = TypeVar("S", LineSample, ArcSample)
 def fit_line_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
-    """Fit a line to every profile.
+    """Fit a line to every profile, and keep its flange pose with it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def fit_line_samples(
 def fit_arc_samples(
     profiles: Sequence[PosedProfile], noise: NoiseModel
 ) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
-    """Fit an arc to every profile.
+    """Fit a circle to every profile of a ball, and keep its flange pose with it.
 
     Parameters
     ----------

@@ -10,15 +10,15 @@ from tjscan.robot.arm import Arm
 
 
 class TouchProbe(Protocol):
-    """Brings the tip onto the board."""
+    """Touches the board with the arm's probe tip."""
 
     @property
     def operator_instruction(self) -> str:
-        """What is asked of the operator before each touch; yes means that `touch` may go on."""
+        """Question to the operator before each touch; yes means that `touch` may go on."""
         ...
 
     def touch(self, place_b: Array) -> Array:
-        """Touch the board near a point, shape (3,), and leave it again.
+        """Touch the board near a point, shape (3,), and leave; gives the flange pose at the touch.
 
         Returns
         -------
@@ -47,9 +47,9 @@ class JoggedProbe:
 
     @property
     def operator_instruction(self) -> str:
-        """Jog, then say yes."""
+        """Question that asks the operator to jog the tip onto the board and say yes."""
         return "Jog the probe tip until it just touches the board, then say yes"
 
     def touch(self, place_b: Array) -> Array:
-        """Flange pose where the arm stands; wherever on the board that is, it will do."""
+        """Read the flange pose where the operator has jogged the tip onto the board."""
         return self.arm.state().T_b_f

@@ -54,8 +54,8 @@ class FlangePoseList:
     with_key: bool
 
 
-def read_poses(file: Path) -> FlangePoseList:
-    """Read flange poses in frame b.
+def read_flange_poses(file: Path) -> FlangePoseList:
+    """Read flange poses in frame b from a CSV file.
 
     Parameters
     ----------
@@ -84,13 +84,13 @@ def read_poses(file: Path) -> FlangePoseList:
     return FlangePoseList(poses, key_at is not None)
 
 
-def read_points(file: Path) -> Array:
-    """Read points in frame b, shape (n, 3), metres, from columns ``x_mm, y_mm, z_mm`` (or m, um).
+def read_points_in_base_frame(file: Path) -> Array:
+    """Read points in frame b, shape (n, 3), metres, from CSV columns ``x_mm, y_mm, z_mm``.
 
     Raises
     ------
     ConfigurationError
-        As `read_poses` does.
+        As `read_flange_poses` does.
     """
     names, rows = _read_table(file)
     columns = _position(file, names)
@@ -103,7 +103,7 @@ def read_points(file: Path) -> Array:
 def pair_profiles_with_poses(
     profiles: Mapping[str, Profile], poses: FlangePoseList, file: Path
 ) -> list[PosedProfile]:
-    """Bring each profile together with its pose: by number, or in their order.
+    """Pair each profile with its flange pose: by number, or in their order.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedEstimate:
-    """Sensor and target that fit best, and how well.
+    """Least-squares estimate of sensor and target, with its fit and information.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class RefinedEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaveOneOutChanges:
-    """What would change if single profiles were left out, to first order.
+    """How fit and T_f_s would change if single profiles were left out, to first order.
 
     Parameters
     ----------
@@ -78,8 +78,10 @@ class LeaveOneOutChanges:
     step: Array
 
 
-def refine(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
-    """Minimise the weighted sum of squares over the used profiles, from a start nearby.
+def refine_by_least_squares(
+    model: TargetModel, T_f_s: Array, target: Array, used: Mask
+) -> RefinedEstimate:
+    """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
     The weights are the inverse covariances of the residuals at the current estimate; the
     target's prior counts as further residuals.
@@ -133,8 +135,8 @@ def _estimate(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> Re
     return RefinedEstimate(T_f_s, target, covariance, float(r_w @ r_w), dof, linearised, used)
 
 
-def leave_one_out(estimate: RefinedEstimate) -> LeaveOneOutChanges:
-    """Leave each profile out in turn, without solving again."""
+def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
+    """Changes if each profile in turn were left out, without solving again."""
     lin, used = estimate.linearised, estimate.used
     J = np.concatenate((lin.by_pose, lin.by_target), axis=2)
     JC = J @ estimate.covariance

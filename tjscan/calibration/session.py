@@ -18,7 +18,7 @@ from tjscan.calibration.advice import (
 )
 from tjscan.calibration.design import HandEyeUncertainty, ReachabilityCheck, predict_uncertainty
 from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
-from tjscan.calibration.logbook import MeasuredSoFar
+from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import fit_line_samples
@@ -43,7 +43,7 @@ line must not leave board or range."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationPlan:
-    """What is known before anything is measured.
+    """Plan of a calibration: where board and sensor roughly are, and how many lines to take.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class CalibrationPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationProgress:
-    """How far a calibration has come.
+    """How far a calibration has come: its result so far, or why there is none yet.
 
     Parameters
     ----------
@@ -103,12 +103,12 @@ class CalibrationProgress:
 
     @property
     def uncertainty(self) -> HandEyeUncertainty:
-        """Of the result; before there is one, as the geometry predicts it."""
+        """Uncertainty of the result; before there is one, as the geometry predicts it."""
         return self.expected if self.result is None else self.result.uncertainty
 
 
 def planned_touch_points(task: CalibrationPlan) -> Array:
-    """Where to touch the board: a grid of `task.touches` points, frame b, shape (n, 3)."""
+    """Points at which to touch the board: a grid of `task.touches`, frame b, shape (n, 3)."""
     rows = round(np.sqrt(task.touches))
     columns = -(-task.touches // rows)
     reach = task.half_sizes - TOUCH_EDGE_MARGIN
@@ -159,14 +159,14 @@ def start_poses_over_board(task: CalibrationPlan, near: Array) -> list[Array]:
     return [pose(R, task.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
 
 
-def touched_points(task: CalibrationPlan, measured: MeasuredSoFar) -> dict[int, Array]:
-    """Positions of the tip when it touched, frame b, metres, by number of the place.
+def touched_points(task: CalibrationPlan, measured: MeasurementsSoFar) -> dict[int, Array]:
+    """Positions of the tip at each touch so far, frame b, metres, by number of the place.
 
     Parameters
     ----------
     task : CalibrationPlan
         Has the tip in frame f.
-    measured : Measured
+    measured : MeasurementsSoFar
         The touches.
     """
     touches = sorted(measured.touches.items())
@@ -174,15 +174,15 @@ def touched_points(task: CalibrationPlan, measured: MeasuredSoFar) -> dict[int, 
 
 
 def fit_touched_board(
-    task: CalibrationPlan, measured: MeasuredSoFar
+    task: CalibrationPlan, measured: MeasurementsSoFar
 ) -> tuple[PlaneTarget, BoardRectangle]:
-    """The plane as touched, and the rectangle of it that the touches span.
+    """Fit the board's plane to the touches, and find the rectangle that they span.
 
     Parameters
     ----------
     task : CalibrationPlan
         Has the tip, its error and the side that the board is seen from.
-    measured : Measured
+    measured : MeasurementsSoFar
         The touches.
 
     Raises
@@ -196,14 +196,14 @@ def fit_touched_board(
     return target, BoardRectangle.through_touched_points(points, target)
 
 
-def worst_touch(task: CalibrationPlan, measured: MeasuredSoFar) -> int:
-    """Number of the place that lies farthest off the plane through all touches.
+def worst_touch_number(task: CalibrationPlan, measured: MeasurementsSoFar) -> int:
+    """Number of the touch that lies farthest off the plane through all touches.
 
     Parameters
     ----------
     task : CalibrationPlan
         Has the tip in frame f.
-    measured : Measured
+    measured : MeasurementsSoFar
         Three touches or more.
     """
     points = touched_points(task, measured)
@@ -213,7 +213,7 @@ def worst_touch(task: CalibrationPlan, measured: MeasuredSoFar) -> int:
 
 
 def current_progress(
-    task: CalibrationPlan, measured: MeasuredSoFar, target: PlaneTarget
+    task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
 ) -> CalibrationProgress:
     """Result of the lines taken so far, or why there is none yet.
 
@@ -221,7 +221,7 @@ def current_progress(
     ----------
     task : CalibrationPlan
         Has the noise model and about how the sensor sits.
-    measured : Measured
+    measured : MeasurementsSoFar
         The lines.
     target : PlaneTarget
         The board as touched.
@@ -238,21 +238,21 @@ def current_progress(
     return CalibrationProgress(tuple(samples), task.lines, predicted, result, refusal)
 
 
-def next_pose(
+def suggest_next_line_pose(
     task: CalibrationPlan,
-    measured: MeasuredSoFar,
+    measured: MeasurementsSoFar,
     target: PlaneTarget,
     board: BoardRectangle,
     progress: CalibrationProgress,
     reachable: ReachabilityCheck,
 ) -> SuggestedPose:
-    """The pose whose line reduces the uncertainty most; none twice, none that was passed over.
+    """Suggest the pose whose line reduces the uncertainty most; none is taken twice.
 
     Parameters
     ----------
     task : CalibrationPlan
         About how the sensor sits, and the laser's range.
-    measured : Measured
+    measured : MeasurementsSoFar
         The lines taken, and the poses passed over.
     target : PlaneTarget
         The board as touched.

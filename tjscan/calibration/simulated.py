@@ -15,7 +15,7 @@ from tjscan.robot.arm import Arm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedTouchProbe:
-    """A `Probe` on a simulated arm: it stops where the tip meets the true board, or nearly.
+    """A `TouchProbe` on a simulated arm: it stops where the tip meets the true board, or nearly.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ class SimulatedTouchProbe:
 
     @property
     def operator_instruction(self) -> str:
-        """The arm itself moves."""
+        """Question to the operator before the arm itself moves to touch."""
         return "Move the probe tip down onto the board"
 
     def touch(self, place_b: Array) -> Array:
-        """Come from above, touch, and go back up; raises as `Probe.touch` does."""
+        """Come from above, touch the board, and go back up; raises as `TouchProbe.touch` does."""
         up = self.T_b_board[:3, 2]
         below = float(self.plane.signed_distances(place_b)) / float(self.plane.u @ up)
         contact_b = place_b - below * up + self.sigma * self.rng.standard_normal(3)

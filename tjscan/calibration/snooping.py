@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tjscan.calibration.model import TargetModel
-from tjscan.calibration.refine import Mask, RefinedEstimate, leave_one_out, refine
+from tjscan.calibration.refine import (
+    Mask,
+    RefinedEstimate,
+    leave_one_out_changes,
+    refine_by_least_squares,
+)
 from tjscan.core.frames import Array
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
@@ -45,19 +50,19 @@ def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> R
     """
     n, k = estimate.linearised.residuals.shape
     price = float(chdtri(k, FALSE_ALARM_PROBABILITY / n))
-    if chi2_is_plausible(estimate) and leave_one_out(estimate).chi2.max() <= price:
+    if chi2_is_plausible(estimate) and leave_one_out_changes(estimate).chi2.max() <= price:
         return estimate
     best, last = estimate, estimate
     for size in range(1, _most(estimate) + 1):
         left_out = _worst_set(estimate, last, size)
-        last = refine(model, estimate.T_f_s, estimate.target, ~left_out)
+        last = refine_by_least_squares(model, estimate.T_f_s, estimate.target, ~left_out)
         if _cost(last) + size * price < _cost(best) + int((~best.used).sum()) * price:
             best = last
     return best
 
 
 def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
-    """Whether what is left is as small as stated errors explain."""
+    """Whether the residuals are as small as the stated errors explain, by their chi-squared."""
     return estimate.dof <= 0 or bool(estimate.chi2 <= chdtri(estimate.dof, FALSE_ALARM_PROBABILITY))
 
 
@@ -78,7 +83,7 @@ def _worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> M
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
     if comb(n, size) > MAX_SETS_TRIED:
-        worst = np.where(last.used, leave_one_out(last).chi2, -1.0)
+        worst = np.where(last.used, leave_one_out_changes(last).chi2, -1.0)
         left_out = ~last.used
         left_out[int(np.argmax(worst))] = True
         return left_out

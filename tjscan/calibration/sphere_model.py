@@ -7,16 +7,16 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.calibration.circle_fit import ArcFit
+from tjscan.calibration.circle_fit import CircleFit
 from tjscan.calibration.model import LinearisedModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets import BallTarget
+from tjscan.calibration.targets import SphereTarget
 from tjscan.core.frames import Array, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BallModel:
-    """The ball's centre against each arc's: in x, in z, and by what the arc's radius says of y.
+class SphereModel:
+    """Residuals of arcs on a ball: its centre against each arc's, and the radius of the arc.
 
     The target's parameters are the centre in b and, where it is unknown, the radius; metres.
 
@@ -30,7 +30,7 @@ class BallModel:
         Of the arcs.
     covariances : ndarray, shape (n, 3, 3)
         Of centre x, centre z and radius of each arc.
-    sphere : BallTarget
+    sphere : SphereTarget
         The ball.
     noise : NoiseModel
         For the arm's errors.
@@ -40,12 +40,12 @@ class BallModel:
     centres_s: Array
     radii: Array
     covariances: Array
-    sphere: BallTarget
+    sphere: SphereTarget
     noise: NoiseModel
 
     @classmethod
     def from_arc_fits(
-        cls, T_b_f: Array, fits: list[ArcFit], sphere: BallTarget, noise: NoiseModel
+        cls, T_b_f: Array, fits: list[CircleFit], sphere: SphereTarget, noise: NoiseModel
     ) -> Self:
         """Model of the arcs that were seen from n poses.
 
@@ -53,9 +53,9 @@ class BallModel:
         ----------
         T_b_f : ndarray, shape (n, 4, 4)
             Flange poses, as the arm read them.
-        fits : list of ArcFit
+        fits : list of CircleFit
             The arc seen from each.
-        sphere : BallTarget
+        sphere : SphereTarget
             The ball.
         noise : NoiseModel
             For the arm's errors.

@@ -14,7 +14,7 @@ from tjscan.calibration.closed_form import (
     share_on_same_side,
 )
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.sphere_model import BallModel
+from tjscan.calibration.sphere_model import SphereModel
 from tjscan.core.frames import Array, pose
 
 NORMALS_TRIED: Final = 300
@@ -24,8 +24,8 @@ TILT_SCALE: Final = float(np.radians(0.5))
 """Metres and radians: how misfits in distance and in tilt are compared among starts."""
 
 
-def unknown_plane_starts(lines: LineBundle, count: int) -> list[tuple[Array, PluckerPlane]]:
-    """The most promising pairs of T_f_s and plane, the best first.
+def plane_calibration_starts(lines: LineBundle, count: int) -> list[tuple[Array, PluckerPlane]]:
+    """Starting values of T_f_s and plane for lines on an unknown plane, the best first.
 
     For each of many normals over a half sphere, eq. (21) gives the rotation; position and the
     plane's distance then follow linearly from the lines' centroids.
@@ -69,8 +69,8 @@ def half_sphere_directions(count: int) -> Array:
     return np.column_stack((r * np.cos(turn), r * np.sin(turn), z))
 
 
-def ball_calibration_starts(model: BallModel) -> list[tuple[Array, Array]]:
-    """Pairs of T_f_s and target parameters: one for each way to turn a cube.
+def sphere_calibration_starts(model: SphereModel) -> list[tuple[Array, Array]]:
+    """Starting values of T_f_s and ball: one for each way to turn a cube.
 
     With the rotation given, the sensor's position and the ball's centre follow linearly from
     the arcs' centres.
@@ -87,16 +87,16 @@ def ball_calibration_starts(model: BallModel) -> list[tuple[Array, Array]]:
         known = np.einsum("naj,nj->na", by_centre, p_b_f) + model.centres_s[:, [0, 2]]
         x, *_ = np.linalg.lstsq(A, known.ravel(), rcond=None)
         T_f_s = pose(R, x[3:])
-        found.append((T_f_s, ball_start_parameters(model, x[:3])))
+        found.append((T_f_s, sphere_start_parameters(model, x[:3])))
     return found
 
 
-def ball_start_parameters(model: BallModel, centre_b: Array) -> Array:
-    """Target parameters of a ball; the largest arc starts its radius.
+def sphere_start_parameters(model: SphereModel, centre_b: Array) -> Array:
+    """Starting values of a ball's parameters; the largest arc starts its radius.
 
     Parameters
     ----------
-    model : BallModel
+    model : SphereModel
         The arcs.
     centre_b : ndarray, shape (3,)
         About where the ball is, frame b, metres.

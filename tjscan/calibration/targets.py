@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from tjscan.calibration.plucker import PluckerPlane, plane_through
+from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy, unit_vector
 
@@ -30,7 +30,7 @@ STATED_BOARD_SIZE: Final = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneTarget:
-    """A flat board in frame b, with what is known about where it is.
+    """A flat calibration board in frame b, with what is known about where it is.
 
     A nearby plane is written as (tilt, tilt, height): its normal is ``u + tilts @ axes_b``,
     scaled to length one, and `centre_b` lies at the signed distance `height` from it.
@@ -65,8 +65,8 @@ class PlaneTarget:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
-    def from_fitted_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
-        """A plane of which nothing is known beforehand.
+    def unknown_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
+        """Make a target whose plane is unknown beforehand, from a starting value.
 
         Parameters
         ----------
@@ -81,14 +81,14 @@ class PlaneTarget:
         return cls(plane, foot, axes, np.zeros((3, 3)), np.zeros(0), np.zeros(3))
 
     @property
-    def known(self) -> bool:
-        """Whether it was touched."""
+    def was_touched(self) -> bool:
+        """Whether the board's place is known, from touches or as stated."""
         return bool(self.information.any())
 
     def boxplus(self, by: Array) -> PluckerPlane:
-        """The plane at (tilt, tilt, height) `by`, shape (3,), from this one."""
+        """Plane a step (tilt, tilt, height), shape (3,), away from this one."""
         u = unit_vector(self.plane.u + by[:2] @ self.axes_b)
-        return plane_through(self.centre_b - by[2] * u, u)
+        return plane_through_point(self.centre_b - by[2] * u, u)
 
 
 def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None) -> PlaneTarget:
@@ -125,11 +125,13 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
     _check_pattern(singular, sigma)
     _check_flatness(residuals, sigma)
     information = np.diag((singular[0] ** 2, singular[1] ** 2, len(points))) / sigma**2
-    return PlaneTarget(plane_through(centre, u), centre, axes[:2], information, residuals, singular)
+    return PlaneTarget(
+        plane_through_point(centre, u), centre, axes[:2], information, residuals, singular
+    )
 
 
 def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: float) -> PlaneTarget:
-    """A plane known beforehand, as sure as one touched at the corners of a square.
+    """Plane target that the user states, as sure as one touched at the corners of a square.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: flo
         metres.
     """
     flange = np.asarray(flange_b, dtype=float)
-    bare = PlaneTarget.from_fitted_plane(plane, flange)
+    bare = PlaneTarget.unknown_plane(plane, flange)
     corners = STATED_BOARD_SIZE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
     return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange)
 
@@ -173,8 +175,8 @@ def _check_flatness(residuals: Array, sigma: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class BallTarget:
-    """A ball that stays where it is, somewhere in frame b.
+class SphereTarget:
+    """A ball as calibration target: it stays where it is, somewhere in frame b.
 
     Parameters
     ----------

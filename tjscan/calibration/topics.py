@@ -41,15 +41,15 @@ _NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
-class StartedOrResumed:
-    """When somebody began, or went on."""
+class StartOrResumeEntry:
+    """Entry of a calibration's recording: when it was started or resumed."""
 
     date: datetime
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardTouch:
-    """The board was touched.
+    """Entry of a calibration's recording: the board was touched.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class BoardTouch:
 
 @dataclass(frozen=True, slots=True)
 class LaserLineTaken:
-    """A line was taken; a fresh one takes no part in the calibration but verifies it."""
+    """Entry of a calibration's recording: a laser line was taken, to calibrate or to verify."""
 
     posed_profile: PosedProfile
     for_verification: bool = False
@@ -73,13 +73,13 @@ class LaserLineTaken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkippedPose:
-    """A pose was passed over, and why."""
+    """Entry of a calibration's recording: a pose was skipped, and why."""
 
     T_b_f: Array
     reason: str
 
 
-CalibrationEntry = StartedOrResumed | BoardTouch | LaserLineTaken | SkippedPose
+CalibrationEntry = StartOrResumeEntry | BoardTouch | LaserLineTaken | SkippedPose
 
 
 def _to_touch(fields: dict[str, Any]) -> BoardTouch:
@@ -97,7 +97,7 @@ STARTED_TOPIC: Final = make_json_topic(
     "tjscan.CalibrationBegun",
     {"date": TEXT_SCHEMA},
     lambda begun: {"date": begun.date.isoformat()},
-    lambda fields: StartedOrResumed(datetime.fromisoformat(fields["date"])),
+    lambda fields: StartOrResumeEntry(datetime.fromisoformat(fields["date"])),
 )
 TOUCH_TOPIC: Final = make_json_topic(
     "/touch",
@@ -146,7 +146,7 @@ ALL_TOPICS: Final[tuple[Topic[Any], ...]] = (*READ_TOPICS, TRANSFORMS_TOPIC)
 
 
 def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[Any], Any], ...]:
-    """The messages of an entry, with their topics.
+    """Messages that record an entry of a calibration, with their topics.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[A
         What happened.
     """
     match entry:
-        case StartedOrResumed():
+        case StartOrResumeEntry():
             return ((STARTED_TOPIC, entry),)
         case BoardTouch(_, T_b_f):
             touch = (TOUCH_TOPIC, entry)
@@ -172,8 +172,8 @@ def _flange(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
     return (TRANSFORMS_TOPIC, frame_transforms_message(time, {("b", "f"): T_b_f}))
 
 
-def read_entries(directory: Path) -> Iterator[CalibrationEntry]:
-    """Yield what was measured in a directory, in order; nothing where there is no recording yet.
+def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
+    """Yield the entries of a calibration's recording in order; none where nothing is recorded.
 
     Raises
     ------

@@ -18,7 +18,7 @@ FALSE_ALARM_PROBABILITY: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """How well a fresh line fits.
+    """How well a fresh line agrees with what a calibration predicts.
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ class Verification:
 
     @property
     def agrees(self) -> bool:
-        """Whether the line is as the calibration predicts."""
+        """Whether the line is as the calibration predicts, within chance."""
         return self.misfit <= self.limit
 
 
 def verify_with_fresh_line(
     result: HandEyeCalibration, fresh: LineSample, noise: NoiseModel
 ) -> Verification:
-    """Compare a line that took no part in a calibration with what that predicts.
+    """Verify a calibration with a line that took no part in it.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.calibration.advice import BoardRectangle
 from tjscan.calibration.hand_eye import HandEyeCalibration
-from tjscan.calibration.logbook import Logbook, MeasuredSoFar
+from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.probe import TouchProbe
@@ -19,10 +19,10 @@ from tjscan.calibration.session import (
     CalibrationProgress,
     current_progress,
     fit_touched_board,
-    next_pose,
     planned_touch_points,
     start_poses_over_board,
-    worst_touch,
+    suggest_next_line_pose,
+    worst_touch_number,
 )
 from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
 from tjscan.calibration.topics import BoardTouch, LaserLineTaken, SkippedPose
@@ -44,7 +44,7 @@ POSE_REACHED_TOLERANCE: Final = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class VerifiedCalibration:
-    """A calibration that a fresh line was held against.
+    """A calibration and the result of its verification with a fresh line.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class VerifiedCalibration:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationWizard:
-    """Goes through a calibration. Interrupted anywhere, it goes on where its logbook ends.
+    """Leads an operator and an arm through a calibration; resumes where its logbook ends.
 
     Parameters
     ----------
@@ -82,12 +82,12 @@ class CalibrationWizard:
     logbook: Logbook
 
     @property
-    def measured(self) -> MeasuredSoFar:
-        """All that was measured so far."""
+    def measurements(self) -> MeasurementsSoFar:
+        """All touches and lines measured so far."""
         return self.logbook.measured
 
     def run(self) -> VerifiedCalibration:
-        """Touch the board, take lines, verify with a fresh one.
+        """Run the calibration: touch the board, take lines, verify with a fresh one.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class CalibrationWizard:
         """
         places = planned_touch_points(self.task)
         for k in range(len(places)):
-            if k not in self.measured.touches:
+            if k not in self.measurements.touches:
                 self._touch(k, places[k])
         for _ in range(MAX_RETOUCHES):
             try:
@@ -119,7 +119,7 @@ class CalibrationWizard:
                 if refusal.reason != NOT_FLAT:
                     raise
                 self.operator.report(str(refusal))
-                k = worst_touch(self.task, self.measured)
+                k = worst_touch_number(self.task, self.measurements)
                 if not self.operator.confirm(Question(f"Touch place {k + 1} again?", True)):
                     raise
                 self._touch(k, places[k])
@@ -142,11 +142,11 @@ class CalibrationWizard:
         """
         shown = -1
         while True:
-            progress = current_progress(self.task, self.measured, target)
+            progress = current_progress(self.task, self.measurements, target)
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
                 self.operator.show_progress(progress)
-            if self.measured.verification_profile is not None or not self._wants_more(progress):
+            if self.measurements.verification_profile is not None or not self._wants_more(progress):
                 if progress.result is None:
                     raise progress.refusal or CalibrationRefused("no lines", "none were taken")
                 return progress.result
@@ -171,10 +171,10 @@ class CalibrationWizard:
         CalibrationRefused
             If the line contradicts the result, and the operator does not insist.
         """
-        while self.measured.verification_profile is None:
-            progress = current_progress(self.task, self.measured, target)
+        while self.measurements.verification_profile is None:
+            progress = current_progress(self.task, self.measurements, target)
             self._take(target, board, progress, fresh=True)
-        (sample,), _ = fit_line_samples([self.measured.verification_profile], self.task.noise)
+        (sample,), _ = fit_line_samples([self.measurements.verification_profile], self.task.noise)
         found = verify_with_fresh_line(result, sample, self.task.noise)
         said = (
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
@@ -191,7 +191,7 @@ class CalibrationWizard:
         return found
 
     def _board(self) -> tuple[PlaneTarget, BoardRectangle]:
-        target, board = fit_touched_board(self.task, self.measured)
+        target, board = fit_touched_board(self.task, self.measurements)
         off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
         self.operator.report(
             f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
@@ -233,16 +233,18 @@ class CalibrationWizard:
         fresh: bool,
     ) -> None:
         """Take the line of the pose with most information; pass over a pose that shows none."""
-        if self.measured.skipped_in_a_row >= MAX_SKIPPED_IN_A_ROW:
+        if self.measurements.skipped_in_a_row >= MAX_SKIPPED_IN_A_ROW:
             raise CalibrationRefused(
                 "no line to be had",
                 f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
-                f"{self.measured.skipped_poses[-1].reason}. Check where the job says that the "
+                f"{self.measurements.skipped_poses[-1].reason}. Check where the job says that the "
                 "board is, and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)
-        there = next_pose(self.task, self.measured, target, board, progress, reachable)
+        there = suggest_next_line_pose(
+            self.task, self.measurements, target, board, progress, reachable
+        )
         what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
         way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
         turn = np.degrees(rotation_angle_between(ready, there.T_b_f))

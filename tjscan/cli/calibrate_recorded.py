@@ -10,11 +10,15 @@ import numpy as np
 
 from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.offline import calibrate_profiles
+from tjscan.calibration.offline import calibrate_from_profiles
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import pair_profiles_with_poses, read_points, read_poses
-from tjscan.calibration.targets import BallTarget, PlaneTarget, fit_plane, plane_stated_beforehand
+from tjscan.calibration.recorded import (
+    pair_profiles_with_poses,
+    read_flange_poses,
+    read_points_in_base_frame,
+)
+from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane, plane_stated_beforehand
 from tjscan.cli.calibration_output import print_calibration
 from tjscan.cli.console import print_message
 from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
@@ -48,7 +52,7 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
         raise ConfigurationError("stands there already; choose another --out", file=file)
     noise = _noise(options)
     shots = _shots(options, options.lines, options.poses)
-    result = calibrate_profiles(shots, _target(options, shots, noise), noise, print_message)
+    result = calibrate_from_profiles(shots, _target(options, shots, noise), noise, print_message)
     found = to_calibration_file(
         result,
         noise,
@@ -71,7 +75,7 @@ def _shots(options: RecordedProfileOptions, lines: Path, poses: Path) -> list[Po
     table = read_profiles(lines, form)
     for bad in table.bad:
         print_message(f"{lines}: {bad}; left out")
-    return pair_profiles_with_poses(table.profiles, read_poses(poses), poses)
+    return pair_profiles_with_poses(table.profiles, read_flange_poses(poses), poses)
 
 
 def _noise(options: RecordedProfileOptions) -> NoiseModel:
@@ -81,7 +85,7 @@ def _noise(options: RecordedProfileOptions) -> NoiseModel:
 
 def _target(
     options: RecordedProfileOptions, shots: list[PosedProfile], noise: NoiseModel
-) -> PlaneTarget | BallTarget | None:
+) -> PlaneTarget | SphereTarget | None:
     given = [name for name in options.given_option_names if name in TARGETS]
     if len(given) != 1:
         raise ConfigurationError(
@@ -92,13 +96,13 @@ def _target(
     if options.plane is not None:
         return plane_stated_beforehand(_plane(options.plane), flange_b, noise.touch)
     if options.touched is not None:
-        return fit_plane(read_points(options.touched), noise.touch, flange_b)
+        return fit_plane(read_points_in_base_frame(options.touched), noise.touch, flange_b)
     if options.unknown_plane:
         return None
     radius = options.sphere_radius_mm
     if radius is not None and not 0 < radius < np.inf:
         raise ConfigurationError("a ball has a positive radius", key="--sphere-radius-mm")
-    return BallTarget(None if radius is None else 1e-3 * radius)
+    return SphereTarget(None if radius is None else 1e-3 * radius)
 
 
 def _plane(text: str) -> PluckerPlane:

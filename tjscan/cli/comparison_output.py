@@ -23,8 +23,8 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
         rounds = f", {a.rounds} rounds" if a.rounds else ""
         print(
             f"aligned by {a.method}: moved {1e3 * a.moved:.3f} mm, turned "
-            f"{np.degrees(a.turned):.4f}°, {100 * a.fitness:.1f} % on the reference, residual "
-            f"{1e3 * a.residual:.4f} mm rms{rounds}"
+            f"{np.degrees(a.rotation_angle):.4f}°, {100 * a.fitness:.1f} % on the reference, "
+            f"residual {1e3 * a.residual:.4f} mm rms{rounds}"
         )
     for d in c.deviations:
         s = d.statistics

@@ -16,7 +16,7 @@ from tjscan.laser.files import FileProfiles, ProfileFormat
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileFileOptions:
-    """How the numbers of a file are to be understood.
+    """Options that say how the numbers of a profile file are to be understood.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ProfileFileOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrooveReadingOptions:
-    """Keys of a job's [groove] table.
+    """Options for reading grooves, each a key of a job's [groove] table.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class GrooveReadingOptions:
 
 
 def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -> GrooveSettings:
-    """The settings for a file: options before the job of a run directory before the defaults."""
+    """Groove settings for a file: options before the job of a run directory before the defaults."""
     from tjscan.core.config import table_to_dict, validate_table
     from tjscan.job import read_scan_job
     from tjscan.result.directory import JOB
@@ -91,7 +91,7 @@ def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -
 
 
 def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> FileProfiles:
-    """The profiles of a file, a folder or a run directory; prints what of it can't be read.
+    """Read the profiles of a file, folder or run directory; prints what of it can't be read.
 
     Raises
     ------

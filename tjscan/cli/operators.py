@@ -30,8 +30,8 @@ class PrintOnlyOperator(SilentOperator):
             print_message(f"{lines} of {progress.wanted} lines; expected {how}")
             return
         bad = (
-            f"; contradicting: {', '.join(progress.result.rejected_samples)}"
-            if progress.result.rejected_samples
+            f"; contradicting: {', '.join(progress.result.rejected_sample_names)}"
+            if progress.result.rejected_sample_names
             else ""
         )
         print_message(

@@ -44,7 +44,7 @@ NearestOnReference = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """How a cloud was brought onto its reference.
+    """Result of an alignment: the pose that brings what was measured onto its reference, and fit.
 
     Parameters
     ----------
@@ -77,21 +77,21 @@ class Alignment:
         object.__setattr__(self, "T", readonly_copy(self.T))
 
     @property
-    def turned(self) -> float:
-        """Angle of the rotation, radians."""
+    def rotation_angle(self) -> float:
+        """Angle of the alignment's rotation, radians."""
         return rotation_angle_between(np.eye(4), self.T)
 
 
 NO_ALIGNMENT: Final = Alignment("none", np.eye(4))
 
 
-def nearest_on_mesh(surface: MeshDistance) -> NearestOnReference:
-    """Partners on a mesh."""
-    return surface.feet
+def nearest_point_finder_on_mesh(surface: MeshDistance) -> NearestOnReference:
+    """Function that finds nearest points and normals on a mesh."""
+    return surface.nearest_points_and_normals
 
 
-def nearest_in_cloud(points: Array) -> NearestOnReference:
-    """Partners in a cloud, shape (n, 3), whose normals are estimated from neighbours.
+def nearest_point_finder_in_cloud(points: Array) -> NearestOnReference:
+    """Function that finds nearest points in a cloud, shape (n, 3), and estimated normals.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def nearest_in_cloud(points: Array) -> NearestOnReference:
 
 
 def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
-    """Find the pose that brings points onto a reference, beginning where they are.
+    """Align points to a reference by iterative closest points, beginning where they are.
 
     Each round Open3D solves point to plane with Tukey's kernel, whose width follows the median
     residual; partners are exact nearest points.

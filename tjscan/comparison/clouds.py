@@ -37,8 +37,8 @@ FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[st
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
-    """Read a joint's TOML, a mesh, a cloud or ``edges.csv``.
+def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
+    """Read a shape from a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
     ----------

@@ -12,8 +12,8 @@ from tjscan.comparison.alignment import (
     NO_ALIGNMENT,
     Alignment,
     align_icp,
-    nearest_in_cloud,
-    nearest_on_mesh,
+    nearest_point_finder_in_cloud,
+    nearest_point_finder_on_mesh,
 )
 from tjscan.comparison.distance import (
     DistanceStatistics,
@@ -39,7 +39,7 @@ mistaken unit is off by 1000."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeviationDistances:
-    """Distances of one kind.
+    """Distances of one kind between what was measured and its reference.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class DeviationDistances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """What came out.
+    """Result of a comparison: the aligned shapes, their distances and warnings.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Comparison:
         What was compared, the former aligned.
     alignment : Alignment
         How it was aligned.
-    deviations : tuple of Deviation
+    deviations : tuple of DeviationDistances
         At least one.
     tolerance : float or None
         Metres.
@@ -115,7 +115,7 @@ class Comparison:
 
 
 def check_tolerance(tolerance: float | None) -> None:
-    """Refuse a tolerance that nothing could keep, or everything; ConfigurationError says so."""
+    """Refuse a tolerance that nothing, or everything, could keep, as a ConfigurationError."""
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ConfigurationError("a tolerance is larger than zero", key="tolerance-mm")
 
@@ -166,15 +166,15 @@ def compare_shapes(
     alignment = NO_ALIGNMENT
     if align == "icp":
         if surface is not None:
-            partner = nearest_on_mesh(surface)
+            partner = nearest_point_finder_on_mesh(surface)
         elif reference.points is not None:
-            partner = nearest_in_cloud(reference.points)
+            partner = nearest_point_finder_in_cloud(reference.points)
         else:
             raise ConfigurationError(f"{reference.name} holds edges only: nothing to align to")
         alignment = align_icp(measured.points, partner)
     elif align == "joint":
         alignment = align_joints(measured, reference, surface)
-    moved = measured.moved(alignment.T, theirs)
+    moved = measured.transformed(alignment.T, theirs)
     found = tuple(_deviations(moved, reference, surface, tolerance))
     if not found:
         raise ConfigurationError(
@@ -231,7 +231,7 @@ def _deviations(
             "from the nearest point of the surface, positive outside, negative inside",
             True,
             points,
-            surface.signed(points),
+            surface.signed_distances(points),
         )
     if reference.points is not None and points is not None:
         yield deviation(
@@ -280,7 +280,7 @@ def _size(metres: float) -> str:
 
 
 def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
-    """A comparison for JSON, in mm and degrees; names carry the units."""
+    """Convert a comparison to a dict for JSON, in mm and degrees; names carry the units."""
     c, a = comparison, comparison.alignment
     return {
         "measured": c.measured.name,
@@ -294,7 +294,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
             "method": a.method,
             "T_mm": np.column_stack((a.T[:, :3], a.T[:, 3] * (1e3, 1e3, 1e3, 1))).tolist(),
             "moved_mm": 1e3 * a.moved,
-            "turned_deg": float(np.degrees(a.turned)),
+            "turned_deg": float(np.degrees(a.rotation_angle)),
             "fitness": a.fitness,
             "residual_rms_mm": 1e3 * a.residual,
             "rounds": a.rounds,

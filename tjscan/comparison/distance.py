@@ -14,7 +14,7 @@ from tjscan.joint.edges import FeatureEdges
 
 @dataclass(frozen=True, slots=True)
 class DistanceStatistics:
-    """Spread of distances, in millimetres.
+    """Statistics of distances (mean, median, rms, percentile, largest), in millimetres.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ INSIDE_TRIANGLE: Final = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFacets:
-    """Triangles with their edges and vertices, which are called features here.
+    """Triangles of a mesh with their normals, edges and vertices.
 
     Equal vertices are made one, triangles without an area are left out.
 
@@ -98,8 +98,8 @@ class MeshFacets:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
-    def signed_distance(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
-        """Distances of points from triangles.
+    def signed_distances(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
+        """Signed distances of points from one triangle each.
 
         Parameters
         ----------
@@ -125,8 +125,8 @@ class MeshFacets:
             signed[out] = np.where(outward < 0, -1, 1) * np.linalg.norm(away, axis=1)
         return signed, feature
 
-    def feet(self, points: Array, ids: IndexArray) -> Array:
-        """Nearest points on triangles, shape (k, 3).
+    def nearest_points(self, points: Array, ids: IndexArray) -> Array:
+        """Nearest points on one triangle each, shape (k, 3).
 
         Parameters
         ----------
@@ -135,15 +135,15 @@ class MeshFacets:
         ids : ndarray of int, shape (k,)
             One triangle for each point.
         """
-        signed, feature = self.signed_distance(points, ids)
+        signed, feature = self.signed_distances(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
         out = np.flatnonzero(feature != INSIDE_TRIANGLE)
         if out.size:
             feet[out] = points[out] - self._to_edges(points[out], ids[out])[0]
         return np.asarray(feet)
 
-    def neighbours(self, features: IndexArray) -> tuple[IndexArray, IndexArray]:
-        """Triangles around features: which row of `features` each belongs to, and its id."""
+    def triangles_around_features(self, features: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """Triangles around edges and vertices: row of `features` each belongs to, and its id."""
         first, count = self._starts[features], np.diff(self._starts)[features]
         rows = np.repeat(np.arange(len(features)), count)
         within = np.arange(len(rows)) - np.repeat(count.cumsum() - count, count)

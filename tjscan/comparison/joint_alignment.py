@@ -42,7 +42,7 @@ TURN_SAMPLE: Final = 20_000
 
 
 def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None) -> Alignment:
-    """Find the pose that brings the measured joint's own frame onto the reference's.
+    """Align the measured joint to the reference by the frames of their fitted tubes.
 
     An upright brace leaves open which way x points along the leg. Both are tried and that with
     the smaller residual is taken; where they are alike, the one that turns less.
@@ -150,7 +150,7 @@ def _check_sizes(
 def _distances(reference: Shape, surface: MeshDistance | None) -> Callable[[Array], Array]:
     """Distances of points from the reference."""
     if surface is not None:
-        return surface.signed
+        return surface.signed_distances
     if (points := reference.points) is not None:
         return lambda moved: distances_to_cloud(moved, points)
     raise ComparisonRefused(f"{reference.name} holds edges only: nothing to align to")

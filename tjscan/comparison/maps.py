@@ -30,7 +30,7 @@ SMALLEST_SCALE_MM: Final = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerCurves:
-    """Where p2, p3 and p4 stand, over the azimuth.
+    """Curves of the corners p2, p3 and p4 over the azimuth.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class CornerCurves:
 
     @classmethod
     def from_corners(cls, points: Array, *, closed: bool) -> CornerCurves:
-        """Lines through the points of sections.
+        """Curves through the corners of sections.
 
         Parameters
         ----------
@@ -62,20 +62,20 @@ class CornerCurves:
         rho = np.hypot(points[..., 0], points[..., 1])
         return cls(azimuth[order], np.stack((rho, points[..., 2]), axis=-1)[order], closed)
 
-    def at(self, phi: Array) -> Array:
-        """The three at other azimuths, shape (k, 3, 2)."""
+    def at_azimuths(self, phi: Array) -> Array:
+        """Interpolate the three corners at other azimuths, shape (k, 3, 2)."""
         table = self.rz.reshape(len(self.phi), -1)
         period = 2 * np.pi if self.closed else None
         columns = [np.interp(phi, self.phi, column, period=period) for column in table.T]
         return np.column_stack(columns).reshape(-1, 3, 2)
 
-    def along(self, points: Array) -> Array:
-        """How far along its section each point, shape (k, 3), lies from p3, metres, shape (k,).
+    def distances_along_section(self, points: Array) -> Array:
+        """Distance of points along their section from p3, metres, shape (k,).
 
         Positive over the bevel and up the brace, negative over the root and out along the leg.
         """
         p = np.column_stack((np.hypot(points[:, 0], points[:, 1]), points[:, 2]))
-        p2, p3, p4 = np.moveaxis(self.at(np.arctan2(points[:, 1], points[:, 0])), 1, 0)
+        p2, p3, p4 = np.moveaxis(self.at_azimuths(np.arctan2(points[:, 1], points[:, 0])), 1, 0)
         bevel, root = p2 - p3, p4 - p3
         length = np.linalg.norm(bevel, axis=1)
         width = np.linalg.norm(root, axis=1)
@@ -107,7 +107,7 @@ class CornerCurves:
 
 
 def groove_corner_curves(comparison: Comparison) -> CornerCurves | None:
-    """The groove's lines: as designed, else as measured; None where nobody knows them."""
+    """Curves of the groove's corners: as designed, else as measured; None where unknown."""
     edges, corners = comparison.reference.edges, comparison.measured.corners
     if edges is not None:
         points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
@@ -118,7 +118,7 @@ def groove_corner_curves(comparison: Comparison) -> CornerCurves | None:
 
 
 def deviation_map_figure(comparison: Comparison) -> Figure:
-    """Draw the first kind of deviation as a map, with a histogram of its distances.
+    """Draw deviations as a map of azimuth and section, with a histogram of distances.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def deviation_map_figure(comparison: Comparison) -> Figure:
         along = points[:, 2] - np.hypot(points[:, 0], points[:, 1])
         label = "$z_j - \\rho$ / mm, up the brace and in from the leg"
     else:
-        along = lines.along(points)
+        along = lines.distances_along_section(points)
         label = "along the section from $p_3$ / mm:  leg  ←  →  brace"
     figure = Figure(figsize=(12, 6.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -181,7 +181,7 @@ def check_map_file(file: Path) -> None:
 
 
 def write_deviation_map(file: Path, comparison: Comparison) -> None:
-    """Write the deviation picture as PNG.
+    """Write the map of deviations as PNG.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def _draw_cells(
 def _draw_lines(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
     """The corners p2, p3 and p4 over the azimuths shown."""
     shown = np.linspace(azimuth.min(), azimuth.max(), 400)
-    rz = 1e3 * lines.at(np.radians((shown + 180) % 360 - 180))
+    rz = 1e3 * lines.at_azimuths(np.radians((shown + 180) % 360 - 180))
     bevel = np.linalg.norm(rz[:, 0] - rz[:, 1], axis=1)
     root = np.linalg.norm(rz[:, 2] - rz[:, 1], axis=1)
     for name, s in (("$p_2$", bevel), ("$p_3$", np.zeros_like(bevel)), ("$p_4$", -root)):

@@ -37,7 +37,7 @@ class _Head:
 
 
 def read_pcd(path: Path) -> Array:
-    """Points of a cloud, shape (n, 3), in the file's unit.
+    """Read the points of a PCD file, shape (n, 3), in the file's unit.
 
     The header is checked against the size of the file before it is used.
 

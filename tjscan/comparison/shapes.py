@@ -13,7 +13,7 @@ from tjscan.joint.edges import FeatureEdges
 
 @dataclass(frozen=True, slots=True)
 class UnitAndFrame:
-    """Unit and frame of a file, and who states them.
+    """Unit and frame of a shape's file, and what states them.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """What a file, or a run directory, holds. Any part may be missing, but not all.
+    """Shape to compare, from a file or a run: mesh, cloud, corners or joint.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Shape:
 
     @property
     def extent(self) -> float:
-        """Diagonal of a box about it, in metres; a cloud's farthest points do not count."""
+        """Size of the shape: diagonal of a box about it, in metres, without a cloud's outliers."""
         if self.mesh is not None:
             return float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
         if self.points is not None:
@@ -91,7 +91,7 @@ class Shape:
             return float(np.linalg.norm(np.ptp(self.edges.p2.points_j, axis=0)))
         return float("nan")
 
-    def moved(self, T: Array, frame: str) -> Shape:
+    def transformed(self, T: Array, frame: str) -> Shape:
         """The same shape in another frame.
 
         Parameters

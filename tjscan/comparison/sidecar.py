@@ -20,7 +20,7 @@ MOST_BYTES: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class StatedUnitAndFrame:
-    """What the user states for files that don't state it themselves.
+    """Unit and frame that the user states for files that don't state them.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class StatedUnitAndFrame:
 
 @dataclass(frozen=True, slots=True)
 class Sidecar:
-    """``NAME.json`` beside ``NAME.stl``: unit and frame, and the joint if it is one of ours."""
+    """Sidecar file ``NAME.json`` beside ``NAME.stl``: its unit and frame, and the joint."""
 
     file: Path
     units: str | None = None
@@ -50,7 +50,7 @@ class Sidecar:
 
 
 def read_sidecar(file: Path) -> Sidecar:
-    """Read a sidecar.
+    """Read a sidecar file.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def read_sidecar(file: Path) -> Sidecar:
 
 
 def find_sidecar(file: Path) -> Sidecar | None:
-    """The sidecar beside a file, None where there is none."""
+    """Find and read the sidecar beside a file; None where there is none."""
     beside = file.with_suffix(".json")
     return read_sidecar(beside) if beside != file and beside.is_file() else None
 
@@ -94,7 +94,7 @@ def resolve_unit_and_frame(
     sidecar: Sidecar | None,
     own: tuple[str, str] | None = None,
 ) -> UnitAndFrame:
-    """Unit and frame of a file.
+    """Decide the unit and frame of a file from what the user and the sidecar state.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ MOST_WALKS: Final = 200
 
 
 class MeshDistance:
-    """Distances of points to a mesh, and feet on it.
+    """Computes signed distances of points to a mesh, and nearest points on it.
 
     Parameters
     ----------
@@ -60,17 +60,17 @@ class MeshDistance:
 
     @property
     def watertight(self) -> bool:
-        """Whether the mesh has an inside everywhere, so that every sign means something."""
+        """Whether the mesh is closed, so that the sign of every distance means something."""
         return self.facets.watertight
 
-    def signed(self, points: Array) -> Array:
-        """Distances in metres of points, shape (k, 3), positive outside, shape (k,)."""
+    def signed_distances(self, points: Array) -> Array:
+        """Signed distances in metres of points, shape (k, 3), positive outside, shape (k,)."""
         return self._nearest(points)[0]
 
-    def feet(self, points: Array) -> tuple[Array, Array]:
+    def nearest_points_and_normals(self, points: Array) -> tuple[Array, Array]:
         """Nearest points on the mesh and the normals of their triangles, each (k, 3)."""
         _, ids = self._nearest(points)
-        return self.facets.feet(points, ids), self.facets.normals[ids]
+        return self.facets.nearest_points(points, ids), self.facets.normals[ids]
 
     def _nearest(self, points: Array) -> tuple[Array, IndexArray]:
         o3d: Any = import_module("open3d")
@@ -98,13 +98,13 @@ class MeshDistance:
 
     def _walk(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
-        signed, feature = self.facets.signed_distance(points, ids)
+        signed, feature = self.facets.signed_distances(points, ids)
         open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
         for _ in range(MOST_WALKS):
             if not open_.size:
                 break
-            rows, near = self.facets.neighbours(feature[open_])
-            there, on = self.facets.signed_distance(points[open_[rows]], near)
+            rows, near = self.facets.triangles_around_features(feature[open_])
+            there, on = self.facets.signed_distances(points[open_[rows]], near)
             # The nearest of each row comes first.
             order = np.lexsort((np.abs(there), rows))
             best = order[np.searchsorted(rows, np.arange(len(open_)))]

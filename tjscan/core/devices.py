@@ -60,7 +60,7 @@ class DriverKind(StrEnum):
 
 @dataclass(frozen=True)
 class NoSettings(SettingsTable):
-    """The table of a driver without settings."""
+    """Empty table of a driver that has no settings."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def pose_to_vector(T: Array) -> Array:
 
 
 def boxplus(T: Array, step: Array) -> Array:
-    """Pose a step away, along and about the axes of the outer frame.
+    """Pose that lies a step away from another, along and about the axes of the outer frame.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def boxplus(T: Array, step: Array) -> Array:
 
 
 def boxminus(T: Array, T_start: Array) -> Array:
-    """The step, shape (6,), with ``boxplus(T_start, step) = T``.
+    """Step from one pose to another, shape (6,): ``boxplus(T_start, step) = T``.
 
     Parameters
     ----------

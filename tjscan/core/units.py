@@ -92,7 +92,7 @@ class FileKey:
 
 @dataclass(frozen=True, slots=True)
 class ChosenByName:
-    """Marks a field whose value a file gives by its name.
+    """Marks a field whose value a file chooses by name among given ones.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, PoseRows, PoseSettings
 from tjscan.job.station import StationPoseSettings
 from tjscan.laser.model import LaserModel
-from tjscan.robot.simulation import ArmSimulation, JointAngles
+from tjscan.robot.simulation import ArmSimulationSettings, JointAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,5 +52,5 @@ class SimulationSettings(StrictFileModel):
     T_f_s_mm: PoseRows | None = None
     board: SimulatedBoardSettings | None = None
     station: Annotated[tuple[SimulatedStationSettings, ...], LIST_OR_WORD_IN_FILE] = ()
-    arm: ArmSimulation | None = None
+    arm: ArmSimulationSettings | None = None
     laser: LaserModel = LaserModel()

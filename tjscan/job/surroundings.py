@@ -23,7 +23,7 @@ SMALLEST_BOARD: Final = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolidSettings(PoseSettings):
-    """A simple solid about the origin of its frame; cylinder and capsule lie along its z axis.
+    """Settings of a simple solid; cylinder and capsule lie along the z axis of its frame.
 
     Parameters
     ----------

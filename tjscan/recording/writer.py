@@ -29,7 +29,7 @@ NO_ATTACHMENTS: Final[Mapping[str, bytes]] = MappingProxyType({})
 
 
 def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
-    """The recording of a run: ``scan.mcap``, and a further part for each time it was resumed.
+    """Files of a run's recording: ``scan.mcap``, and a further part for each time it was resumed.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
 
 
 def next_recording_file(directory: Path, kind: str = SCAN_RECORDING) -> Path:
-    """Where to record next: what is on disk is never written again."""
+    """File to record into next; one that is on disk is never written again."""
     found = recording_files(directory, kind)
     return directory / f"{kind}-{len(found) + 1}.mcap" if found[0].exists() else found[0]
 

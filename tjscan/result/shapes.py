@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.clouds import read_shape as read_file
+from tjscan.comparison.clouds import read_shape_file as read_file
 from tjscan.comparison.shapes import Shape, UnitAndFrame
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
@@ -43,7 +43,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
 
 
 def read_finished_summary(directory: Path) -> ScanSummary:
-    """The summary of a finished run, of one scan or stitched.
+    """Read the summary of a finished run, of one scan or stitched.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_finished_summary(directory: Path) -> ScanSummary:
 
 
 def read_run_shape(directory: Path) -> Shape:
-    """The cloud and the corners of a run, in the frame that its summary names.
+    """Read the cloud and the corners of a run, in the frame that its summary names.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, readonly_copy
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
-    """What an arm says of itself.
+    """State of an arm: its joint angles, flange pose and time.
 
     Parameters
     ----------

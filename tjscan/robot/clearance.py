@@ -45,11 +45,11 @@ class ClearPathPlanner:
         self.margins = ClearanceMargins() if margins is None else margins
 
     def set_measured_surface(self, vertices_b: Array, triangles: NDArray[np.int64]) -> None:
-        """As `CollisionModel.set_measured_surface`."""
+        """Keep clear of a surface that was measured; see `CollisionModel.set_measured_surface`."""
         self._model.set_measured_surface(vertices_b, triangles)
 
     def nearest_bodies(self, q: Array) -> tuple[BodyPair, float] | None:
-        """The two bodies nearest to each other and their distance in metres; none without bodies.
+        """The two bodies nearest to each other, and their distance in metres; None without bodies.
 
         Parameters
         ----------
@@ -62,8 +62,8 @@ class ClearPathPlanner:
         i = int(distances.argmin())
         return self._model.pairs[i], float(distances[i])
 
-    def end_of_linear_move(self, q: Array, T_b_f: Array) -> Array:
-        """Joint angles at the end of a straight line of the flange that keeps clear.
+    def joint_angles_after_linear_move(self, q: Array, T_b_f: Array) -> Array:
+        """Joint angles after a straight line of the flange, which must keep clear.
 
         Parameters
         ----------
@@ -84,8 +84,10 @@ class ClearPathPlanner:
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])
 
-    def end_of_joint_move(self, q: Array, T_b_f: Array, near: Array | None = None) -> Array:
-        """Joint angles at the end of a line in joint space that keeps clear.
+    def joint_angles_after_joint_move(
+        self, q: Array, T_b_f: Array, near: Array | None = None
+    ) -> Array:
+        """Joint angles after a move in joint space, which must keep clear.
 
         Near a singularity such a move is harmless; only its end is kept from one. It ends in
         the configuration nearest to `near`, shape (n,), or to `q` where that is left out.

@@ -36,8 +36,8 @@ class UrDhLengths:
     d6: float
 
 
-def all_configurations(geometry: UrDhLengths, T_0_6: Array, free_wrist: float) -> Array:
-    """All joint configurations that hold a pose, whatever the joint limits.
+def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float) -> Array:
+    """All joint configurations that hold a flange pose, whatever the joint limits.
 
     Parameters
     ----------

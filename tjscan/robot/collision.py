@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
-from tjscan.robot.kinematics import Chain, Kinematics
+from tjscan.robot.kinematics import Kinematics, PinocchioModel
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
 
 TOOL: Final = "tool"
@@ -37,7 +37,7 @@ slimmer there, pass each other; an assumption about what is carried, too."""
 
 @dataclass(frozen=True, slots=True)
 class BodyPair:
-    """Two bodies that must keep apart.
+    """A pair of bodies that must keep apart.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class CollisionModel:
         self_collision: bool = True,
         ignored: Iterable[tuple[str, str]] = (),
     ) -> None:
-        self._chain = chain = kinematics.chain
+        self._chain = chain = kinematics.pinocchio_model
         self._data = chain.model.createData()
         self._ignored = {frozenset(pair) for pair in (*IGNORED, *ignored)}
         self._self_collision = self_collision
@@ -200,7 +200,7 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
 
 
 def _links(kinematics: Kinematics) -> list[_Body]:
-    model, urdf = kinematics.chain.model, kinematics.urdf
+    model, urdf = kinematics.pinocchio_model.model, kinematics.urdf
     try:
         found = pin.buildGeomFromUrdf(
             model, str(urdf), pin.GeometryType.COLLISION, package_dirs=str(urdf.parent)
@@ -238,7 +238,7 @@ def _is_end(one: Any, capsule: Any) -> bool:
     return bool(aside + one.geometry.radius <= capsule.geometry.radius + 1e-6)
 
 
-def _carried(chain: Chain, solid: Solid) -> _Body:
+def _carried(chain: PinocchioModel, solid: Solid) -> _Body:
     frame = chain.model.frames[chain.flange]
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
     shape = _shape(solid.shape)
@@ -246,7 +246,7 @@ def _carried(chain: Chain, solid: Solid) -> _Body:
     return _Body(geometry, solid.name, TOOL)
 
 
-def _standing(chain: Chain, solid: Solid) -> _Body:
+def _standing(chain: PinocchioModel, solid: Solid) -> _Body:
     placement = pin.SE3(chain.T_root_b @ solid.T)
     geometry = pin.GeometryObject(solid.name, 0, placement, _shape(solid.shape))
     return _Body(geometry, solid.name, solid.name)

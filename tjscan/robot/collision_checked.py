@@ -32,7 +32,7 @@ one runs into its limit, the same pose a whole turn away is not near."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathSegment:
-    """A part of a path that keeps clear.
+    """One segment of a collision-free path: a straight line of the flange, or of the joints.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class PathSegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClearPath:
-    """A path that keeps clear.
+    """A collision-free path: one direct segment, or a detour of three.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class ClearPath:
 
 
 class CollisionCheckedArm:
-    """Any arm, its paths checked as a whole before anything moves.
+    """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
     Where the direct path is blocked, the arm goes round: it draws the sensor back from where it
     looks, moves, and comes forward again. Where a move in joint space is blocked even so, it ends
@@ -117,7 +117,7 @@ class CollisionCheckedArm:
 
     def __enter__(self) -> Self:
         """Connect the arm."""
-        self._latch.clear()
+        self._latch.clear_stop()
         self._arm.__enter__()
         return self
 
@@ -157,7 +157,7 @@ class CollisionCheckedArm:
         """
         q, direct = self._arm.state().q, True
         for i, T in enumerate(T_b_f):
-            path = self.clear_path(q, T, straight=i > 0)
+            path = self.plan_clear_path(q, T, straight=i > 0)
             last = path.segments[-1]
             direct = direct and path.blocked is None and (i > 0 or self._is_nearest(q, last))
             q = last.q
@@ -189,13 +189,13 @@ class CollisionCheckedArm:
 
     def clear_stop(self) -> None:
         """Take commands again after a stop, once all segments of the move have ended."""
-        self._latch.clear()
+        self._latch.clear_stop()
         self._arm.clear_stop()
 
-    def clear_path(
+    def plan_clear_path(
         self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None
     ) -> ClearPath:
-        """Plan a path that keeps clear: the direct one, else a detour of three segments.
+        """Plan a collision-free path: the direct one, else a detour of three segments.
 
         A move in joint space has one choice more: another configuration at its end.
 
@@ -245,7 +245,7 @@ class CollisionCheckedArm:
         self, q: Array, T_b_f: Array
     ) -> Iterator[Callable[[], tuple[PathSegment, ...]]]:
         """Plans of direct moves into the other configurations; the nearer ones first."""
-        for other in self.clearance.kinematics.inverses(T_b_f, near=q)[1:]:
+        for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
             yield partial(self._into, q, T_b_f, other)
 
     def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
@@ -268,16 +268,22 @@ class CollisionCheckedArm:
 
     def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[PathSegment, ...]:
         """The direct move in joint space into one configuration."""
-        return (PathSegment(False, T_b_f, self.clearance.end_of_joint_move(q, T_b_f, near)),)
+        return (
+            PathSegment(False, T_b_f, self.clearance.joint_angles_after_joint_move(q, T_b_f, near)),
+        )
 
     def _segment(self, q: Array, T_b_f: Array, *, straight: bool) -> PathSegment:
-        plan = self.clearance.end_of_linear_move if straight else self.clearance.end_of_joint_move
+        plan = (
+            self.clearance.joint_angles_after_linear_move
+            if straight
+            else self.clearance.joint_angles_after_joint_move
+        )
         return PathSegment(straight, T_b_f, plan(q, T_b_f))
 
     def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
         with self._latch.hold_for_move():
             state = self._arm.state()
-            path = self.clear_path(state.q, T_b_f, straight=straight, near=near)
+            path = self.plan_clear_path(state.q, T_b_f, straight=straight, near=near)
             if path.blocked is not None:
                 self._report("detour", str(path))
             for segment in path.segments:

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from tjscan.robot.motion import MotionLimits
     from tjscan.robot.replay import ReplayedArm
     from tjscan.robot.simulated import SimulatedArm
-    from tjscan.robot.simulation import ArmSimulation
+    from tjscan.robot.simulation import ArmSimulationSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDriverInputs:
-    """What an arm may be made from, besides its own settings.
+    """What an arm's driver makes its arm from, besides its own settings.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ class ArmDriverInputs:
     kinematics: Kinematics
     limits: MotionLimits
     seed: int
-    simulation: ArmSimulation | None
+    simulation: ArmSimulationSettings | None
     left: ArmState | None
     recording: Callable[[], tuple[RecordedPoses, tuple[ArmState, ...]]]
 
 
 @dataclass(frozen=True)
-class ArmDriver(DriverFactory[ArmDriverInputs, Arm]):
-    """How an arm is made from a job file; see `DriverFactory`.
+class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
+    """How an arm's driver makes the arm from a job file; see `DriverFactory`.
 
     Parameters
     ----------
@@ -96,12 +96,12 @@ def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     return ReplayedArm(*context.recording())
 
 
-SIMULATED: Final = ArmDriver(
+SIMULATED: Final = ArmDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=lambda arm: arm.true_T_b_f
 )
-REPLAYED: Final = ArmDriver(_replayed, kind=DriverKind.REPLAYED)
+REPLAYED: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
-ARMS: Final[Registry[ArmDriver]] = Registry(
+ARMS: Final[Registry[ArmDriverFactory]] = Registry(
     "arm",
     {
         "simulated": "tjscan.robot.drivers:SIMULATED",

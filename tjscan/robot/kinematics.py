@@ -23,7 +23,7 @@ import pinocchio as pin
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
-from tjscan.robot.closed_form import UrDhLengths, all_configurations
+from tjscan.robot.closed_form import UrDhLengths, all_inverse_solutions
 from tjscan.robot.models.generate import ARMS
 
 MODELS: Final = tuple(ARMS)
@@ -87,8 +87,8 @@ class _Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chain:
-    """Pinocchio's own view of an arm, for `tjscan.robot.collision` alone.
+class PinocchioModel:
+    """Pinocchio's model of an arm, its flange frame and base, for collision checks.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class _Workspace(threading.local):
 
 
 class Kinematics:
-    """Kinematics of one arm.
+    """Kinematics of one arm, from its URDF.
 
     Parameters
     ----------
@@ -155,13 +155,13 @@ class Kinematics:
         self._geometry = _ur_geometry(model)
 
     @property
-    def chain(self) -> Chain:
-        """What a collision model is built on."""
-        return Chain(self._model, self._flange, inverse_pose(self._T_b_root))
+    def pinocchio_model(self) -> PinocchioModel:
+        """Pinocchio's model of the arm, on which collision checks are built."""
+        return PinocchioModel(self._model, self._flange, inverse_pose(self._T_b_root))
 
     @classmethod
     def load(cls, model: str | Path) -> Kinematics:
-        """Kinematics of an arm by its name in `MODELS`, or by the path of a URDF.
+        """Load the kinematics of an arm by its name in `MODELS`, or by the path of a URDF.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class Kinematics:
         return np.array([self._T_b_root @ data.oMf[i].homogeneous for i in self._links])
 
     def jacobian(self, q: Array) -> Array:
-        """Velocity of f for unit joint speeds, shape (6, n).
+        """Geometric Jacobian: velocity of f for unit joint speeds, shape (6, n).
 
         The first three rows are the velocity of the flange's origin in m/s, the others its
         angular velocity in rad/s, both along the axes of b.
@@ -203,7 +203,7 @@ class Kinematics:
         return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
 
     def smallest_singular_value(self, q: Array) -> float:
-        """How far from singular a configuration is: 0 where the flange loses a direction.
+        """Smallest singular value of the Jacobian: 0 where the flange loses a direction.
 
         It is that of `jacobian` in metres and radians: the slowest speed of the flange, in
         m/s or rad/s, that joint speeds of norm 1 rad/s can give.
@@ -239,10 +239,10 @@ class Kinematics:
         warm = self._descend(self._target(T_b_f), near)
         if warm.solved and np.abs(warm.q - near).max() < WARM and self._excess(warm.q).max() <= 0:
             return warm.q
-        return self.inverses(T_b_f, near)[0]
+        return self.all_inverse_solutions(T_b_f, near)[0]
 
-    def inverses(self, T_b_f: Array, near: Array) -> tuple[Array, ...]:
-        """All configurations found that put the flange at a pose, nearest first.
+    def all_inverse_solutions(self, T_b_f: Array, near: Array) -> tuple[Array, ...]:
+        """All joint configurations found that put the flange at a pose, nearest first.
 
         Parameters, errors and what is found are those of `inverse`; each joint is in the turn
         nearest to `near` that its limits allow.
@@ -310,7 +310,9 @@ class Kinematics:
             T_root_0 = self._model.jointPlacements[1]
             T_6_f = self._model.frames[self._flange].placement
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
-            return all_configurations(self._geometry, T_0_6.homogeneous, free_wrist=float(near[5]))
+            return all_inverse_solutions(
+                self._geometry, T_0_6.homogeneous, free_wrist=float(near[5])
+            )
         random = np.random.default_rng(0)
         spread = np.linspace(0.2, np.pi, RESTARTS)[:, None]
         seeds = near + spread * random.standard_normal((RESTARTS, near.size))

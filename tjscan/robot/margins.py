@@ -12,7 +12,7 @@ from tjscan.core.units import MM, FileKey, SettingsTable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClearanceMargins(SettingsTable):
-    """What a path keeps.
+    """Margins of a path: distances from obstacles and itself, and from singularities.
 
     Parameters
     ----------

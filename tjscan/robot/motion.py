@@ -18,7 +18,7 @@ SAMPLES_PER_WAYPOINT: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """How fast an arm may move.
+    """Largest speeds and accelerations with which an arm may move.
 
     The defaults are those a Universal Robots pendant proposes for a linear move, at half of
     the joint speeds.
@@ -103,7 +103,7 @@ class JointPath:
 def fastest_joint_path(
     q: Array, points_b: Array, velocity: Array, limits: MotionLimits
 ) -> JointPath:
-    """Give a path the shortest trapezoid of speed that keeps the limits.
+    """Time a path as fast as the limits allow, with a trapezoid of speed.
 
     With path speed v = du/dt and path acceleration a, a joint has speed q' v and acceleration
     q' a + q'' v², and the flange likewise. Bounding q' and q'' by their largest values on the

@@ -10,7 +10,7 @@ from tjscan.core.errors import ArmFault
 
 
 class MotionLock:
-    """One move at a time, and none after a stop until that is taken back.
+    """Lock that lets one move run at a time, and none after a stop until that is cleared.
 
     Whoever moves an arm holds `move` from the moment a move is ordered until it has ended, and
     `start` while he sets it off. So a stop, given from any thread, finds one of two: the move has
@@ -24,7 +24,7 @@ class MotionLock:
 
     @contextmanager
     def hold_for_move(self) -> Iterator[None]:
-        """Order a move and see it to its end.
+        """Hold the lock while the block orders a move and sees it to its end.
 
         Raises
         ------
@@ -41,13 +41,13 @@ class MotionLock:
 
     @contextmanager
     def begin_move(self) -> Iterator[None]:
-        """Set a move off; raises as `check` does, and nothing starts then."""
+        """Let the block set a move off unless the arm was stopped, see `check_not_stopped`."""
         with self._starting:
             self.check_not_stopped()
             yield
 
     def check_not_stopped(self) -> None:
-        """See that no stop holds.
+        """Refuse to go on if the arm was stopped and that was not cleared.
 
         Raises
         ------
@@ -61,16 +61,16 @@ class MotionLock:
             )
 
     def stop(self) -> None:
-        """Let no more moves start; when this returns, none is on the point of it."""
+        """Forbid new moves; when this returns, none is about to start."""
         self._stopped.set()
         with self._starting:
             pass
 
-    def clear(self) -> None:
-        """Wait until the move under way has ended, then take the stop back."""
+    def clear_stop(self) -> None:
+        """Wait until the move under way has ended, then allow moves again."""
         with self._moving:
             self._stopped.clear()
 
     def wait_for_stop(self, seconds: float) -> bool:
-        """Wait until a stop, but not longer than this; returns whether there was one."""
+        """Wait for a stop, up to a time; returns whether there was one."""
         return self._stopped.wait(seconds)

@@ -31,7 +31,7 @@ configuration because it ran into its limit."""
 
 
 def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits) -> JointPath:
-    """Move the flange's origin on a straight line while it turns evenly about one axis.
+    """Timed path of the flange's origin on a straight line, turning evenly about one axis.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
 
 
 def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
-    """Move all joints in proportion, from `q` to `goal`, each of shape (n,), in radians."""
+    """Timed path of all joints in proportion, `q` to `goal`, each of shape (n,), in radians."""
     waypoints = joint_waypoints(q, goal)
     points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
     return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
 
 def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Array, Array]:
-    """Where the joints and the flange's origin are along a straight line, evenly spaced.
+    """Waypoints of a straight line: joint angles and flange origins, evenly spaced.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from tjscan.robot.arm import ArmState
 
 
 class ReplayedArm(DeviceBase):
-    """The arm of a recording, behind the `Arm` protocol.
+    """An arm that replays a recording, behind the `Arm` protocol.
 
     It answers a move with the state that was recorded, so the scan goes on from where the arm
     truly stood.
@@ -53,17 +53,17 @@ class ReplayedArm(DeviceBase):
         self._connected = False
 
     def state(self) -> ArmState:
-        """Where it stood at the view that was last asked for; at first, at the first one."""
+        """Recorded state at the view that was last asked for; at first, at the first one."""
         if not self._connected:
             raise ArmFault("the recording is not open: use it inside a 'with' block")
         return self._states[self._poses.at]
 
     def check_moves(self, *T_b_f: Array) -> None:
-        """See that the recording holds these views. See `RecordedPoses.check`."""
+        """Check that the recording holds these views. See `RecordedPoses.check`."""
         self._poses.check(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
-        """Stand where a view was recorded from.
+        """Go on to the recorded view with this pose.
 
         Raises
         ------
@@ -75,11 +75,11 @@ class ReplayedArm(DeviceBase):
         return self.state()
 
     def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
-        """Stand where a view was recorded from; see `move_linear`."""
+        """Go on to the recorded view with this pose; see `move_linear`."""
         return self.move_linear(T_b_f)
 
     def stop(self) -> None:
-        """Do nothing: it does not move."""
+        """Do nothing: a replayed arm does not move."""
 
     def clear_stop(self) -> None:
-        """Do nothing: it did not stop."""
+        """Do nothing: a replayed arm was not stopped."""

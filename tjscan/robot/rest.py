@@ -30,7 +30,7 @@ def await_rest(
     now: Callable[[], float] = time.monotonic,
     pause: Callable[[float], object] = time.sleep,
 ) -> ArmState:
-    """Wait until an arm has stood still for a moment; moves nothing.
+    """Wait until an arm has stood still for a moment.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def await_rest(
             )
 
 
-def check_still(before: ArmState, after: ArmState) -> None:
-    """See that an arm has not moved meanwhile.
+def check_not_moved(before: ArmState, after: ArmState) -> None:
+    """Check that an arm has not moved between two states.
 
     Raises
     ------

@@ -31,7 +31,7 @@ TICK: Final = 0.01
 
 
 class SimulatedArm(DeviceBase):
-    """An arm without hardware, behind the `Arm` protocol.
+    """An arm that is simulated, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
     stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move.
@@ -86,7 +86,7 @@ class SimulatedArm(DeviceBase):
 
     def __enter__(self) -> Self:
         """Make ready to move."""
-        self._latch.clear()
+        self._latch.clear_stop()
         self._connected = True
         return self
 
@@ -102,7 +102,7 @@ class SimulatedArm(DeviceBase):
 
     @property
     def true_T_b_f(self) -> Array:
-        """Where the flange truly is, shape (4, 4); no real arm knows it."""
+        """True pose of the flange, shape (4, 4), which no real arm knows."""
         T_b_f = self.kinematics.forward(self._now[0])
         turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
         return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
@@ -114,7 +114,7 @@ class SimulatedArm(DeviceBase):
         return ArmState(q, self.kinematics.forward(q), now)
 
     def check_moves(self, *T_b_f: Array) -> None:
-        """Move nothing; see `Arm.check_moves`."""
+        """Check that moves are possible, without moving; see `Arm.check_moves`."""
         self._need_connection()
         q = self._now[0]
         for plan, T in zip(
@@ -136,7 +136,7 @@ class SimulatedArm(DeviceBase):
 
     def clear_stop(self) -> None:
         """Take commands again after a stop. See `Arm.clear_stop`."""
-        self._latch.clear()
+        self._latch.clear_stop()
 
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
         return linear_path(self.kinematics, q, T_b_f, self.limits)

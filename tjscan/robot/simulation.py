@@ -14,8 +14,8 @@ JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], DEG]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArmSimulation(SettingsTable):
-    """The table [simulation.arm].
+class ArmSimulationSettings(SettingsTable):
+    """The table [simulation.arm]: home position and repeatability of the simulated arm.
 
     Parameters
     ----------

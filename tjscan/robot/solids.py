@@ -55,7 +55,7 @@ SolidShape = Box | Cylinder | Capsule
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """A shape at its place.
+    """A solid body: a shape, its pose and its name.
 
     Parameters
     ----------

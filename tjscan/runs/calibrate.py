@@ -12,7 +12,7 @@ from tjscan.calibration.file import SavedCalibration, to_calibration_file, write
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
-from tjscan.calibration.plucker import plane_through
+from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.probe import TouchProbe
 from tjscan.calibration.session import CalibrationPlan
 from tjscan.calibration.simulated import SimulatedTouchProbe
@@ -137,7 +137,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         cell.arm,
         np.array(board.probe_tip),
         board.T,
-        plane_through(truth.T[:3, 3], truth.T[:3, 2]),
+        plane_through_point(truth.T[:3, 3], truth.T[:3, 2]),
         sigma=truth.touch,
         approach=board.approach,
         rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),

@@ -233,7 +233,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         stitched.sections,
         "j",
         None if joint is None else corner_to_edge_distances(corners, feature_edges(joint)),
-        closed=stitched.closed,
+        closed=stitched.is_closed,
     )
     report = build_stitching_report(
         stitched, {one.station.name: _folder(directory, one) for one in read}

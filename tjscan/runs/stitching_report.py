@@ -98,9 +98,9 @@ def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> O
         sections=overlap.sections,
         views=len(edge.azimuth),
         left_out=int((~edge.counted).sum()),
-        residual_rms_mm=1e3 * edge.rms,
+        residual_rms_mm=1e3 * edge.residual_rms,
         misfit=edge.reduced_chi2,
-        sigma_mm=1e3 * edge.sigma,
+        sigma_mm=1e3 * edge.position_sigma,
         covariance=tuple(tuple(float(v) for v in row) for row in covariance),
         gap_mm=1e3 * gap,
     )

@@ -17,7 +17,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.robot.rest import await_rest, check_still
+from tjscan.robot.rest import await_rest, check_not_moved
 from tjscan.runs.context import RunContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
@@ -78,7 +78,7 @@ def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
     with RunContext(job, job_file).make_cell() as cell:
         state = await_rest(cell.arm)
         profile = cell.laser.capture()
-        check_still(state, cell.arm.state())
+        check_not_moved(state, cell.arm.state())
         try:
             groove = groove_reader_of_job(job)(profile)
         except GrooveNotFound as error:

@@ -13,7 +13,7 @@ from tjscan.stitching.registration import StationRegistration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StitchingDraft:
-    """Stations, where they meet, and how they fit there.
+    """Stitching as far as it has come: stations, overlaps and registrations, for messages.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class StitchingDraft:
     registrations: tuple[StationRegistration, ...] = ()
 
     def describe_overlap(self, overlap: StationOverlap) -> str:
-        """Text on an overlap: its stations, azimuth, length and sections."""
+        """Describe an overlap in a text: its stations, azimuth, length and sections."""
         a, b = self.names[overlap.first], self.names[overlap.second]
         one, other = overlap.sections
         return (
@@ -43,7 +43,7 @@ class StitchingDraft:
         )
 
     def describe_coverage(self) -> str:
-        """Text on the azimuths that each station covers."""
+        """Describe in a text the azimuths that each station covers."""
         arcs = [arc_of_azimuths(azimuths) for azimuths in self.azimuths]
         return ", ".join(
             f"{name} reaches from {np.degrees(arc.start):.0f}° to {np.degrees(arc.end):.0f}°"

@@ -55,7 +55,7 @@ class UnrolledSection:
 def sections_in_joint_frame(
     station: Station, T_j_b: Array, covariance: Array, repeatability: ArmRepeatability
 ) -> tuple[MeasuredSection, ...]:
-    """Sections of a station in frame j.
+    """Transform the sections of a station into frame j.
 
     The covariances of their corners hold the laser's noise, the error of the view's pose and that
     of the station's.
@@ -86,13 +86,13 @@ def sections_in_joint_frame(
 def fuse_sections(
     stations: Sequence[Sequence[MeasuredSection]], shape: TubeDimensions
 ) -> tuple[MeasuredSection, ...]:
-    """All sections by azimuth, those that several stations have of one place made one.
+    """Fuse the sections of all stations by azimuth; those of one place become one.
 
     Parameters
     ----------
     stations : sequence of sequence of MeasuredSection
         Of each station, in frame j and in the order of the scan.
-    shape : JointShape
+    shape : TubeDimensions
         What sections are unrolled about when they are carried to their common place.
     """
     unrolled = [[_unroll(section, shape) for section in sections] for sections in stations]

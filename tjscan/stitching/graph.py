@@ -24,7 +24,7 @@ from tjscan.stitching.registration import StationRegistration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationPoses:
-    """Where all stations stand to the joint, and what the joint is like.
+    """Solved poses of all stations in the joint's frame, with covariances and the tubes' shape.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class StationPoses:
         Maps each station's own frame j into the common one.
     covariance : ndarray, shape (k, 6, 6)
         Of each: translation and rotation vector in the common j.
-    shape : JointShape
+    shape : TubeDimensions
         Of the joint.
     shape_covariance : ndarray, shape (4, 4)
         Of its numbers.
@@ -54,7 +54,7 @@ class StationPoses:
 def solve_station_poses(
     frames: Sequence[JointFrame], registrations: Sequence[StationRegistration]
 ) -> StationPoses:
-    """Place all stations by least squares: the joint as each found it, and all overlaps.
+    """Solve the poses of all stations by least squares, from tube fits and overlaps.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def solve_station_poses(
 
 
 def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:
-    """How far apart two placed stations see the groove in the middle of an overlap, metres.
+    """Gap in metres between two placed stations' grooves in the middle of an overlap.
 
     Across the groove: along it there is nothing to see a step by.
 
@@ -124,7 +124,7 @@ def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:
 def spanning_tree_poses(
     count: int, registrations: Sequence[StationRegistration]
 ) -> tuple[Array, list[StationRegistration]]:
-    """Stations placed by overlaps alone, along the spanning tree of the surest ones.
+    """Poses of stations from overlaps alone, along the spanning tree of the surest ones.
 
     Parameters
     ----------
@@ -141,10 +141,11 @@ def spanning_tree_poses(
         Those that close a loop, the surest first; how far they are from `T` is the gap before
         closing.
     """
-    by_sigma = sorted(registrations, key=lambda edge: edge.sigma)
+    by_sigma = sorted(registrations, key=lambda edge: edge.position_sigma)
     surest = {(e.overlap.first, e.overlap.second): e for e in reversed(by_sigma)}
     links = coo_array(
-        ([edge.sigma for edge in surest.values()], np.transpose(list(surest))), (count, count)
+        ([edge.position_sigma for edge in surest.values()], np.transpose(list(surest))),
+        (count, count),
     )
     tree = minimum_spanning_tree(links)
     order, predecessors = breadth_first_order(tree, 0, directed=False)

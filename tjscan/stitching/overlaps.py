@@ -21,7 +21,7 @@ WIDE: Final = 1.6
 
 @dataclass(frozen=True, slots=True)
 class AzimuthArc:
-    """A stretch of azimuth.
+    """An arc of azimuths, from start to end.
 
     Parameters
     ----------
@@ -34,26 +34,26 @@ class AzimuthArc:
 
     @property
     def span_angle(self) -> float:
-        """Angle from start to end, radians."""
+        """Angle of the arc from start to end, radians."""
         return self.end - self.start
 
     @property
     def middle_azimuth(self) -> float:
-        """Radians, -pi to pi."""
+        """Azimuth of the arc's middle, radians, -pi to pi."""
         return float(np.angle(np.exp(0.5j * (self.start + self.end))))
 
     def offset_from_middle(self, azimuth: Array) -> Array:
-        """How far azimuths, any turn, lie beyond the middle, -pi to pi."""
+        """Angles of azimuths from the arc's middle, -pi to pi."""
         return np.asarray(np.angle(np.exp(1j * (azimuth - 0.5 * (self.start + self.end)))))
 
     def contains(self, azimuth: Array) -> Array:
-        """Which azimuths lie within."""
+        """Whether azimuths lie within the arc."""
         return np.asarray(np.abs(self.offset_from_middle(azimuth)) <= 0.5 * self.span_angle + 1e-9)
 
 
 @dataclass(frozen=True, slots=True)
 class StationOverlap:
-    """Two stations and what they share.
+    """Two stations and the arc of azimuths that both saw.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ def section_azimuths(fit: StationTubeFit) -> Array:
 
 
 def arc_of_azimuths(azimuths: Array) -> AzimuthArc:
-    """The stretch that sections reach over."""
+    """Arc that a station's section azimuths reach over."""
     return AzimuthArc(float(azimuths.min()), float(azimuths.max()))
 
 
 def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
-    """Every stretch that two stations share, however short; two stations may share two.
+    """Find every arc that two stations share, however short; two stations may share two.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
 
 
 def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
-    """How much of the turn is covered, in radians, and the gaps.
+    """How much of the full turn stations cover, in radians, and the gaps.
 
     Neighbouring sections further apart than `WIDE` usual steps have a gap between them.
     """

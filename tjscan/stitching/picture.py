@@ -90,7 +90,7 @@ def _draw_residuals(axes: Any, draft: StitchingDraft, edge: StationRegistration)
     axes.set_xlabel("azimuth / °")
     names = f"{draft.names[edge.overlap.first]}, {draft.names[edge.overlap.second]}"
     axes.set_title(
-        f"{names}: {1e3 * edge.rms:.3f} mm rms, misfit {edge.reduced_chi2:.2f} "
+        f"{names}: {1e3 * edge.residual_rms:.3f} mm rms, misfit {edge.reduced_chi2:.2f} "
         "(p2 ○ p3 □ p4 △, full outwards, open upwards)",
         fontsize=9,
     )

@@ -85,19 +85,19 @@ class StationRegistration:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
-    def rms(self) -> float:
+    def residual_rms(self) -> float:
         """Root mean square of the residuals that count, of all where none does, metres."""
         chosen = self.counted if self.counted.any() else ~self.counted
         return float(np.sqrt(np.mean(self.residual[chosen] ** 2)))
 
     @property
-    def share(self) -> float:
-        """Share of the views that count."""
+    def counted_share(self) -> float:
+        """Share of the views to which the robust fit gave weight."""
         return float(self.counted.mean())
 
     @property
-    def sigma(self) -> float:
-        """Standard deviation of the second station's place amid the overlap, metres.
+    def position_sigma(self) -> float:
+        """Standard deviation of the second station's position amid the overlap, metres.
 
         Root mean square over the three directions.
         """
@@ -125,7 +125,7 @@ def point_covariance_from_pose(covariance: Array, points: Array) -> Array:
 def align_second_to_first(
     overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
 ) -> StationRegistration:
-    """Lay the second station on the first.
+    """Align the second station of an overlap to the first.
 
     Parameters
     ----------
@@ -215,9 +215,10 @@ def _near(
     """The views of both stations in and beside the overlap, and which are the second's."""
     reach = 0.5 * overlap.arc.span_angle + BEYOND
     one, other = (
-        o.take(np.abs(overlap.arc.offset_from_middle(o.place)) < reach) for o in (first, second)
+        o.select_views(np.abs(overlap.arc.offset_from_middle(o.place)) < reach)
+        for o in (first, second)
     )
-    return one.joined(other), np.repeat((False, True), (len(one), len(other)))
+    return one.joined_with(other), np.repeat((False, True), (len(one), len(other)))
 
 
 def _total(kernel: Array, noise: Array) -> Array:

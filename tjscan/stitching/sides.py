@@ -38,8 +38,8 @@ ALIKE: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
 
 
-def wall_points(sections: Sequence[ScannedSection]) -> WallPoints:
-    """Nodes on the walls as all views of a station saw them.
+def wall_points_of_views(sections: Sequence[ScannedSection]) -> WallPoints:
+    """Points on the walls of brace and leg as all views of a station saw them.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def wall_points(sections: Sequence[ScannedSection]) -> WallPoints:
 
 
 def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Nodes along the brace's and the leg's side of a profile.
+    """Mean points (nodes) along the brace's and the leg's side of a profile.
 
     A node is the average of the points about it, taken along the curve that the side follows.
 

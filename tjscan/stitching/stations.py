@@ -18,7 +18,7 @@ from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection, View
 from tjscan.stitching.settings import StitchSettings
-from tjscan.stitching.sides import wall_points
+from tjscan.stitching.sides import wall_points_of_views
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
@@ -36,7 +36,7 @@ SAME_POSE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """One place that was scanned from.
+    """Sections that were scanned from one station, and where the arm's base nominally stood.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def station_from_recording(
     views: Sequence[View],
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
-    """A station from what was recorded.
+    """Make a station from a scan's recording.
 
     Parameters
     ----------
@@ -106,13 +106,13 @@ def station_from_recording(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationTubeFit:
-    """The joint as fitted to what one station saw.
+    """Brace and leg, and frame j, as fitted to what one station saw.
 
     Parameters
     ----------
     station : Station
         Which one.
-    tubes : Tubes
+    tubes : FittedTubes
         Leg and brace, in its base frame.
     frame : JointFrame
         Frame j in its base frame.
@@ -146,7 +146,7 @@ def fit_tubes_to_stations(
         try:
             brace, leg = _start(station)
             tubes = fit_tubes_to_walls(
-                wall_points(station.all_sections), settings.repeatability, brace, leg
+                wall_points_of_views(station.all_sections), settings.repeatability, brace, leg
             )
             found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
@@ -193,7 +193,7 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
 
 
 def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
-    """The same frame, its covariance widened by tubes that are not round.
+    """Widen a joint frame's covariance for tubes that are out of round.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ FAR = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedStation:
-    """Where a station stands to the joint.
+    """Pose of a station's base in the joint's frame, with covariance and what it rests on.
 
     Parameters
     ----------
@@ -90,13 +90,13 @@ class PlacedStation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StitchedGroove:
-    """One groove of several stations.
+    """One groove stitched from the sections of several stations.
 
     Parameters
     ----------
     stations : tuple of PlacedStation
         By name.
-    shape : JointShape
+    shape : TubeDimensions
         Radii of the tubes, angle and offset of their axes.
     shape_sigma : ndarray, shape (4,)
         Standard deviations of these.
@@ -131,15 +131,15 @@ class StitchedGroove:
         object.__setattr__(self, "shape_sigma", readonly_copy(self.shape_sigma))
 
     @property
-    def closed(self) -> bool:
-        """Whether the sections go all the way round, without a gap."""
+    def is_closed(self) -> bool:
+        """Whether the stitched sections go all the way round, without a gap."""
         return self.covered > TURN - 1e-9
 
 
 def stitch_stations(
     stations: Sequence[Station], settings: StitchSettings = DEFAULT
 ) -> StitchedGroove:
-    """Make one groove of what several stations saw of one joint.
+    """Stitch what several stations saw of one joint into one groove.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def stitch_stations(
         registrations = register_overlaps(fits, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
-        placement, out_of_round = place_stations(fits, registrations, settings)
+        placement, out_of_round = place_stations_with_out_of_round(fits, registrations, settings)
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
@@ -234,7 +234,7 @@ def register_overlaps(
     return edges
 
 
-def place_stations(
+def place_stations_with_out_of_round(
     fits: Sequence[StationTubeFit],
     registrations: Sequence[StationRegistration],
     settings: StitchSettings,
@@ -329,22 +329,26 @@ def _check_registrations(draft: StitchingDraft, settings: StitchSettings) -> Non
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
         described = draft.describe_overlap(edge.overlap)
-        if edge.reduced_chi2 > settings.largest_reduced_chi2 or edge.share < settings.least_counted:
+        if (
+            edge.reduced_chi2 > settings.largest_reduced_chi2
+            or edge.counted_share < settings.least_counted
+        ):
             raise StitchingRefused(
                 "overlap contradicts itself",
-                f"{described}: {100 * edge.share:.0f} % of its views fit each other, "
-                f"{100 * settings.least_counted:.0f} % must; of these {1e3 * edge.rms:.3f} mm rms "
-                f"are left, {np.sqrt(edge.reduced_chi2):.1f} times what the errors of arm and "
+                f"{described}: {100 * edge.counted_share:.0f} % of its views fit each other, "
+                f"{100 * settings.least_counted:.0f} % must; of these "
+                f"{1e3 * edge.residual_rms:.3f} mm rms are left, "
+                f"{np.sqrt(edge.reduced_chi2):.1f} times what the errors of arm and "
                 f"laser explain, {np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed. "
                 "Both must show the same joint, and neither joint nor base may move during its "
                 "scan",
             )
-        if edge.sigma > settings.largest_sigma:
+        if edge.position_sigma > settings.largest_sigma:
             raise StitchingRefused(
                 "overlap too small",
                 f"{described}: it leaves the second station's place uncertain by "
-                f"{1e3 * edge.sigma:.2f} mm, {1e3 * settings.largest_sigma:.2f} mm are allowed. "
-                "Teach the stations' poses so that they overlap by more, and scan again",
+                f"{1e3 * edge.position_sigma:.2f} mm, {1e3 * settings.largest_sigma:.2f} mm are "
+                "allowed. Teach the stations' poses so that they overlap by more, and scan again",
             )
 
 

@@ -37,7 +37,7 @@ WIDEST: Final = 0.999
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnrolledViews:
-    """n views of a station, unrolled in its own frame j.
+    """Views of a station unrolled about the brace in its own frame j.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ class UnrolledViews:
     def __len__(self) -> int:
         return len(self.place)
 
-    def take(self, which: NDArray[np.bool_]) -> UnrolledViews:
-        """The views for which `which`, shape (n,), is true."""
+    def select_views(self, which: NDArray[np.bool_]) -> UnrolledViews:
+        """Select the views for which `which`, shape (n,), is true."""
         return UnrolledViews(*(getattr(self, name)[which] for name in self.__slots__))
 
-    def joined(self, other: UnrolledViews) -> UnrolledViews:
-        """These views and those of another station."""
+    def joined_with(self, other: UnrolledViews) -> UnrolledViews:
+        """These views together with those of another station."""
         names = self.__slots__
         return UnrolledViews(
             *(np.concatenate((getattr(self, n), getattr(other, n))) for n in names)
@@ -90,7 +90,7 @@ def unroll_views(
     shape: TubeDimensions,
     repeatability: ArmRepeatability,
 ) -> UnrolledViews:
-    """Unroll the sections read in views; those that show too little of a wall are left out.
+    """Unroll the sections read in views; those with too little of a wall are left out.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def unroll_views(
         Of all views of one station.
     T_j_b : ndarray, shape (4, 4)
         Its base in frame j.
-    shape : JointShape
+    shape : TubeDimensions
         The tubes to unroll about.
     repeatability : Repeatability
         Of its arm.

@@ -15,7 +15,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import InjectedFault, ScheduledFault
 from tjscan.robot.loopback.motion import Motion
 from tjscan.robot.loopback.program import ControlScript, first_register_of_script
-from tjscan.robot.loopback.wire import REGISTERS, Value, default_output
+from tjscan.robot.loopback.wire import REGISTERS, Value, zero_output
 
 FAST_TIME_FACTOR: Final = 25
 """A tick of a fast controller is worth as many ticks of motion."""
@@ -58,8 +58,8 @@ SAFETY_BITS: Final = {
 }
 
 
-class Controller:
-    """A controller without a network.
+class LoopbackController:
+    """A simulated robot controller without its network: time, motion, program and faults.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Controller:
     # What the network asks of it
 
     def advance_one_tick(self) -> None:
-        """Let one tick pass: time, motion, program."""
+        """Advance the controller by one tick: time, motion, program."""
         moving = self._motion is not None
         step = self._tick * (self._worth if moving else 1)
         self.time += step
@@ -153,7 +153,7 @@ class Controller:
         self.stop_instantly()
 
     def schedule_fault(self, order: ScheduledFault) -> None:
-        """Bring a fault about, now or in a later move."""
+        """Schedule a fault for now or for a later move."""
         if order.move:
             self._orders.append(ScheduledFault(order.fault, self._moves + order.move))
         else:
@@ -174,7 +174,7 @@ class Controller:
         self.mode = mode
 
     def write_input(self, name: str, value: Value) -> None:
-        """Set an input; all but registers are ignored."""
+        """Write an input variable; all but registers are ignored."""
         kind, _, number = name.rpartition("_")
         if isinstance(value, Sequence):
             return
@@ -185,7 +185,7 @@ class Controller:
             self.input_double[int(number)] = float(value)
 
     def read_output(self, name: str) -> Value:
-        """An output; those without meaning here are zero."""
+        """Read an output variable; those without meaning here are zero."""
         kind, _, number = name.rpartition("_")
         if kind == "output_int_register":
             return self.output_int[int(number)]
@@ -193,7 +193,7 @@ class Controller:
             return self.output_double[int(number)]
         if name in _OUTPUTS:
             return _OUTPUTS[name](self)
-        return default_output(name)
+        return zero_output(name)
 
     def tcp_pose(self) -> list[float]:
         """Position in metres and rotation vector of the active TCP in frame b."""
@@ -213,8 +213,8 @@ class Controller:
         self.tell(f"move {self._moves}")
         self._motion, self._elapsed = motion, 0.0
 
-    def decelerate_along(self, motion: Motion) -> None:
-        """Begin to stop; no fault counts that as a move."""
+    def start_deceleration(self, motion: Motion) -> None:
+        """Begin to stop along a motion; scheduled faults do not count it as a move."""
         self._motion, self._elapsed = motion, 0.0
 
     @property
@@ -223,7 +223,7 @@ class Controller:
         return None if self._motion is None else (self._motion, self._elapsed)
 
     def stop_instantly(self) -> None:
-        """End a motion where it is."""
+        """Stop the motion at once, where it is."""
         self._motion, self.speed = None, np.zeros(6)
 
     def protective_stop(self) -> None:
@@ -287,14 +287,14 @@ class Controller:
             self.stop_program()
 
 
-_OUTPUTS: Final[dict[str, Callable[[Controller], Value]]] = {
+_OUTPUTS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
     "timestamp": lambda c: c.time,
     "actual_q": lambda c: c.q.tolist(),
     "target_q": lambda c: c.q.tolist(),
     "actual_qd": lambda c: c.speed.tolist(),
     "target_qd": lambda c: c.speed.tolist(),
-    "actual_TCP_pose": Controller.tcp_pose,
-    "target_TCP_pose": Controller.tcp_pose,
+    "actual_TCP_pose": LoopbackController.tcp_pose,
+    "target_TCP_pose": LoopbackController.tcp_pose,
     "robot_mode": lambda c: int(c.mode),
     "safety_mode": lambda c: int(c.safety),
     "runtime_state": lambda c: int(c.runtime),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from tjscan.robot.loopback.controller import Controller, ProgramState, RobotPower
+from tjscan.robot.loopback.controller import LoopbackController, ProgramState, RobotPower
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 SERIAL: Final = "00000000000"
@@ -13,7 +13,7 @@ SERIAL: Final = "00000000000"
 
 
 class DashboardServer:
-    """Answers lines.
+    """Answers the lines of a client as the controller's dashboard server does.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class DashboardServer:
     """
 
     def __init__(
-        self, controller: Controller, model: str, version: tuple[int, int, int, int]
+        self, controller: LoopbackController, model: str, version: tuple[int, int, int, int]
     ) -> None:
         self._controller = controller
         major, minor, bugfix, build = version
@@ -53,8 +53,8 @@ class DashboardServer:
             "quit": lambda: "Disconnected",
         }
 
-    def answer(self, line: str) -> str:
-        """Answer one line."""
+    def answer_line(self, line: str) -> str:
+        """Answer one line of the dashboard protocol."""
         words = line.strip()
         if words.lower().startswith(("popup", "addtolog")):
             return "showing popup" if words.lower().startswith("popup") else "Added log message"

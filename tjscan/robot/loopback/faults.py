@@ -9,7 +9,7 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 
 
 class InjectedFault(StrEnum):
-    """What can go wrong with a controller; what sets it right, and its arm where it started."""
+    """Fault that can be injected into the loopback controller, or its remedy."""
 
     PROTECTIVE_STOP = "protective-stop"
     EMERGENCY_STOP = "emergency-stop"
@@ -27,7 +27,7 @@ class InjectedFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ScheduledFault:
-    """A fault and when it comes.
+    """A fault to inject, and the move in which it comes.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ScheduledFault:
 
 
 def parse_scheduled_fault(line: str) -> ScheduledFault:
-    """Read ``FAULT`` (at once) or ``FAULT N`` (half way through the N-th move from now).
+    """Parse ``FAULT`` (at once) or ``FAULT N`` (half way through the N-th move from now).
 
     Raises
     ------

@@ -27,11 +27,11 @@ INSTANT: Final = 1e-6
 
 
 class Motion(Protocol):
-    """Joint angles over time."""
+    """A motion of the arm: joint angles over time."""
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration of the motion in seconds."""
         ...
 
     def joint_angles_at(self, time: float) -> Array:
@@ -41,7 +41,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecelerationMotion:
-    """From a speed to rest, along that speed.
+    """A motion that decelerates from a speed to rest, along that speed.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class DecelerationMotion:
 
 
 def decelerate_motion(motion: Motion, time: float, deceleration: float) -> DecelerationMotion:
-    """Stop a motion at a time, the leading axis with a deceleration in rad/s²."""
+    """Motion that stops another one at a time, with the leading axis' deceleration in rad/s²."""
     q = motion.joint_angles_at(time)
     speed = (motion.joint_angles_at(time + INSTANT) - q) / INSTANT
     fastest = float(np.abs(speed).max())
@@ -75,7 +75,7 @@ def decelerate_motion(motion: Motion, time: float, deceleration: float) -> Decel
 def joint_motion(
     kinematics: Kinematics, q: Array, goal: Array, speed: float, acceleration: float
 ) -> Motion:
-    """Move all joints in proportion; speed and acceleration are those of the leading axis."""
+    """Motion of all joints in proportion; speed and acceleration are those of the leading axis."""
     pieces = max(FEWEST, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
@@ -86,7 +86,7 @@ def joint_motion(
 def linear_motion(
     kinematics: Kinematics, q: Array, T_b_f: Array, speed: float, acceleration: float
 ) -> Motion:
-    """Move the flange on a straight line.
+    """Motion of the flange on a straight line.
 
     Raises
     ------

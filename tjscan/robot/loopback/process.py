@@ -17,7 +17,7 @@ REPLY_TIMEOUT: Final = 60.0
 
 
 class LoopbackProcess:
-    """A context manager that starts a controller and ends it.
+    """Process with a loopback controller; a context manager that starts and ends it.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class LoopbackProcess:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         try:
-            self.wait_for(f"ready {self.host}")
+            self.wait_for_line(f"ready {self.host}")
         except BaseException:
             self._end()
             raise
@@ -64,14 +64,14 @@ class LoopbackProcess:
         self._end()
 
     def schedule_fault(self, line: str) -> None:
-        """Command a fault, and wait until it is accepted."""
+        """Schedule a fault in the controller, and wait until it is accepted."""
         if self._process.stdin is not None:
             self._process.stdin.write(f"{line}\n")
             self._process.stdin.flush()
-        self.wait_for(f"ordered {line}")
+        self.wait_for_line(f"ordered {line}")
 
-    def wait_for(self, *wanted: str) -> str:
-        """Wait until it says a line that begins with one of these, and return that line.
+    def wait_for_line(self, *wanted: str) -> str:
+        """Wait until the process prints a line that begins with one of these, and return it.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class LoopbackProcess:
                 return line
 
     def unread_output(self) -> Sequence[str]:
-        """All lines it has said and nobody has waited for."""
+        """Lines that the process has printed and nobody has waited for."""
         lines = []
         while not self._lines.empty():
             line = self._lines.get()

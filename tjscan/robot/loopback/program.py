@@ -45,7 +45,7 @@ def first_register_of_script(script: str) -> int | None:
 
 
 class ScriptHost(Protocol):
-    """What a control script finds on the controller that runs it."""
+    """Controller as a control script sees it: motions, registers and stops."""
 
     kinematics: Kinematics
     q: Array
@@ -68,8 +68,8 @@ class ScriptHost(Protocol):
         """Begin a motion."""
         ...
 
-    def decelerate_along(self, motion: Motion) -> None:
-        """Come to rest along a motion."""
+    def start_deceleration(self, motion: Motion) -> None:
+        """Begin to come to rest along a motion."""
         ...
 
     @property
@@ -82,12 +82,12 @@ class ScriptHost(Protocol):
         ...
 
     def protective_stop(self) -> None:
-        """Stop, and want to be unlocked."""
+        """Stop as the safety system does, until it is unlocked."""
         ...
 
 
 class ControlScript:
-    """The control script as it runs.
+    """The client's control script while the loopback controller runs it.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class ControlScript:
         self._say(READY)
 
     def run_cycle(self) -> bool:
-        """Once round the script's main loop; returns whether it goes on."""
+        """Run the script's main loop once; returns whether it goes on."""
         if self._asynchronous and not self._controller.moving:
             self._asynchronous = False
             self._report(running=False)
@@ -210,7 +210,7 @@ class ControlScript:
         progress = self._controller.motion_progress
         self._end_asynchronous()
         if progress is not None:
-            self._controller.decelerate_along(decelerate_motion(*progress, deceleration))
+            self._controller.start_deceleration(decelerate_motion(*progress, deceleration))
         if self._int(1) == 1:
             self._begin_asynchronous()
 

@@ -13,14 +13,14 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.controller import Controller
+from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.server import LoopbackServer, check_is_loopback_address
 
 
 def run_loopback_server(
     model: str, host: str, hz: float, *, home_deg: Sequence[float], fast: bool, attached: bool
 ) -> None:
-    """Serve until interrupted, or until stdin ends if it is attached to that.
+    """Run the loopback controller's server until interrupted, or until an attached stdin ends.
 
     What it has to say goes to stdout, a line each.
 
@@ -45,7 +45,7 @@ def run_loopback_server(
     if hasattr(signal, "SIGTTIN"):
         # In the background there is a terminal, but nobody to read from: carry on without.
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
-    controller = Controller(kinematics, q, hz=hz, fast=fast, tell=_tell)
+    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=_tell)
     asyncio.run(LoopbackServer(controller, model, host, hz, _tell).run(attached=attached))
 
 

@@ -13,7 +13,7 @@ from threading import Thread
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.robot.loopback.controller import Controller
+from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
 from tjscan.robot.loopback.faults import parse_scheduled_fault
 from tjscan.robot.loopback.wire import HEADER, InputOwners, RtdeSession
@@ -56,7 +56,7 @@ def check_is_loopback_address(host: str) -> None:
 
 @dataclass(eq=False)
 class LoopbackServer:
-    """Serves one controller.
+    """Network server of one loopback controller.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class LoopbackServer:
         Receives a line when it is ready, and one for each command.
     """
 
-    controller: Controller
+    controller: LoopbackController
     model: str
     host: str
     hz: float
@@ -171,7 +171,7 @@ class LoopbackServer:
             size, kind = HEADER.unpack(await reader.readexactly(HEADER.size))
             payload = await reader.readexactly(size - HEADER.size)
             await self._awake()
-            session.receive(kind, payload)
+            session.answer_package(kind, payload)
 
     async def _script(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await self._serve(self._scripts(reader), writer)
@@ -193,7 +193,7 @@ class LoopbackServer:
     async def _lines(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while line := await reader.readline():
             await self._awake()
-            writer.write(f"{self._dashboard.answer(line.decode(errors='replace'))}\n".encode())
+            writer.write(f"{self._dashboard.answer_line(line.decode(errors='replace'))}\n".encode())
 
     async def _awake(self) -> None:
         """Wait while the controller is frozen: it answers nobody."""

@@ -75,7 +75,7 @@ INPUT_TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class RtdeRecipe:
-    """Variables that travel together.
+    """RTDE recipe: names and types of the variables that are sent together.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class RtdeRecipe:
     kinds: tuple[str, ...]
 
     def pack(self, values: Sequence[Value]) -> bytes:
-        """Write the values, in the order of the names."""
+        """Pack the values into bytes, in the order of the names."""
         flat: list[float | int] = []
         for value in values:
             flat.extend(value) if isinstance(value, Sequence) else flat.append(value)
         return Struct(">" + "".join(FORMATS[kind] for kind in self.kinds)).pack(*flat)
 
     def unpack(self, data: bytes) -> list[tuple[str, Value]]:
-        """Read what is there: the client sends shorter packages than it announced, at times."""
+        """Unpack the values from bytes, which may be fewer than the client announced."""
         found: list[tuple[str, Value]] = []
         for name, kind in zip(self.names, self.kinds, strict=True):
             layout = Struct(">" + FORMATS[kind])
@@ -113,14 +113,14 @@ class InputOwners:
         self._owners: dict[str, object] = {}
 
     def claim(self, names: Sequence[str], owner: object) -> list[str]:
-        """Types of the inputs, or IN_USE and NOT_FOUND; claimed only if all are to be had."""
+        """Claim inputs for a client, all or none; gives their types, or IN_USE and NOT_FOUND."""
         kinds = [self._kind(name, owner) for name in names]
         if not {"IN_USE", "NOT_FOUND"} & set(kinds):
             self._owners.update(dict.fromkeys(names, owner))
         return kinds
 
     def release(self, owner: object) -> None:
-        """Give back what a client held."""
+        """Release the inputs that a client holds."""
         self._owners = {name: o for name, o in self._owners.items() if o is not owner}
 
     def _kind(self, name: str, owner: object) -> str:
@@ -130,7 +130,7 @@ class InputOwners:
 
 
 class RtdeSession:
-    """What one RTDE client has agreed with the controller.
+    """Session of one RTDE client with the loopback controller.
 
     Parameters
     ----------
@@ -161,8 +161,8 @@ class RtdeSession:
         self._started = False
         self._every, self._count = 1, 0
 
-    def receive(self, kind: int, payload: bytes) -> None:
-        """Answer a package."""
+    def answer_package(self, kind: int, payload: bytes) -> None:
+        """Answer a package that the client sent."""
         if kind == VERSION:
             self._reply(VERSION, bytes([unpack(">H", payload)[0] == 2]))
         elif kind == CONTROLLER:
@@ -179,7 +179,7 @@ class RtdeSession:
                 self._write(name, value)
 
     def send_outputs(self, read: Callable[[str], Value]) -> None:
-        """Send the outputs, if the client wants them now."""
+        """Send the outputs to the client, if it wants them now."""
         if not self._started or self._outputs is None:
             return
         self._count += 1
@@ -188,7 +188,7 @@ class RtdeSession:
             self._reply(DATA, b"\x01" + self._outputs.pack(values))
 
     def close(self) -> None:
-        """Give back the inputs."""
+        """Release the inputs that the client holds."""
         self._registry.release(self)
 
     def _agree_outputs(self, payload: bytes) -> None:
@@ -216,7 +216,7 @@ def _names(payload: bytes) -> tuple[str, ...]:
     return tuple(name for name in payload.decode().split(",") if name)
 
 
-def default_output(name: str) -> Value:
-    """An output that shows nothing."""
+def zero_output(name: str) -> Value:
+    """Zero value of an output variable, number or vector."""
     size = {"VECTOR3D": 3, "VECTOR6D": 6, "VECTOR6INT32": 6}.get(OUTPUT_TYPES[name])
     return 0 if size is None else [0] * size

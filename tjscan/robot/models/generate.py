@@ -45,7 +45,7 @@ BASE_MASS: Final = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ArmModel:
-    """The numbers of one arm.
+    """Dimensions, speeds and masses of one arm, from which its URDF is made.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ ARMS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """A body round a segment parallel to an axis of its link's frame, in metres."""
+    """A capsule, parallel to an axis of its link's frame, that stands for a link; metres."""
 
     start: Vector
     end: Vector
@@ -118,17 +118,17 @@ class Capsule:
 
     @property
     def axis(self) -> int:
-        """The axis it lies along: 0, 1 or 2."""
+        """Axis of the frame that the capsule lies along: 0, 1 or 2."""
         return max(range(3), key=lambda i: abs(self.end[i] - self.start[i]))
 
     @property
     def length(self) -> float:
-        """Length of the segment."""
+        """Length of the capsule's middle segment."""
         return abs(self.end[self.axis] - self.start[self.axis])
 
     @property
     def centre(self) -> Vector:
-        """Middle of the segment, to the nanometre."""
+        """Middle of the capsule, to the nanometre."""
         x, y, z = (round((a + b) / 2, 9) for a, b in zip(self.start, self.end, strict=True))
         return x, y, z
 

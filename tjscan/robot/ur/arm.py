@@ -23,15 +23,15 @@ from tjscan.robot.motion import JointPath, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
-from tjscan.robot.ur.connecting import connect
-from tjscan.robot.ur.identity import UrIdentity, identify
-from tjscan.robot.ur.moving import POLL, await_arrival, check_target, execute_move
+from tjscan.robot.ur.connecting import connect_to_controller
+from tjscan.robot.ur.identity import UrIdentity, read_ur_identity
+from tjscan.robot.ur.moving import POLL, await_arrival, check_target_is_safe, execute_move
 from tjscan.robot.ur.session import ControllerSession
 from tjscan.robot.ur.settings import UrSettings
 
 
 class UrArm(DeviceBase):
-    """A real arm, or the loopback controller.
+    """A Universal Robots arm, or the loopback controller in its place.
 
     Parameters
     ----------
@@ -63,12 +63,14 @@ class UrArm(DeviceBase):
         ConfigurationError
             If it is another model than it should be.
         """
-        self._latch.clear()
-        session = connect(self.settings, self.kinematics, partial(self._latch.wait_for_stop, POLL))
+        self._latch.clear_stop()
+        session = connect_to_controller(
+            self.settings, self.kinematics, partial(self._latch.wait_for_stop, POLL)
+        )
         try:
-            self._identity = identify(session.dashboard, session.read_state().payload)
+            self._identity = read_ur_identity(session.dashboard, session.read_state().payload)
         except BaseException as error:
-            session.end(error)
+            session.end_program_and_disconnect(error)
             raise
         self._session = session
         return self
@@ -83,7 +85,7 @@ class UrArm(DeviceBase):
         self.stop()
         session, self._session, self._identity = self._session, None, None
         if session is not None:
-            session.end(error)
+            session.end_program_and_disconnect(error)
 
     @property
     def identity(self) -> UrIdentity:
@@ -94,10 +96,10 @@ class UrArm(DeviceBase):
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the controller reports them."""
-        return self._connected.state()
+        return self._connected.arm_state()
 
     def check_moves(self, *T_b_f: Array) -> None:
-        """Move nothing; see `Arm.check_moves`."""
+        """Check that moves are possible, without moving; see `Arm.check_moves`."""
         q = self.state().q
         plans = chain([self._joint_path], repeat(self._linear_path))
         for plan, T in zip(plans, T_b_f, strict=False):
@@ -110,7 +112,7 @@ class UrArm(DeviceBase):
         ------
         TargetRefused
             Before anything moves, if the controller holds the pose for unsafe.
-        PoseMissed
+        PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
         return self._move(T_b_f, self._linear_path, self._linear_command)
@@ -125,7 +127,7 @@ class UrArm(DeviceBase):
 
     def clear_stop(self) -> None:
         """Take commands again after a stop. See `Arm.clear_stop`."""
-        self._latch.clear()
+        self._latch.clear_stop()
 
     @property
     def _connected(self) -> ControllerSession:
@@ -153,8 +155,8 @@ class UrArm(DeviceBase):
     ) -> ArmState:
         session = self._connected
         with self._latch.hold_for_move():
-            path = plan(session.state().q, T_b_f)
+            path = plan(session.arm_state().q, T_b_f)
             if path.duration > 0:
-                check_target(session, T_b_f)
+                check_target_is_safe(session, T_b_f)
                 execute_move(session, self._latch, order(session, path, T_b_f), T_b_f)
             return await_arrival(session, self._latch, self.settings, T_b_f)

@@ -17,7 +17,13 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from tjscan.robot.ur.messages import HOST_GONE, Answer, ControllerState, Request, SixNumbers
+from tjscan.robot.ur.messages import (
+    HOST_GONE,
+    ClientAnswer,
+    ClientRequest,
+    ControllerState,
+    SixNumbers,
+)
 
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -48,7 +54,7 @@ UNFOLLOWED_LIMIT: Final = 1.0
 
 
 class RtdeClient:
-    """Both RTDE links to one controller."""
+    """Client of a Universal Robots controller over RTDE: one link to command, one to receive."""
 
     def __init__(self) -> None:
         self._control: Any = None
@@ -59,7 +65,7 @@ class RtdeClient:
         self._before: int | None = None  # the operation before the move that is to be followed
 
     def connect(self, host: str) -> None:
-        """Connect, and start the control script."""
+        """Connect to the controller, and start the control script."""
         from rtde_control import RTDEControlInterface
         from rtde_receive import RTDEReceiveInterface
 
@@ -71,12 +77,12 @@ class RtdeClient:
         self._control = RTDEControlInterface(host, RTDE_HZ)
 
     def start_watchdog(self) -> bool:
-        """Let the controller stop the arm when this process falls silent."""
+        """Start the controller's watchdog, which stops the arm when this process falls silent."""
         self._watched = bool(self._control.setWatchdog(WATCHDOG_HZ))
         return self._watched
 
-    def read_state_during_move(self) -> ControllerState:
-        """Read the state for the main process, which waits for a move: it is awake."""
+    def read_state_supervising_move(self) -> ControllerState:
+        """Read the state during a move, and note that the main process supervises it."""
         now = self.read_state()
         self._followed = time.monotonic()
         if not now.moving and now.operation != self._before:
@@ -84,7 +90,7 @@ class RtdeClient:
         return now
 
     def read_state(self) -> ControllerState:
-        """Read the state."""
+        """Read the controller's state."""
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
         reported = self._reports_payload
         return ControllerState(
@@ -107,19 +113,19 @@ class RtdeClient:
         return bool(self._control.setTcp(list(T_f_tcp)))
 
     def active_tcp_offset(self) -> list[float]:
-        """Read the active TCP; nothing if the controller does not answer."""
+        """Read the offset of the active TCP; nothing if the controller does not answer."""
         return list(self._control.getTCPOffset())
 
     def set_payload(self, mass: float, centre_of_gravity: tuple[float, ...]) -> bool:
-        """Set the payload."""
+        """Set the payload and its centre of gravity."""
         return bool(self._control.setPayload(mass, list(centre_of_gravity)))
 
     def pose_is_safe(self, tcp: SixNumbers) -> bool:
-        """Ask whether a pose is within the safety limits."""
+        """Ask the controller whether a pose is within its safety limits."""
         return bool(self._control.isPoseWithinSafetyLimits(list(tcp)))
 
     def inverse(self, tcp: SixNumbers, near: SixNumbers) -> list[float]:
-        """Ask the controller, which knows its own calibration; nothing if there is no solution."""
+        """Ask the controller for the inverse kinematics of a pose; nothing where it has none."""
         if not self._control.getInverseKinematicsHasSolution(list(tcp), list(near)):
             return []
         return list(self._control.getInverseKinematics(list(tcp), list(near)))
@@ -151,8 +157,8 @@ class RtdeClient:
             self._control.kickWatchdog()
 
     @property
-    def host_gone(self) -> bool:
-        """Whether the main process no longer follows the move under way."""
+    def supervision_lost(self) -> bool:
+        """Whether the main process no longer supervises the move under way."""
         if self._before is None or time.monotonic() - self._followed < UNFOLLOWED_LIMIT:
             return False
         status = self._control.getAsyncOperationProgressEx()
@@ -160,8 +166,8 @@ class RtdeClient:
             self._before = None  # it has ended meanwhile, where it was to end
         return self._before is not None
 
-    def emergency_exit(self) -> None:
-        """Stop the arm and end the control script: nobody watches over the arm."""
+    def stop_arm_and_script(self) -> None:
+        """Stop the arm and end the control script, as nobody supervises the arm."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
             self._control.stopJ(STOP_DECELERATION)
@@ -172,44 +178,44 @@ class RtdeClient:
         self._before = self._control.getAsyncOperationProgressEx().operationId()
 
 
-def answer_requests(connection: Connection, client: RtdeClient) -> None:
-    """Do as asked until the main process is gone, or leaves a move unfollowed."""
-    while not client.host_gone:
+def serve_main_process(connection: Connection, client: RtdeClient) -> None:
+    """Serve the main process's requests until it is gone, or leaves a move unsupervised."""
+    while not client.supervision_lost:
         try:
             if not connection.poll(FEED_INTERVAL):
                 client.feed_watchdog()
                 continue
-            request: Request = connection.recv()
+            request: ClientRequest = connection.recv()
         except (EOFError, OSError):
-            client.emergency_exit()
+            client.stop_arm_and_script()
             return
         try:
             value = getattr(client, request.name)(*request.arguments)
-            answer = Answer(request.number, value)
+            answer = ClientAnswer(request.number, value)
         except Exception as error:  # the library raises what it likes; the main process judges
-            answer = Answer(request.number, None, str(error) or type(error).__name__)
+            answer = ClientAnswer(request.number, None, str(error) or type(error).__name__)
         try:
             connection.send(answer)
         except OSError:
             continue  # the main process is gone: the next poll finds out
         client.feed_watchdog()
     with suppress(Exception):  # the library raises what it likes
-        client.emergency_exit()
+        client.stop_arm_and_script()
     refuse_requests(connection)
 
 
 def refuse_requests(connection: Connection) -> None:
-    """Do nothing more, and answer why, until the main process is gone."""
+    """Refuse all further requests, with the reason, until the main process is gone."""
     with suppress(EOFError, OSError):
         while True:
-            request: Request = connection.recv()
-            connection.send(Answer(request.number, None, HOST_GONE))
+            request: ClientRequest = connection.recv()
+            connection.send(ClientAnswer(request.number, None, HOST_GONE))
 
 
 def main() -> None:
-    """Serve the socket whose number is the only argument."""
+    """Run the client process on the socket whose number is the only argument."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to handle
-    answer_requests(Connection(int(sys.argv[1])), RtdeClient())
+    serve_main_process(Connection(int(sys.argv[1])), RtdeClient())
     # The library's destructors would wait half a second, or for a controller that is gone.
     os._exit(0)
 

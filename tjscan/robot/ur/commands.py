@@ -31,12 +31,12 @@ QUICKEST: Final = 39.0
 
 @dataclass(frozen=True, slots=True)
 class MoveCommand:
-    """A move as the client takes it.
+    """Command of a move as the client takes it: its kind, target, speed and acceleration.
 
     Parameters
     ----------
     name : str
-        A method of `client.Client`.
+        A method of `client.RtdeClient`.
     target : tuple of float
         Pose of the TCP, or joint angles.
     speed, acceleration : float
@@ -52,7 +52,7 @@ class MoveCommand:
 def linear_command(
     session: ControllerSession, kinematics: Kinematics, path: JointPath, T_b_f: Array
 ) -> MoveCommand:
-    """Order a straight line of the flange along a path that ends at a pose.
+    """Command that moves the flange on a straight line along a path that ends at a pose.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def linear_command(
 
 
 def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> MoveCommand:
-    """Order a line in joint space along a path that ends at a pose.
+    """Command that moves in joint space along a path that ends at a pose.
 
     The controller knows how its arm differs from the drawing; ours is the configuration.
 
@@ -77,7 +77,11 @@ def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> 
         If the controller has the pose in another configuration.
     """
     goal = path.q[-1]
-    q = np.array(session.ask(list, "inverse", session.active_tcp_pose(T_b_f), tuple(goal.tolist())))
+    q = np.array(
+        session.call_client_method(
+            list, "inverse", session.active_tcp_pose(T_b_f), tuple(goal.tolist())
+        )
+    )
     if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION:
         session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)

@@ -22,7 +22,7 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
-from tjscan.robot.ur.link import ClientFailed, ClientProcess
+from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.session import ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
@@ -43,8 +43,10 @@ Less than the clearance's default margins: what is planned on the model holds fo
 """
 
 
-def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> ControllerSession:
-    """Connect, set TCP and payload, and read them back; nothing moves.
+def connect_to_controller(
+    settings: UrSettings, kinematics: Kinematics, pause: Pause
+) -> ControllerSession:
+    """Connect to the controller, set TCP and payload, and read them back; nothing moves.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def connect(settings: UrSettings, kinematics: Kinematics, pause: Pause) -> Contr
     except BaseException as error:
         if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotConnected)):
             session.stop_program(error)  # ours runs, or may
-        session.close()
+        session.disconnect()
         raise
     return session
 
@@ -77,13 +79,13 @@ def _begin(
 ) -> None:
     host = settings.host
     try:
-        session.link.ask(NoneType, "connect", host, limit=settings.connect_limit)
+        session.link.call_client_method(NoneType, "connect", host, limit=settings.connect_limit)
         _await_program(session.link, pause)
-        session.ask(bool, "start_watchdog")
+        session.call_client_method(bool, "start_watchdog")
         _set_tcp(session)
         _set_payload(session, settings, pause)
         _check_model(session, kinematics)
-    except ClientFailed as failed:
+    except ClientLibraryError as failed:
         raise not_ready_fault(session.dashboard) or connection_start_fault(
             host, str(failed)
         ) from None
@@ -92,7 +94,7 @@ def _begin(
 def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
     """See that no program runs: the client library would end it without asking."""
     limit = time.monotonic() + STARTS  # the dashboard is slow to report a program's end
-    while dashboard.value("running").lower() == "true":
+    while dashboard.ask_value("running").lower() == "true":
         if time.monotonic() > limit:
             raise ArmBusy(
                 "another program runs on the arm's controller. End it on the pendant, or end "
@@ -105,7 +107,9 @@ def _await_program(link: ClientProcess, pause: Pause) -> None:
     """Let both links show the program that was started."""
     limit = time.monotonic() + STARTS
     while (
-        fault := fault_from_state(link.ask(ControllerState, "read_state", limit=STARTS))
+        fault := fault_from_state(
+            link.call_client_method(ControllerState, "read_state", limit=STARTS)
+        )
     ) is not None:
         if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
             raise fault
@@ -114,8 +118,8 @@ def _await_program(link: ClientProcess, pause: Pause) -> None:
 
 def _set_tcp(session: ControllerSession) -> None:
     """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
-    session.ask(bool, "set_tcp", (0.0,) * 6)
-    offset = session.ask(list, "active_tcp_offset")
+    session.call_client_method(bool, "set_tcp", (0.0,) * 6)
+    offset = session.call_client_method(list, "active_tcp_offset")
     if len(offset) != 6 or np.abs(offset).max() > SAME:
         session.read_state()  # the true reason, if the arm is not well
         raise _disobeyed("TCP", "zero", offset)
@@ -125,7 +129,7 @@ def _set_tcp(session: ControllerSession) -> None:
 def _set_payload(session: ControllerSession, settings: UrSettings, pause: Pause) -> None:
     if settings.payload is None:
         return
-    session.ask(bool, "set_payload", settings.payload, settings.payload_centre)
+    session.call_client_method(bool, "set_payload", settings.payload, settings.payload_centre)
     wanted = np.array([settings.payload, *settings.payload_centre])
     limit = time.monotonic() + STARTS
     while not _carries(now := session.read_state(), wanted):
@@ -142,7 +146,7 @@ def _carries(now: ControllerState, wanted: Array) -> bool:
 
 
 def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
-    state = session.state()
+    state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
     if apart > OTHER_ARM:
         raise ConfigurationError(

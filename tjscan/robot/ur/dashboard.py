@@ -21,7 +21,7 @@ LONGEST: Final = 4096
 
 
 class DashboardClient:
-    """A connection to the dashboard; a context manager.
+    """Client of the controller's dashboard server; a context manager.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class DashboardClient:
     ------
     ArmNotReached
         If there is nobody at that address.
-    ArmSilent
+    ArmNotResponding
         If there is somebody who does not answer.
     """
 
@@ -66,11 +66,11 @@ class DashboardClient:
         self.close()
 
     def ask(self, line: str) -> str:
-        """Ask a line and return the answer.
+        """Send a line to the dashboard and return its answer.
 
         Raises
         ------
-        ArmSilent
+        ArmNotResponding
             If there is none, or there was none before: nobody waits twice.
         """
         if self._silence is not None:
@@ -81,29 +81,32 @@ class DashboardClient:
             raise self._silent(str(error)) from None
         return self._read()
 
-    def value(self, line: str) -> str:
-        """What stands behind the colon of an answer, or all of it."""
+    def ask_value(self, line: str) -> str:
+        """Send a line to the dashboard and return the value behind the colon of its answer."""
         return self.ask(line).rpartition(": ")[2].strip()
 
-    def stop(self) -> None:
-        """End the program that runs, and all motion with it.
+    def stop_program(self) -> None:
+        """Stop the program that runs on the controller, and all motion with it.
 
         Raises
         ------
         ArmFault
             If the controller does not confirm that, and a program runs on.
-        ArmSilent
+        ArmNotResponding
             As `ask` does.
         """
         answer = self.ask("stop")
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
-        if not answer.lower().startswith("stopped") and self.value("running").lower() != "false":
+        if (
+            not answer.lower().startswith("stopped")
+            and self.ask_value("running").lower() != "false"
+        ):
             raise ArmFault(
                 f"the controller did not end the program when it was asked to ({answer!r})."
             )
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._lines.close()
         self._socket.close()
 

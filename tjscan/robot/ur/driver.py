@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
-from tjscan.robot.drivers import ARMS, ArmDriver, ArmDriverInputs
+from tjscan.robot.drivers import ARMS, ArmDriverFactory, ArmDriverInputs
 from tjscan.robot.ur.settings import UrSettings
 
 if TYPE_CHECKING:
@@ -24,4 +24,4 @@ def _make(context: ArmDriverInputs, settings: UrSettings) -> UrArm:
     return UrArm(context.kinematics, settings, context.limits)
 
 
-DRIVER: Final = ArmDriver(_make, UrSettings)
+DRIVER: Final = ArmDriverFactory(_make, UrSettings)

@@ -43,7 +43,7 @@ _LINK: Final = (
 
 
 def safety_fault(mode: str) -> ArmFault | None:
-    """What a state of the safety system means, by the name that the dashboard gives it."""
+    """Fault that a safety mode means, None where it means none; by the dashboard's name."""
     if "EMERGENCY" in mode:
         return EmergencyStop(_EMERGENCY)
     if mode == "PROTECTIVE_STOP":
@@ -58,24 +58,24 @@ def safety_fault(mode: str) -> ArmFault | None:
 
 
 def power_fault(mode: str) -> ArmFault | None:
-    """What a robot mode means, by the name that the dashboard gives it."""
+    """Fault that a robot mode means, None where it means none; by the dashboard's name."""
     if mode == RobotMode.RUNNING.name:
         return None
     return ArmNotPowered(f"the arm is not ready to move (its mode is {mode}). {_POWER}")
 
 
 def remote_fault(answer: str) -> ArmFault | None:
-    """What the dashboard's answer on remote control means; old controllers know no such thing."""
+    """Fault if the dashboard says that the arm is not in remote control."""
     return ArmNotInRemoteMode(_REMOTE) if answer.lower() == "false" else None
 
 
 def program_fault(running: str) -> ArmFault | None:
-    """What the dashboard's answer on the running program means."""
+    """Fault if the dashboard says that another program runs."""
     return ProgramStopped(_PROGRAM) if running.lower() == "false" else None
 
 
 def fault_from_state(now: ControllerState) -> ArmFault | None:
-    """What is wrong, as far as a snapshot shows, the cause before its consequences."""
+    """Fault that a snapshot of the controller's state shows, the cause before its consequences."""
     if not now.connected:
         return ArmConnectionLost(_LINK)
     if (fault := safety_fault(_name(SafetyMode, now.safety_mode))) is not None:
@@ -86,7 +86,7 @@ def fault_from_state(now: ControllerState) -> ArmFault | None:
 
 
 def connection_start_fault(host: str, words: str) -> ArmFault:
-    """What kept the client library from starting, by its own words."""
+    """Fault that kept the client library from connecting, from the library's own words."""
     if "already in use" in words:
         return RegistersInUse(_REGISTERS)
     if "remote control" in words:

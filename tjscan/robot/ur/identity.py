@@ -10,7 +10,7 @@ from tjscan.robot.ur.dashboard import DashboardClient
 
 @dataclass(frozen=True, slots=True)
 class UrIdentity(DeviceIdentity):
-    """Which arm it is, as far as its controller reports it.
+    """Identity of a Universal Robots arm: model, serial number, software and payload.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ class UrIdentity(DeviceIdentity):
     payload: float | None = None
 
 
-def identify(dashboard: DashboardClient, payload: float | None) -> UrIdentity:
-    """Ask which arm it is; raises as `DashboardClient.ask` does."""
+def read_ur_identity(dashboard: DashboardClient, payload: float | None) -> UrIdentity:
+    """Read the arm's identity from the dashboard; raises as `DashboardClient.ask` does."""
     return UrIdentity(
         model=_told(dashboard.ask("get robot model")),
         serial=_told(dashboard.ask("get serial number")),

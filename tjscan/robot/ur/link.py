@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Final, TypeVar
 
 from tjscan.core.errors import ArmConnectionLost, ArmNotResponding, MoveSupervisionLost
-from tjscan.robot.ur.messages import HOST_GONE, Answer, Request
+from tjscan.robot.ur.messages import HOST_GONE, ClientAnswer, ClientRequest
 
 QUICK: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
@@ -23,12 +23,12 @@ QUOTED: Final = 300
 T = TypeVar("T")
 
 
-class ClientFailed(Exception):
-    """The client library raised something; for the driver to interpret."""
+class ClientLibraryError(Exception):
+    """The client library raised an error, which the driver interprets."""
 
 
 class ClientProcess:
-    """A process with the client library in it.
+    """Separate process that runs the client library, and the link to it.
 
     Raises nothing itself until it is asked something.
     """
@@ -50,18 +50,20 @@ class ClientProcess:
 
     @property
     def pid(self) -> int:
-        """Number of the client's process."""
+        """Process number of the client."""
         return self._process.pid
 
-    def ask(self, kind: type[T], name: str, *arguments: object, limit: float = QUICK) -> T:
-        """Let the client do something, and return what it returns.
+    def call_client_method(
+        self, kind: type[T], name: str, *arguments: object, limit: float = QUICK
+    ) -> T:
+        """Call a method of the client in its process, and return what it returns.
 
         Parameters
         ----------
         kind : type
             Of the value.
         name : str
-            A method of `client.Client`.
+            A method of `client.RtdeClient`.
         *arguments : object
             What it takes.
         limit : float, optional
@@ -69,13 +71,13 @@ class ClientProcess:
 
         Raises
         ------
-        ArmSilent
+        ArmNotResponding
             If the client does not answer in time. It is ended then.
-        ArmLinkLost
+        ArmConnectionLost
             If the client's process died.
-        MoveUnfollowed
+        MoveSupervisionLost
             If the client had to stop a move because this process stood still.
-        ClientFailed
+        ClientLibraryError
             If the client library raised something.
         """
         with self._asking:
@@ -87,9 +89,9 @@ class ClientProcess:
                 "start again."
             )
         if answer.failure is not None:
-            raise ClientFailed(answer.failure)
+            raise ClientLibraryError(answer.failure)
         if not isinstance(answer.value, kind):
-            raise ClientFailed(f"{name} gave {answer.value!r}")
+            raise ClientLibraryError(f"{name} gave {answer.value!r}")
         return answer.value
 
     def close(self) -> None:
@@ -101,15 +103,15 @@ class ClientProcess:
             self._process.wait()
             self._words.close()
 
-    def _exchange(self, name: str, arguments: tuple[object, ...], limit: float) -> Answer:
+    def _exchange(self, name: str, arguments: tuple[object, ...], limit: float) -> ClientAnswer:
         if not self._open:
             raise ArmConnectionLost("the client's process has ended. Connect again.")
         self._number += 1
         until = time.monotonic() + limit
         try:
-            self._connection.send(Request(self._number, name, arguments))
+            self._connection.send(ClientRequest(self._number, name, arguments))
             while self._connection.poll(max(until - time.monotonic(), 0.0)):
-                answer: Answer = self._connection.recv()
+                answer: ClientAnswer = self._connection.recv()
                 if answer.number == self._number:  # not that of a question that was interrupted
                     return answer
         except (EOFError, OSError):

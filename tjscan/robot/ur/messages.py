@@ -42,7 +42,7 @@ PLAYING = 2
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """What the controller says of itself at one moment.
+    """State of the controller at one moment: joints, TCP, modes and operation.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ class ControllerState:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """One thing that the client shall do.
+class ClientRequest:
+    """Request to the client process to call one of its methods.
 
     Parameters
     ----------
     number : int
         Counts the requests.
     name : str
-        A method of `client.Client`.
+        A method of `client.RtdeClient`.
     arguments : tuple
         What it takes.
     """
@@ -98,8 +98,8 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What came of it.
+class ClientAnswer:
+    """Answer of the client process: what the method returned or raised.
 
     Parameters
     ----------

@@ -41,15 +41,15 @@ CREEP: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
 
 
-def check_target(session: ControllerSession, T_b_f: Array) -> None:
-    """Ask the controller whether a pose is within its safety limits.
+def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
+    """Check with the controller that a pose is within its safety limits; else TargetRefused.
 
     Raises
     ------
     TargetRefused
         If not.
     """
-    if not session.ask(bool, "pose_is_safe", session.active_tcp_pose(T_b_f)):
+    if not session.call_client_method(bool, "pose_is_safe", session.active_tcp_pose(T_b_f)):
         session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused(
             "that is outside the safety limits set on its pendant. Look at its safety "
@@ -61,7 +61,7 @@ def check_target(session: ControllerSession, T_b_f: Array) -> None:
 def execute_move(
     session: ControllerSession, latch: MotionLock, order: MoveCommand, T_b_f: Array
 ) -> None:
-    """Set a move off and see it to its end; whatever interrupts it leaves the arm at rest.
+    """Start a move and wait for its end; whatever interrupts it leaves the arm at rest.
 
     Raises
     ------
@@ -73,13 +73,15 @@ def execute_move(
     before = session.read_state()
     try:
         with latch.begin_move():
-            begun = session.ask(bool, order.name, order.target, order.speed, order.acceleration)
+            begun = session.call_client_method(
+                bool, order.name, order.target, order.speed, order.acceleration
+            )
         if not begun:
             session.read_state()
             raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
         _follow(session, latch, before)
     except BaseException:
-        session.rest()
+        session.stop_move()
         raise
 
 
@@ -88,7 +90,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
         stopping = latch.wait_for_stop(POLL)
-        now, moment = session.read_state_during_move(), time.monotonic()
+        now, moment = session.read_state_supervising_move(), time.monotonic()
         if stopping:
             raise ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
@@ -116,11 +118,11 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
 def await_arrival(
     session: ControllerSession, latch: MotionLock, settings: UrSettings, T_b_f: Array
 ) -> ArmState:
-    """Wait until the arm rests, and check where.
+    """Wait until the arm rests, and check that it is where it was sent.
 
     Raises
     ------
-    PoseMissed
+    PoseNotReached
         If it is not where it was sent go. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
@@ -128,7 +130,7 @@ def await_arrival(
     while True:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
-        newer, state = now.time > first, session.state_of(now)
+        newer, state = now.time > first, session.arm_state_from(now)
         rests = newer and np.abs(now.speed).max() < REST
         distance = float(np.linalg.norm(state.T_b_f[:3, 3] - T_b_f[:3, 3]))
         angle = rotation_angle_between(state.T_b_f, T_b_f)

@@ -20,9 +20,9 @@ from tjscan.robot.ur.faults import (
     remote_fault,
     safety_fault,
 )
-from tjscan.robot.ur.link import ClientFailed, ClientProcess
+from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
 from tjscan.robot.ur.messages import ControllerState
-from tjscan.robot.ur.watch import ClockWatch
+from tjscan.robot.ur.watch import ControllerClockWatch
 
 T = TypeVar("T")
 
@@ -34,7 +34,7 @@ SLACK: Final = 1.0
 
 
 class ControllerSession:
-    """Questions and commands to a controller; after the first fault it passes none on.
+    """Session with a controller: reads and commands, none of which it passes on after a fault.
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ class ControllerSession:
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
-        self._watch, self._limit = ClockWatch(silence_limit), silence_limit + SLACK
+        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + SLACK
 
     def read_state(self) -> ControllerState:
-        """What the arm says of itself.
+        """Read the controller's state; raises the arm's fault if there is one.
 
         Raises
         ------
@@ -65,29 +65,29 @@ class ControllerSession:
         """
         return self._look("read_state")
 
-    def read_state_during_move(self) -> ControllerState:
-        """Look at the move under way; the client stops it when nobody does for long."""
-        return self._look("read_state_during_move")
+    def read_state_supervising_move(self) -> ControllerState:
+        """Read the state during a move; the client stops the arm if nobody does for long."""
+        return self._look("read_state_supervising_move")
 
-    def state(self) -> ArmState:
-        """Joint angles, flange pose and time; raises as `read_state` does."""
-        return self.state_of(self.read_state())
+    def arm_state(self) -> ArmState:
+        """Read joint angles, flange pose and time; raises as `read_state` does."""
+        return self.arm_state_from(self.read_state())
 
-    def state_of(self, now: ControllerState) -> ArmState:
-        """Joint angles, flange pose and time at one moment."""
+    def arm_state_from(self, now: ControllerState) -> ArmState:
+        """Convert a controller's state to joint angles, flange pose and time."""
         return ArmState(
             np.array(now.q), pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f, now.time
         )
 
     def active_tcp_pose(self, T_b_f: Array) -> tuple[float, ...]:
-        """The active TCP, as the controller takes it, where the flange has a pose."""
+        """Pose of the active TCP, as the controller takes it, for a pose of the flange."""
         return tuple(pose_vector.pose_to_vector(T_b_f @ inverse_pose(self.T_tcp_f)).tolist())
 
-    def ask(self, kind: type[T], name: str, *arguments: object) -> T:
-        """As `ClientProcess.ask`; what the client raises becomes the arm's fault."""
+    def call_client_method(self, kind: type[T], name: str, *arguments: object) -> T:
+        """Call a method of the client process; what the client raises becomes the arm's fault."""
         try:
-            return self._working.ask(kind, name, *arguments)
-        except ClientFailed as failed:
+            return self._working.call_client_method(kind, name, *arguments)
+        except ClientLibraryError as failed:
             self.read_state()  # the true reason, if the arm is not well
             raise self.end_for_fault(
                 ArmFault(f"the client library failed at {name}: {failed}. Start again.")
@@ -95,18 +95,18 @@ class ControllerSession:
         except ArmFault as fault:
             raise self.end_for_fault(fault) from None
 
-    def rest(self) -> None:
-        """Stop the move under way; the arm stays at hand if it is well."""
+    def stop_move(self) -> None:
+        """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
-                self.link.ask(NoneType, "stop_move", STOP)
+                self.link.call_client_method(NoneType, "stop_move", STOP)
             except ArmFault as fault:
                 self.end_for_fault(fault)
-            except ClientFailed as failed:
+            except ClientLibraryError as failed:
                 self.end_for_fault(ArmFault(str(failed)))
 
     def end_for_fault(self, fault: ArmFault) -> ArmFault:
-        """Stop the arm by whatever still works, and take no more commands; returns the fault."""
+        """End the session for a fault: stop the arm by whatever still works; returns the fault."""
         if self.fault is None:
             self.fault = self._cause(fault)
             self.stop_program(self.fault)
@@ -114,16 +114,16 @@ class ControllerSession:
         return self.fault
 
     def stop_program(self, because: BaseException) -> None:
-        """End our program, and all motion, without the client; note it where that fails."""
+        """Stop our program and all motion through the dashboard; note it where that fails."""
         try:
-            self.dashboard.stop()
+            self.dashboard.stop_program()
         except ArmFault as unheard:
             because.add_note(
                 f"What is more, {unheard} Press the emergency stop if the arm still moves."
             )
 
-    def end(self, because: BaseException | None) -> None:
-        """End the program and disconnect.
+    def end_program_and_disconnect(self, because: BaseException | None) -> None:
+        """End the control script and disconnect.
 
         Parameters
         ----------
@@ -139,10 +139,10 @@ class ControllerSession:
             if self.fault is None:
                 self._end_program(because)
         finally:
-            self.close()
+            self.disconnect()
 
-    def close(self) -> None:
-        """Disconnect."""
+    def disconnect(self) -> None:
+        """Disconnect client process and dashboard."""
         self.link.close()
         self.dashboard.close()
 
@@ -155,12 +155,12 @@ class ControllerSession:
     def _look(self, name: str) -> ControllerState:
         link = self._working
         try:
-            now = link.ask(ControllerState, name, limit=self._limit)
+            now = link.call_client_method(ControllerState, name, limit=self._limit)
             self._watch.check_clock_advances(now)
             fault = fault_from_state(now)
         except ArmFault as found:
             fault = found
-        except ClientFailed as failed:
+        except ClientLibraryError as failed:
             fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
         if fault is not None:
             raise self.end_for_fault(fault)
@@ -170,24 +170,24 @@ class ControllerSession:
         """Why the program stopped or nobody answers, where the dashboard knows."""
         if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):
-                running = self.dashboard.value("running")
+                running = self.dashboard.ask_value("running")
                 return not_ready_fault(self.dashboard) or program_fault(running) or fault
         return fault
 
     def _end_program(self, because: BaseException | None) -> None:
         try:
-            self.link.ask(NoneType, "stop_control_script")
-        except (ArmFault, ClientFailed):
+            self.link.call_client_method(NoneType, "stop_control_script")
+        except (ArmFault, ClientLibraryError):
             if because is None:
-                self.dashboard.stop()
+                self.dashboard.stop_program()
             else:
                 self.stop_program(because)
 
 
 def not_ready_fault(dashboard: DashboardClient) -> ArmFault | None:
-    """What keeps the arm from moving by its dashboard, the cause before its consequences."""
+    """Fault that keeps the arm from moving, by its dashboard; None if it is ready."""
     return (
-        safety_fault(dashboard.value("safetystatus"))
-        or power_fault(dashboard.value("robotmode"))
+        safety_fault(dashboard.ask_value("safetystatus"))
+        or power_fault(dashboard.ask_value("robotmode"))
         or remote_fault(dashboard.ask("is in remote control"))
     )

@@ -13,7 +13,7 @@ from tjscan.core.units import DEG, KG, MM, SECONDS, Position, SettingsTable
 
 @dataclass(frozen=True, slots=True)
 class UrSettings(SettingsTable):
-    """The table [arm.ur]: where the controller is, what the arm carries, what it is held to.
+    """The table [arm.ur]: the controller's address, the payload, and tolerances.
 
     Parameters
     ----------

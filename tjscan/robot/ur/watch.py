@@ -8,8 +8,8 @@ from tjscan.core.errors import ArmNotResponding
 from tjscan.robot.ur.messages import ControllerState
 
 
-class ClockWatch:
-    """Raises when the controller's clock stands.
+class ControllerClockWatch:
+    """Watches the controller's clock, and raises when it stands still.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class ClockWatch:
         self._seen = 0.0
 
     def check_clock_advances(self, now: ControllerState) -> None:
-        """Compare with what was seen before."""
+        """Check that the controller's clock has advanced since it was last seen."""
         moment = time.monotonic()
         # While nobody looked, nothing is known: a pause between two looks counts for nothing.
         if now.time != self._time or moment - self._seen > self._limit / 4:

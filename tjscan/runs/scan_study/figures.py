@@ -69,7 +69,7 @@ class PredictionBarChart:
         return self.groups.get((case, step_mm))
 
     def bar_position(self, case: Value | None, step_mm: float) -> float:
-        """Where a bar stands on the axis; for the parameters see `at`."""
+        """Position of a bar on the axis; for the parameters see `rows_of_bar`."""
         width = WIDTH / len(self.cases)
         return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
 
