@@ -1,12 +1,27 @@
 """Laws of a scan of a tacked joint: tack welds are recorded and stepped over, never started on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cells import EXAMPLES, Notes, example_corner_errors, scan_example
+from cells import (
+    EXAMPLES,
+    FAULTLESS,
+    Notes,
+    example_corner_errors,
+    reading_fails_at,
+    scan_example,
+)
 
 from tjscan.core.errors import StartOnTack
+from tjscan.groove.root import WELD_IN_ROOT
+from tjscan.groove.section import section_from_points
+from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import StopReason, step_lengths
+from tjscan.scanning.retries import step_retries
+from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.tacks import with_tack_named
 
 YARD = EXAMPLES / "yard-joint.toml"
 BURIED = 2e-3
@@ -46,3 +61,81 @@ def test_a_taught_pose_on_a_tack_says_to_move_on(which: str) -> None:
     }
     with pytest.raises(StartOnTack, match=f"the {which} taught pose.*Move 20 mm on"):
         scan_example(on_tack, file=YARD)
+
+
+def section_with(
+    width: float, depth: float, conditions: tuple[str, ...] = (), sigma: float = 0.1e-3
+) -> ScannedSection:
+    """A section whose root is so wide and so far behind the wall, metres."""
+    z_root = 0.23 + depth
+    groove = section_from_points(
+        [
+            (0.05, 0, 0.23),
+            (0.015, 0, 0.23),
+            (0.0, 0, z_root),
+            (-width, 0, z_root),
+            (-0.04, 0, 0.2),
+        ],
+        covariance=np.diag([sigma**2] * 6 + [1e-6] * 2),
+    )
+    nowhere = Profile(np.empty(0), np.empty(0))
+    view = View(0, Substep.PREDICTION, np.eye(4), np.eye(4), nowhere, 0.0, np.zeros(6))
+    return ScannedSection(view, replace(groove, conditions=conditions), np.eye(4))
+
+
+ROOT = section_with(0.006, 0.023)
+
+
+def test_weld_metal_that_lies_higher_than_the_root_before_is_a_tack() -> None:
+    found = with_tack_named(section_with(0.011, 0.018, (WELD_IN_ROOT,)), [ROOT]).groove
+    assert found.on_tack
+    assert found.absent == ("p3", "p4")
+    assert WELD_IN_ROOT not in found.conditions
+    sigmas = np.sqrt(np.trace(found.corner_covariances_s, axis1=1, axis2=2))
+    assert sigmas[0] == pytest.approx(0.1e-3 * np.sqrt(2))
+    assert (sigmas[1:] > BURIED).all()
+
+
+@pytest.mark.parametrize(
+    ("found", "before"),
+    [
+        (section_with(0.0065, 0.0225, (WELD_IN_ROOT,)), [ROOT]),  # a bead that bulges
+        (section_with(0.011, 0.018), [ROOT]),  # a flat root: another groove, not a weld over it
+        (section_with(0.011, 0.018, (WELD_IN_ROOT,)), []),  # nothing to compare it with
+        (section_with(0.011, 0.018, (WELD_IN_ROOT,)), [section_with(0.011, 0.018)]),
+        (section_with(0.011, 0.018, (WELD_IN_ROOT,)), [section_with(0.006, 0.023, sigma=2e-3)]),
+    ],
+    ids=["bulge", "flat", "first", "same as before", "not known before"],
+)
+def test_without_a_rise_over_the_root_before_there_is_no_tack(
+    found: ScannedSection, before: list[ScannedSection]
+) -> None:
+    assert with_tack_named(found, before) is found
+
+
+def test_from_tack_to_tack_the_root_before_them_counts() -> None:
+    tack = section_with(0.011, 0.018, (WELD_IN_ROOT,))
+    first = with_tack_named(tack, [ROOT])
+    assert with_tack_named(tack, [ROOT, first]).groove.on_tack
+
+
+def test_what_hides_the_groove_for_longer_than_a_step_is_stepped_over() -> None:
+    notes = Notes()
+    # Nothing is read from the full, the half and the quarter step, each with the views beside it;
+    # before the quarter step, and before the long one, the last section is seen once more.
+    hidden = {*range(6, 18), *range(19, 25)}
+    result = scan_example(
+        FAULTLESS | {"scan.sections": 6, "scan.step_mm": 10.0},
+        notes=notes,
+        read=reading_fails_at(hidden),
+    )
+    assert result.stop is StopReason.SECTIONS
+    names = [name for name, _ in notes.events if name in ("half step", "retreat", "step over")]
+    assert names == ["half step", "retreat", "step over"]
+    assert step_lengths(result.sections)[2] == pytest.approx(0.030, rel=0.05)
+    assert step_lengths(result.sections)[3] == pytest.approx(0.010, rel=0.05)
+
+
+def test_out_of_reach_no_longer_step_is_tried() -> None:
+    events = [retry.event for retry in step_retries(0.010, past_tacks=False)]
+    assert events == [ScanEvent.HALF_STEP, ScanEvent.RETREAT]

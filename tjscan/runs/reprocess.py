@@ -28,6 +28,7 @@ from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.tacks import with_tack_named
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
 """Keys that say how recorded profiles are read and reported, not how they were taken."""
@@ -183,6 +184,7 @@ def _sections(
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
     read, far = groove_reader_of_job(job), STRAYED * job.scan.step
+    found: list[ScannedSection] = []
     for one in recorded.sections.values():
         try:
             section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
@@ -190,7 +192,8 @@ def _sections(
         except GrooveNotFound as error:
             lost[one.view.index] = error
         else:
-            yield replace(section, view=_seen(one.view, T_f_s))
+            found.append(with_tack_named(section, found))
+            yield replace(found[-1], view=_seen(one.view, T_f_s))
 
 
 def _check_place(section: ScannedSection, before: RecordedSection, far: float) -> None:

@@ -242,6 +242,11 @@ def doubt(one: GrooveSection, other: GrooveSection) -> Array:
     return np.asarray(SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
 
 
+def largest_root_width_change(groove: GrooveSection, away: float) -> float:
+    """Metres by which a root's width differs at most from a section's so many metres away."""
+    return BEAD + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
+
+
 def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
     """Groove angle, root width and depth of the last section and this one, and what may change."""
     last, now = step.last.groove, found.groove
@@ -254,7 +259,7 @@ def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, A
     allowed = noise + factor * np.array(
         (
             ANGLE_CHANGE[0] + ANGLE_CHANGE[1] * step.length,
-            BEAD + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * step.length) * before[1],
+            largest_root_width_change(last, step.length),
             BEAD + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
         )
     )

@@ -14,6 +14,7 @@ class ScanEvent(StrEnum):
     NUDGE = "nudge"
     HALF_STEP = "half step"
     RETREAT = "retreat"
+    STEP_OVER = "step over"
     STRAIGHT = "straight"
     TACK = "tack"
     RESUMED = "resumed"

@@ -12,6 +12,7 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.tacks import with_tack_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,8 @@ class RecordedScan:
         read : callable
             Turns a profile into a groove section: the reader of the scan.
         """
-        return tuple(
-            ScannedSection(one.view, read(one.view.profile), one.T_s_t)
-            for one in self.sections.values()
-        )
+        found: list[ScannedSection] = []
+        for one in self.sections.values():
+            section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
+            found.append(with_tack_named(section, found))
+        return tuple(found)

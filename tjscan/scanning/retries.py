@@ -1,8 +1,8 @@
 """Every retry of a scan: what is tried again where a section is not read, how often, and why.
 
 The scanner goes through them from the mildest to the strongest: another profile at the same place,
-several of them merged, the same section from a set-point beside, a shorter step, and a shorter
-step from where the last section is seen again.
+several of them merged, the same section from a set-point beside, a shorter step, a shorter step
+from where the last section is seen again, and a step past what may hide the groove.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import pose_vector
-from tjscan.core.errors import GrooveNotFound, SetPointRefused
+from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
@@ -39,6 +39,15 @@ FEW: Final = "too few points"
 """Reason of a profile that is as good as missing."""
 
 
+SHORTER: Final = (0.5, 0.25)
+"""Shares of a step that are tried where it led to no section: the groove changes less, and fewer
+poses are out of reach."""
+
+PAST_TACK: Final = (0.03, 0.06)
+"""Metres that are tried after that, where they are more than a step: tack welds are 20 to 50 mm
+long, and what hides the groove may lie all over one."""
+
+
 @dataclass(frozen=True, slots=True)
 class StepRetry:
     """Another step, where a step led to no section.
@@ -47,35 +56,45 @@ class StepRetry:
     ----------
     event : ScanEvent
         Its name in journals and recordings.
-    share : float
-        Its length as a share of the step that failed.
+    length : float
+        Metres.
     from_last_section : bool
         Whether the arm first returns to the last section and checks that it lies where it was.
     """
 
     event: ScanEvent
-    share: float
+    length: float
     from_last_section: bool = False
 
-    def describe(self, step: float, error: GrooveNotFound | SetPointRefused) -> str:
-        """What is done, and why, in a sentence.
-
-        Parameters
-        ----------
-        step : float
-            The length that failed, metres.
-        error : GrooveNotFound or SetPointRefused
-            Why it failed.
-        """
+    def describe(self, error: TjscanError) -> str:
+        """What is done, and why the step before failed, in a sentence."""
         then = "then " if self.from_last_section else ""
-        return f"{then}{1e3 * self.share * step:.1f} mm: {error}"
+        return f"{then}{1e3 * self.length:.1f} mm: {error}"
 
 
-STEP_RETRIES: Final = (
-    StepRetry(ScanEvent.HALF_STEP, 0.5),
-    StepRetry(ScanEvent.RETREAT, 0.25, from_last_section=True),
-)
-"""The groove changes less over a shorter step; and an arm that lost its way finds it again."""
+def step_retries(step: float, *, past_tacks: bool = True) -> Iterator[StepRetry]:
+    """The steps that are tried in place of one that led to no section.
+
+    Parameters
+    ----------
+    step : float
+        Length of the one, metres.
+    past_tacks : bool
+        Whether something may hide the groove: then longer ones are tried in the end.
+
+    Yields
+    ------
+    StepRetry
+        Shorter ones first, the second from where the last section is seen again: an arm that
+        lost its way finds it so.
+    """
+    half, quarter = SHORTER
+    yield StepRetry(ScanEvent.HALF_STEP, half * step)
+    yield StepRetry(ScanEvent.RETREAT, quarter * step, from_last_section=True)
+    for length in PAST_TACK:
+        if past_tacks and length > step:
+            yield StepRetry(ScanEvent.STEP_OVER, length, from_last_section=True)
+
 
 SHIFT: Final = 6e-3
 """Metres by which a nudge moves the groove in the sensor."""

@@ -34,20 +34,27 @@ from tjscan.scanning.journal import Journal, ScanLog
 from tjscan.scanning.method import predictor_for_plan, step_rule_for_plan
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
-from tjscan.scanning.progress import StopReason, groove_length, reason_to_stop
+from tjscan.scanning.progress import (
+    StopReason,
+    groove_length,
+    plan_is_fulfilled,
+    reason_to_stop,
+)
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import (
+    AGAIN,
     FEW,
     MERGED,
-    STEP_RETRIES,
     NotRead,
     fallback_set_points,
     max_profiles_per_pose,
+    step_retries,
 )
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
 from tjscan.scanning.stopping import StopRequest
+from tjscan.scanning.tacks import root_is_known, root_is_seen, with_tack_named
 from tjscan.scanning.target import ScanDirection
 
 
@@ -172,7 +179,7 @@ class Scanner:
         self._log.record_section(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
-        """Make a step; where the groove is not read, one of `STEP_RETRIES`.
+        """Make a step; where it leads to no section, one of `step_retries`.
 
         Raises
         ------
@@ -181,20 +188,24 @@ class Scanner:
         JointMoved
             If the last section is not where it was.
         PoseUnreachable
-            If the step itself leads out of reach.
+            If the step itself leads out of reach, and the shorter ones do not help.
         """
-        lost: GrooveNotFound | SetPointRefused
+        lost: GrooveNotFound | SetPointRefused | PoseUnreachable
         try:
             return self._step(d_st)
         except NotRead as error:
             lost = error
-        for retry in STEP_RETRIES:
-            self._log.record_event(retry.event, retry.describe(d_st, lost))
+        except PoseUnreachable as error:
+            if plan_is_fulfilled(StopReason.UNREACHABLE, self._plan):
+                raise
+            lost = error
+        for retry in step_retries(d_st, past_tacks=isinstance(lost, NotRead)):
+            self._log.record_event(retry.event, retry.describe(lost))
             try:
                 if retry.from_last_section:
                     T_b_f = self._log.sections[-1].view.T_b_f
                     self._check_last_section(self._taker.move_linear(T_b_f))
-                return self._step(retry.share * d_st)
+                return self._step(retry.length)
             except NotRead as error:
                 lost = error
             except PoseUnreachable:
@@ -222,13 +233,14 @@ class Scanner:
     def _needs_no_correction(
         self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, step: StepRequest
     ) -> bool:
-        """Whether the prediction view may be the section's: near the ideal one, and plausible."""
+        """Whether the prediction view may be the section's: near the ideal, clear, plausible."""
         criterion = self._plan.skip
         if criterion is None:
             return False
         sigma = view_deviation_sigmas(predicted.groove, ahead, step.length, self._plan.direction)
         near = criterion.allows_skipping(view_deviation(predicted, ideal), sigma)
-        return near and measures_are_plausible(predicted, step)
+        clear = root_is_known(predicted.groove)
+        return near and clear and measures_are_plausible(predicted, step)
 
     def _scan(self, substep: Substep, to: SetPoint, step: StepRequest) -> ScannedSection:
         """Read the groove from a set-point, or from others near it.
@@ -278,6 +290,8 @@ class Scanner:
     ) -> ScannedSection:
         """Take profiles where the arm stands until one is read; only one of them where `once`.
 
+        A section whose root is not seen counts only where another profile shows none either.
+
         Raises
         ------
         GrooveNotFound
@@ -286,15 +300,21 @@ class Scanner:
             If no profile comes.
         """
         views: list[View] = []
+        rootless: ScannedSection | None = None
         while True:
             views.append(self._taker.take_view(index, substep, state))
             try:
-                return self._read(views[-1], T_s_t, step)
+                section = self._read(views[-1], T_s_t, step)
+                if once or rootless is not None or root_is_seen(section.groove):
+                    return section
+                rootless, why, most = section, "the root is not seen", 1 + AGAIN
             except GrooveNotFound as error:
-                lost = error
-            if once or len(views) >= max_profiles_per_pose(lost):
+                lost, why, most = error, str(error), max_profiles_per_pose(error)
+            if once or len(views) >= most:
                 break
-            self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {lost}")
+            self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {why}")
+        if rootless is not None:
+            return rootless
         if once or lost.reason == FEW or (merged := self._taker.merge_views(views, state)) is None:
             raise lost
         what = f"section {index}, {substep}, {MERGED} profiles: {lost}"
@@ -314,7 +334,7 @@ class Scanner:
         groove = self._setup.read(view.profile)
         check_section_orientation(groove)
         T_s_t = self._plan.target_pose_in_sensor(groove.work_angle) if T_s_t is None else T_s_t
-        section = ScannedSection(view, groove, T_s_t)
+        section = with_tack_named(ScannedSection(view, groove, T_s_t), self._log.sections)
         if step is not None:
             check_section_one_step_ahead(section, step)
             if view.substep is Substep.CORRECTION:
