@@ -24,6 +24,7 @@ from tjscan.core.frames import Array, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.section import absent_corners
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
@@ -59,7 +60,7 @@ class Scanned:
     errors : ndarray, shape (n,)
         Distances of the corners that were seen from the edges of the bent joint, mm.
     tacks, found : int
-        Sections whose corners a tack buries, and how many of them are recorded as tack.
+        Sections whose root a tack buries, and how many of them are recorded as tack.
     """
 
     complete: bool
@@ -83,15 +84,16 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
         return Scanned(False, np.nan, np.empty(0), 0, 0)
     T_j_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
     corners = np.array([transform_points(T_j_b, section.points_b) for section in result.sections])
-    errors = 1e3 * corner_to_edge_distances(corners, feature_edges(context.joint))
+    edges = feature_edges(context.joint)
     grooves = [section.groove for section in result.sections]
-    seen = [[corner not in groove.absent for corner in ("p2", "p3", "p4")] for groove in grooves]
-    buried = np.isnan(errors).any(axis=1)
+    errors = 1e3 * corner_to_edge_distances(corners, edges, absent_corners(grooves))
+    # Across the end of a tack one corner of the root lies bare: it may be read.
+    buried = edges.on_tack(corners[:, 2]) & edges.on_tack(corners[:, 3])
     named = np.array([groove.on_tack for groove in grooves])
     return Scanned(
         plan_is_fulfilled(result.stop, job.scan),
         len(result.views) / len(grooves),
-        errors[np.array(seen) & ~np.isnan(errors)],
+        errors[~np.isnan(errors)],
         int(buried.sum()),
         int((buried & named).sum()),
     )

@@ -109,7 +109,24 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
         f"{read_recorded_scan(run).started:%Y-%m-%d}",
     ):
         assert words in text
-    assert page.count("<img") == 6
+    assert page.count("<img") == 7
+
+
+def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Path) -> None:
+    tacked = tmp_path / "tacked"
+    shutil.copytree(run, tacked)
+    before = read_report_data(run)
+    one = replace(before.sections[2], conditions=("tack",), absent=("p3", "p4"))
+    sections = (*before.sections[:2], one, *before.sections[3:])
+    write_sections_csv(tacked / "sections.csv", sections, ORIGIN)
+    data = read_report_data(tacked)
+    text = Page(render_page(data)).text
+    assert "Shaded: tack welds, 1 of 6 sections lie on one." in text
+    assert data.comparison is not None
+    (found,) = (d for d in data.comparison.deviations if d.kind == "corners to feature edges")
+    assert np.isnan(found.distances.reshape(-1, 3)).tolist() == [
+        [False, buried, buried] for buried in (k == 2 for k in range(6))
+    ]
 
 
 def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
@@ -120,7 +137,7 @@ def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
     (odd / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     found = Page(write_run_report(odd).read_text(encoding="utf-8"))
     assert "script" not in found.tags
-    assert found.tags.count("img") == 6
+    assert found.tags.count("img") == 7
     assert odd.name in found.text
     assert "<img src=x onerror=alert(1)>" in found.text
 
@@ -173,7 +190,7 @@ def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path:
     )
     found = Page(render_page(read_report_data(bare)))
     assert "azimuths are not known in frame b" in found.text
-    assert found.tags.count("img") == 4
+    assert found.tags.count("img") == 5
     assert "Compared with" not in found.text
 
 
@@ -286,7 +303,7 @@ def test_a_stitched_run_shows_its_stations(stitched: Path) -> None:
         "corners to feature edges",
     ):
         assert words in found.text
-    assert found.tags.count("img") == 6
+    assert found.tags.count("img") == 7
 
 
 def test_a_loop_that_no_overlap_closes_is_reported(stitched: Path) -> None:

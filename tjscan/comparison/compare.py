@@ -221,7 +221,8 @@ def _deviations(
     def deviation(
         kind: str, meaning: str, signed: bool, points: Array, d: Array
     ) -> DeviationDistances:
-        within = None if tolerance is None else float(np.mean(np.abs(d) <= tolerance))
+        known = d[~np.isnan(d)]
+        within = None if tolerance is None else float(np.mean(np.abs(known) <= tolerance))
         return DeviationDistances(kind, meaning, signed, points.reshape(-1, 3), d.ravel(), within)
 
     points, corners = measured.points, measured.corners
@@ -245,13 +246,15 @@ def _deviations(
     if corners is None:
         return
     middle = corners[:, 1:4]
+    flat = middle.reshape(-1, 3)
+    absent = np.zeros((len(corners), 3), bool) if measured.absent is None else measured.absent
     if reference.edges is not None:
         yield deviation(
             "corners to feature edges",
             "of p2, p3 and p4, each from its own edge, unsigned",
             False,
             middle,
-            corner_to_edge_distances(corners, reference.edges),
+            corner_to_edge_distances(corners, reference.edges, measured.absent),
         )
     if reference.points is not None:
         yield deviation(
@@ -260,7 +263,7 @@ def _deviations(
             "Cibicik et al. (2022), section 4",
             False,
             middle,
-            distances_to_cloud(middle.reshape(-1, 3), reference.points),
+            np.where(absent, np.nan, distances_to_cloud(flat, reference.points).reshape(-1, 3)),
         )
 
 

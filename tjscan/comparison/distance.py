@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.core.frames import Array
@@ -46,7 +47,9 @@ class DistanceStatistics:
         )
 
 
-def corner_to_edge_distances(points_j: Array, edges: FeatureEdges) -> Array:
+def corner_to_edge_distances(
+    points_j: Array, edges: FeatureEdges, absent: NDArray[np.bool_] | None = None
+) -> Array:
     """Distances of measured corners from the joint's feature edges.
 
     Parameters
@@ -55,18 +58,21 @@ def corner_to_edge_distances(points_j: Array, edges: FeatureEdges) -> Array:
         The five points of each section in frame j, metres.
     edges : FeatureEdges
         The joint's edges.
+    absent : ndarray of bool, shape (n, 3), optional
+        Which of p2, p3 and p4 were not seen: they are compared with nothing.
 
     Returns
     -------
     ndarray, shape (n, 3)
         Distances of p2, p3 and p4, each from its own edge, metres; NaN for p3 and p4 where a
-        tack weld buries them.
+        tack weld buries them, and for corners that are absent.
     """
     lines = (edges.p2, edges.p3, edges.p4)
     errors = [line.distance(points_j[:, i]) for i, line in enumerate(lines, start=1)]
     for i in (1, 2):
         errors[i] = np.where(edges.on_tack(points_j[:, i + 1]), np.nan, errors[i])
-    return np.column_stack(errors)
+    found = np.column_stack(errors)
+    return found if absent is None else np.where(absent, np.nan, found)
 
 
 def distances_to_cloud(points: Array, reference: Array) -> Array:

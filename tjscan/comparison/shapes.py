@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.comparison.facets import IndexArray
 from tjscan.core.frames import Array, readonly_copy, transform_points
@@ -60,6 +61,8 @@ class Shape:
         A cloud, metres.
     corners : ndarray, shape (k, 5, 3), optional
         The five points of each section of a run, metres.
+    absent : ndarray of bool, shape (k, 3), optional
+        Which of p2, p3 and p4 were not seen.
     mesh : Mesh, optional
         Its surface.
     edges : FeatureEdges, optional
@@ -74,6 +77,7 @@ class Shape:
     stated: UnitAndFrame
     points: Array | None = None
     corners: Array | None = None
+    absent: NDArray[np.bool_] | None = None
     mesh: Mesh | None = None
     edges: FeatureEdges | None = None
     dropped: int = 0
@@ -106,5 +110,6 @@ class Shape:
             UnitAndFrame(self.stated.unit, self.stated.unit_source, frame),
             None if self.points is None else readonly_copy(transform_points(T, self.points)),
             None if self.corners is None else readonly_copy(transform_points(T, self.corners)),
+            self.absent,
             dropped=self.dropped,
         )

@@ -12,7 +12,7 @@ from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_groove_3d
-from tjscan.result.section import MEASURES, SIGMAS, lengths_along_groove
+from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN: Final = "#d62728"
@@ -66,6 +66,8 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     for k, (axes, field, spread) in enumerate(zip(panels.flat, MEASURES, SIGMAS, strict=True)):
         y = field.values(data.sections)[order]
         sigma = BAND * spread.values(data.sections)[order]
+        if k > 0:  # the angle needs no root
+            y = np.where(absent_corners(data.sections)[order].any(axis=1), np.nan, y)
         axes.fill_between(x[order], y - sigma, y + sigma, color=LASER, alpha=0.3, linewidth=0)
         axes.plot(x[order], y, marker="o", markersize=3, linewidth=1, color=LASER, label="measured")
         if design is not None:
@@ -89,7 +91,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
-        f"deviations, from each profile's own noise.{designed}",
+        f"deviations. Where the root is not seen, only the angle is known.{designed}",
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from tjscan.comparison.maps import deviation_map_figure
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure
@@ -35,7 +37,7 @@ def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
         rows.append(
             (
                 deviation.kind,
-                str(len(deviation.distances)),
+                str(int(np.count_nonzero(~np.isnan(deviation.distances)))),
                 *(f"{number:.3f}" for number in numbers),
                 within,
             )

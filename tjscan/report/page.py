@@ -18,6 +18,7 @@ from tjscan.report.charts import (
 from tjscan.report.data import ReportData
 from tjscan.report.deviation import deviation_table_rows, draw_deviation_map
 from tjscan.report.findings import describe_coverage, report_findings
+from tjscan.report.fit_up import draw_fit_up
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.stations import (
     overlap_rows,
@@ -53,6 +54,7 @@ def render_page(data: ReportData) -> str:
         "deviation": draw_deviation_map(data),
         "corners": draw_corner_errors(data),
         "measures": draw_measure_charts(data),
+        "fit_up": draw_fit_up(data),
         "profiles": draw_fitted_profiles(data),
         "steps": draw_scan_charts(data),
         "stations": read_stations_picture(data.directory),

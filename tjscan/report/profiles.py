@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import fit_profile
+from tjscan.groove.find import find_groove, fit_profile
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
@@ -39,9 +39,10 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
         axes = figure.add_subplot(rows, columns, i)
         where = "" if np.isnan(section.azimuth) else f", {np.degrees(section.azimuth):.0f}°"
         at = "" if len(data.places) == 1 else f"{place.name}, "
-        title = f"{at}section {section.index}{where}, rms {1e3 * section.rms:.3f} mm"
+        found = ", ".join((f"rms {1e3 * section.rms:.3f} mm", *section.conditions))
+        title = f"{at}section {section.index}{where}, {found}"
         axes.set_title(title, fontsize=10, parse_math=False)
-        _draw(axes, profile, settings)
+        _draw(axes, profile, settings, section.absent)
         if i == 1:
             axes.legend(loc="best", fontsize=8, markerscale=3)
     return inline_figure(
@@ -49,7 +50,7 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
         "Profiles and what was read in them",
         "Each picture looks along the groove, brace above and leg below: points that the fit rests "
         "on are blue, those left out as ghosts, flyers or noise orange; lines are the fitted "
-        "sides, rings the corners p2, p3 and p4.",
+        "sides, rings the corners p2, p3 and p4 as far as they are seen.",
     )
 
 
@@ -68,7 +69,7 @@ def _chosen(
     return [there[int(k)] for k in places]
 
 
-def _draw(axes: Any, profile: Profile, settings: GrooveSettings) -> None:
+def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[str, ...]) -> None:
     axes.set_xlabel("← away from the sensor   $z_s$ / mm", fontsize=8)
     axes.set_ylabel("$x_s$ / mm   up the brace →", fontsize=8)
     axes.tick_params(labelsize=8)
@@ -76,6 +77,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings) -> None:
     axes.invert_xaxis()
     try:
         row, fitted = fit_profile(profile, settings)
+        points = find_groove(profile, settings).points_s[1:4, [0, 2]]
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
@@ -93,10 +95,13 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings) -> None:
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
         line = np.array([curve.points_at(float(s)) for s in np.linspace(first, last, ALONG)])
         axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
-    axes.plot(*_zx(fitted.corners), "o", color=ROOT, markersize=7, fillstyle="none")
-    for number, (x, z) in enumerate(1e3 * fitted.corners, start=2):
+    for number, point in enumerate(points, start=2):
+        if f"p{number}" in absent:
+            continue
+        z, x = _zx(point[None])
+        axes.plot(z, x, "o", color=ROOT, markersize=7, fillstyle="none")
         axes.annotate(
-            f"$p_{number}$", (z, x), xytext=(7, 0), textcoords="offset points", fontsize=9
+            f"$p_{number}$", (z[0], x[0]), xytext=(7, 0), textcoords="offset points", fontsize=9
         )
 
 

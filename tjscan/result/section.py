@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, pose
 from tjscan.core.provenance import LengthUnit
 from tjscan.core.units import DEG, MM, MM2, FileUnit
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.section import GrooveSection
 from tjscan.result.directions import section_directions
 
 NONE: Final = FileUnit("")
@@ -129,6 +131,14 @@ def _text(value: float | str, factor: float, decimals: int | None) -> str:
         return f"{value:.6g}"
     text = f"{value:.{decimals}f}"
     return text if float(text) else f"{0:.{decimals}f}"
+
+
+def absent_corners(
+    sections: Sequence[MeasuredSection] | Sequence[GrooveSection],
+) -> NDArray[np.bool_]:
+    """Which of p2, p3 and p4 are buried, not there or not seen in n sections, shape (n, 3)."""
+    names = ("p2", "p3", "p4")
+    return np.array([[name in section.absent for name in names] for section in sections])
 
 
 def lengths_along_groove(sections: Sequence[MeasuredSection]) -> Array:

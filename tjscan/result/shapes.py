@@ -14,6 +14,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import readonly_copy
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
+from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.result.table import read_sections_csv
 
@@ -78,6 +79,7 @@ def read_run_shape(directory: Path) -> Shape:
         UnitAndFrame("mm", "the run", frame),
         cloud.points,
         readonly_copy(np.array([section.points for section in sections])),
+        absent_corners(sections),
         dropped=cloud.dropped,
         # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
         is_in_joint_frame=frame == "j" and bool(summary.stations),

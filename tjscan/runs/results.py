@@ -18,6 +18,7 @@ from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
+from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
@@ -150,7 +151,9 @@ def write_scan_results(
     sections = sections_in_result_frame(result.sections, frame, station)
     points = all_profile_points(result.sections, frame)
     corners = np.array([section.points for section in sections])
-    error = None if joint is None else corner_to_edge_distances(corners, feature_edges(joint))
+    error = None
+    if joint is not None:
+        error = corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
     summary = summarise_scan(result, plan, frame, error, calibration_label(directory))
     middle = result.sections[len(result.sections) // 2]
     picture = draw_groove_overview(

@@ -10,13 +10,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.devices import DriverKind
-from tjscan.groove.section import TACK
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOB, RECORDING, SECTIONS, SUMMARY
-from tjscan.result.section import lengths_along_groove
+from tjscan.result.directory import JOB, RECORDING, SUMMARY
 from tjscan.result.summary import check_recording_complete, read_summary
-from tjscan.result.table import read_sections_csv
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection
@@ -39,10 +36,7 @@ def scan_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(
         facts=(("scanned", started), ("devices", _devices(job)), ("job", _job(job))),
         findings=tuple(_findings(job, events)),
-        charts=(
-            *_charts([log.sections[i] for i in sorted(log.sections)], job),
-            *_fit_up(directory),
-        ),
+        charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
         events=events,
         profiles=MappingProxyType({i: one.view.profile for i, one in log.sections.items()}),
         settings=job.groove,
@@ -80,23 +74,6 @@ def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
         yield "The profiles were replayed from a recording while the arm moved."
     elif DriverKind.SIMULATED in kinds:
         yield "Simulated: no real arm and laser saw this groove."
-
-
-def _fit_up(directory: Path) -> Iterator[ReportChart]:
-    """Tacks and the root opening, unrolled: over the clock position, or the groove's length."""
-    if not (directory / SECTIONS).is_file():
-        return
-    sections = read_sections_csv(directory / SECTIONS)
-    azimuths = np.array([section.azimuth for section in sections])
-    x, label = np.degrees(np.unwrap(azimuths)) / 30, "clock position / h, 0 at the crown"
-    if np.isnan(azimuths).any():
-        x, label = 1e3 * lengths_along_groove(sections), "along the groove / mm"
-    tacked = np.array([float(TACK in section.conditions) for section in sections])
-    opening = 1e3 * np.array([section.root_opening for section in sections])
-    if tacked.any():
-        yield ReportChart("tack welds", label, "1 on a tack", x, tacked)
-    if not np.isnan(opening).all():
-        yield ReportChart("root opening", label, "root opening / mm", x, opening)
 
 
 def _charts(sections: Sequence[RecordedSection], job: ScanJob) -> Iterator[ReportChart]:

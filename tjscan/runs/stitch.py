@@ -30,6 +30,7 @@ from tjscan.result.directory import (
 )
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview, write_png
+from tjscan.result.section import absent_corners
 from tjscan.result.stitching import StitchingReport, write_stitching_report
 from tjscan.result.summary import (
     ScanSummary,
@@ -232,7 +233,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
         stitched.sections,
         "j",
-        None if joint is None else corner_to_edge_distances(corners, feature_edges(joint)),
+        None
+        if joint is None
+        else corner_to_edge_distances(
+            corners, feature_edges(joint), absent_corners(stitched.sections)
+        ),
         closed=stitched.is_closed,
     )
     report = build_stitching_report(

@@ -15,6 +15,7 @@ from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.results import summarise_scan
 from tjscan.runs.scan import scan_in_cell
@@ -49,7 +50,9 @@ def _outcome(
     result: ScanResult, plan: ScanPlan, frame: JointOrBaseFrame, joint: JointDefinition
 ) -> ScanOutcome:
     corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
-    summary = summarise_scan(result, plan, frame, corner_to_edge_distances(corners, _edges(joint)))
+    absent = absent_corners([s.groove for s in result.sections])
+    errors = corner_to_edge_distances(corners, _edges(joint), absent)
+    summary = summarise_scan(result, plan, frame, errors)
     step, error = summary.step_mm, summary.corner_error_mm
     predicted, corrected = (
         _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)

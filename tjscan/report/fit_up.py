@@ -1,0 +1,104 @@
+"""How the joint is fitted up, unrolled: tack welds, root, and how far its tubes stand off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.section import TACK
+from tjscan.joint.imperfections import NO_IMPERFECTIONS
+from tjscan.report.data import ReportData
+from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.result.picture import CORNER, LASER, PATH, ROOT
+from tjscan.result.section import absent_corners, lengths_along_groove
+
+DEGREES_PER_HOUR: Final = 30.0
+ROOT_WIDTH: Final = 1
+"""Place of the root's width among the measures of a section."""
+
+
+def draw_fit_up(data: ReportData) -> ReportPicture:
+    """Tacks, root and high-low over the clock position, or the groove's length without a joint."""
+    x, label = _unrolled(data)
+    order = np.argsort(x)
+    sections = [data.sections[k] for k in order]
+    x, absent = x[order], absent_corners(sections)
+    tacked = np.array([TACK in section.conditions for section in sections])
+    high_low = _high_low(data, order)
+    figure = new_figure(12, 3 if high_low is None else 5.5)
+    panels = figure.subplots(1 if high_low is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    for axes in panels:
+        _shade(axes, x, tacked)
+        axes.grid(alpha=0.3)
+    opening = 1e3 * np.array([section.root_opening for section in sections])
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
+    closed = np.isnan(opening) & ~absent[:, 1:].any(axis=1)
+    for name, y, colour in (
+        ("root opening", opening, ROOT),
+        ("width of the root bead", np.where(closed, width, np.nan), LASER),
+    ):
+        if not np.isnan(y).all():
+            axes = panels[0]
+            axes.plot(x, y, marker="o", markersize=3, linewidth=1, color=colour, label=name)
+    panels[0].set_ylabel("root / mm")
+    panels[0].set_ylim(bottom=0)
+    if high_low is not None:
+        for y, name, colour in zip(
+            high_low.T, ("brace's wall at p2", "leg at p4"), (CORNER, PATH), strict=True
+        ):
+            panels[1].plot(x, 1e3 * y, marker="o", markersize=3, color=colour, label=name)
+        panels[1].axhline(0, color="grey", linewidth=0.8)
+        panels[1].set_ylabel("high-low / mm")
+    for axes in panels:
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=8, ncols=3)
+    panels[-1].set_xlabel(label)
+    off = (
+        ""
+        if high_low is None
+        else (" High-low: how far the tubes stand out of where they are drawn, positive outwards.")
+    )
+    return inline_figure(
+        figure,
+        "Fit-up, unrolled",
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one.{off}",
+    )
+
+
+def _unrolled(data: ReportData) -> tuple[Array, str]:
+    """Where the sections stand, and what that is called."""
+    if (azimuths := data.unwrapped_azimuths) is not None:
+        return azimuths / DEGREES_PER_HOUR, (
+            "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
+        )
+    return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+
+
+def _high_low(data: ReportData, order: NDArray[np.intp]) -> Array | None:
+    """Metres by which brace and leg stand out of their drawn cylinders, (n, 2), if these are known.
+
+    NaN where the corner is not seen.
+    """
+    if data.joint is None:
+        return None
+    points = np.array([data.sections[k].points for k in order])
+    absent = absent_corners([data.sections[k] for k in order])
+    brace = np.hypot(points[:, 1, 0], points[:, 1, 1]) - data.joint.brace_radius
+    nominal = replace(data.joint, imperfections=NO_IMPERFECTIONS)
+    leg = nominal.leg.distance(points[:, 3])
+    return np.where(absent[:, [0, 2]], np.nan, np.column_stack((brace, leg)))
+
+
+def _shade(axes: Any, x: Array, tacked: NDArray[np.bool_]) -> None:
+    """Bands about the sections on tacks, half way to their neighbours."""
+    middles = (x[1:] + x[:-1]) / 2
+    bounds = np.concatenate((x[:1], middles, x[-1:]))
+    first = True
+    for k in np.flatnonzero(tacked):
+        label = "tack weld" if first else None
+        axes.axvspan(bounds[k], bounds[k + 1], color="#f2c14e", alpha=0.5, linewidth=0, label=label)
+        first = False
