@@ -290,7 +290,7 @@ class Scanner:
     ) -> ScannedSection:
         """Take profiles where the arm stands until one is read; only one of them where `once`.
 
-        A section whose root is not seen counts only where another profile shows none either.
+        A section whose root is not seen counts only where no other profile shows it either.
 
         Raises
         ------
@@ -300,26 +300,35 @@ class Scanner:
             If no profile comes.
         """
         views: list[View] = []
-        rootless: ScannedSection | None = None
+        rootless: list[ScannedSection] = []
         while True:
             views.append(self._taker.take_view(index, substep, state))
             try:
                 section = self._read(views[-1], T_s_t, step)
-                if once or rootless is not None or root_is_seen(section.groove):
+                if once or root_is_seen(section.groove):
                     return section
-                rootless, why, most = section, "the root is not seen", 1 + AGAIN
+                rootless.append(section)
+                why, most = "the root is not seen", 1 + AGAIN
             except GrooveNotFound as error:
                 lost, why, most = error, str(error), max_profiles_per_pose(error)
             if once or len(views) >= most:
                 break
             self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {why}")
-        if rootless is not None:
-            return rootless
-        if once or lost.reason == FEW or (merged := self._taker.merge_views(views, state)) is None:
-            raise lost
-        what = f"section {index}, {substep}, {MERGED} profiles: {lost}"
-        self._log.record_event(ScanEvent.MERGED, what)
-        return self._read(merged, T_s_t, step)
+        merged = None
+        # From a prediction view without the root a correction follows, which may show it.
+        worth_merging = substep is not Substep.PREDICTION if rootless else lost.reason != FEW
+        if worth_merging and not once:
+            merged = self._taker.merge_views(views, state)
+        if merged is not None:
+            what = f"section {index}, {substep}, {MERGED} profiles: {why}"
+            self._log.record_event(ScanEvent.MERGED, what)
+            try:
+                return self._read(merged, T_s_t, step)
+            except GrooveNotFound as error:
+                lost = error
+        if rootless:
+            return rootless[-1]
+        raise lost
 
     def _read(self, view: View, T_s_t: Array | None, step: StepRequest | None) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.

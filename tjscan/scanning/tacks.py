@@ -18,7 +18,7 @@ KNOWN_ROOT: Final = 1e-3
 """Standard deviation of a corner of the root in metres from which a view does not show it well: a
 fifth of a usual root's width."""
 
-STEADY: Final = 0.04
+STEADY: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
 
