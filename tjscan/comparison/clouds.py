@@ -44,7 +44,7 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
     ----------
     path : Path
         PLY, PCD, XYZ, CSV, STL, OBJ, 3MF; STEP and E57 where their extras are installed.
-    options : ShapeOptions, optional
+    options : StatedUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises

@@ -53,7 +53,7 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
         With points.
     reference : Shape
         A mesh, a cloud or edges.
-    surface : SurfaceDistance, optional
+    surface : MeshDistance, optional
         Of the reference's mesh.
 
     Raises

@@ -55,7 +55,7 @@ class Shape:
     ----------
     name : str
         What to call it.
-    stated : Stated
+    stated : UnitAndFrame
         Its unit and frame.
     points : ndarray, shape (n, 3), optional
         A cloud, metres.

@@ -100,7 +100,7 @@ def resolve_unit_and_frame(
     ----------
     file : Path
         The file.
-    options : ShapeOptions
+    options : StatedUnitAndFrame
         What the user states.
     sidecar : Sidecar or None
         What stands beside the file.

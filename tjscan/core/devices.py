@@ -79,11 +79,11 @@ class DriverFactory(Generic[C, D]):
     Parameters
     ----------
     make : callable
-        Makes the device, not yet connected, from a context (`ArmContext`, `LaserContext`) and
+        Makes the device, not yet connected, from a context (`ArmDriverInputs`, `LaserContext`) and
         the settings, an instance of `table`.
     table : type of SettingsTable, optional
         Its own table in the job file.
-    kind : Kind, optional
+    kind : DriverKind, optional
         A device, a simulation or a recording.
     """
 

@@ -37,7 +37,7 @@ class StationSettings(StationPoseSettings):
         As in [scan], metres.
     sections : int, optional
         As in [scan].
-    first, second : PoseTable
+    first, second : PoseSettings
         The taught poses of the flange, in this station's frame b.
     """
 

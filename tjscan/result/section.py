@@ -44,7 +44,7 @@ class SectionQuantity:
         Of the quantity, as JSON has it.
     meaning : str
         What it is, in a sentence.
-    unit : Unit
+    unit : FileUnit
         Of the file, in millimetres and degrees.
     take : callable
         Gives the values of sections that stand in their order along the groove, in SI units and

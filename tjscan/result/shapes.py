@@ -26,7 +26,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     ----------
     path : Path
         The directory or file.
-    options : ShapeOptions, optional
+    options : StatedUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises

@@ -41,7 +41,7 @@ def write_run_results(
     picture : matplotlib Figure
         See `draw_groove_overview`.
     job : str
-        The job that all of it comes from, see `job_of`.
+        The job that all of it comes from, see `job_label_of_run`.
 
     Returns
     -------

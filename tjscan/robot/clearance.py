@@ -91,7 +91,7 @@ class ClearPathPlanner:
 
         Near a singularity such a move is harmless; only its end is kept from one. It ends in
         the configuration nearest to `near`, shape (n,), or to `q` where that is left out.
-        Parameters and errors are otherwise those of `linear`.
+        Parameters and errors are otherwise those of `joint_angles_after_linear_move`.
         """
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         path = joint_waypoints(q, goal)

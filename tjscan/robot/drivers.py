@@ -35,7 +35,7 @@ class ArmDriverInputs:
         How fast it may move.
     seed : int
         Of a simulation's random numbers.
-    simulation : ArmSimulation or None
+    simulation : ArmSimulationSettings or None
         How a simulated arm stands at first and how well it repeats; None where the job has no
         [simulation.arm].
     left : ArmState or None

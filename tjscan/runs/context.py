@@ -51,7 +51,7 @@ class RunContext:
     stop : StopRequest
         Asks for an end before the job is done.
     finished : callable
-        Is called with every directory whose results are written, for instance `write_report`.
+        Is called with every directory whose results are written, for instance `write_run_report`.
     """
 
     job: ScanJob

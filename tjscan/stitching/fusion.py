@@ -68,7 +68,7 @@ def sections_in_joint_frame(
         Its base in frame j.
     covariance : ndarray, shape (6, 6)
         Of that pose: translation and rotation vector in j, about its origin.
-    repeatability : Repeatability
+    repeatability : ArmRepeatability
         Of its arm.
     """
     sections = []

@@ -133,7 +133,7 @@ def align_second_to_first(
         What they share.
     first, second : UnrolledViews
         Unrolled about one shape. The second's points are to be moved by little: the unrolled
-        problem is linear for a tenth of a degree or so; see `register_all`.
+        problem is linear for a tenth of a degree or so; see `register_overlaps`.
 
     Returns
     -------

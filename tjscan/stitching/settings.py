@@ -14,7 +14,7 @@ class StitchSettings:
 
     Parameters
     ----------
-    repeatability : Repeatability
+    repeatability : ArmRepeatability
         How exactly the arm reports where it stands; it weighs views against points.
     out_of_round : float
         How far a tube's wall may bulge from a circle, metres: what each station finds of the

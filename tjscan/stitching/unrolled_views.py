@@ -100,7 +100,7 @@ def unroll_views(
         Its base in frame j.
     shape : TubeDimensions
         The tubes to unroll about.
-    repeatability : Repeatability
+    repeatability : ArmRepeatability
         Of its arm.
 
     Raises

@@ -29,7 +29,7 @@ def run_study(
     Parameters
     ----------
     directory : Path
-        What `make_study` made.
+        What `make_study_directory` made.
     scheduler : TaskScheduler
         Where the trials run.
     watch : callable

@@ -17,7 +17,7 @@ class DashboardServer:
 
     Parameters
     ----------
-    controller : Controller
+    controller : LoopbackController
         Of whom it speaks.
     model : str
         Name of the arm, for instance ``ur10e``.

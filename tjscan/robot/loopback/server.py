@@ -60,7 +60,7 @@ class LoopbackServer:
 
     Parameters
     ----------
-    controller : Controller
+    controller : LoopbackController
         The controller.
     model : str
         Name of its arm.
