@@ -142,7 +142,7 @@ def read_groove(
     model: str = "tee",
     noise: float = 0.05e-3,
     minimum_points: int = 80,
-    largest_sigma: float = 0.4e-3,
+    largest_sigma: float = 0.6e-3,
     largest_rms: float = 0.15e-3,
     inlier_share: float = 0.1,
 ) -> GrooveSection:

@@ -192,9 +192,10 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
             if not sound:
                 continue
             best = min(sound, key=lambda c: c.cost)
-            enough = budget is not SEARCH_BUDGETS[0] and forms is stages[-1]
+            every = forms is stages[-1]
+            enough = every and budget is not SEARCH_BUDGETS[0]
             explained = best.cost < left_out * len(row.points) or _leaves_few_points(best, settings)
-            if explained and (enough or _convincing(best)):
+            if explained and (enough or _convincing(best, compared=every)):
                 return _with_rivals(best, sound)
     if sound:
         return _with_rivals(best, sound)
@@ -388,10 +389,13 @@ def _leaves_few_points(found: Candidate, settings: GrooveSettings) -> bool:
     return bool(off.mean() < ELSEWHERE)
 
 
-def _convincing(found: Candidate) -> bool:
-    """Whether every side is seen well, and none but the root's face bends or leaves the points."""
+def _convincing(found: Candidate, *, compared: bool) -> bool:
+    """Whether every side is seen well, and none but the root's face bends or leaves the points.
+
+    Unless it has been compared with other forms, every corner must be seen from both sides, too.
+    """
     fitted, sides = found.fitted, found.model.sides
-    if not attached(fitted).all():
+    if not (compared or attached(fitted).all()):
         return False
     if fitted.shares.min() < SEEN_SHARE or undulations(fitted)[1:-1].max() > STRAIGHT:
         return False

@@ -47,6 +47,9 @@ BLUNT: Final = 0.2
 """Share of its height by which the face of a bead may lie off a parabola: its points are within
 that of the fit."""
 
+STUCK: Final = 3.0
+"""Points of a rough or patched outer side lie within so many tolerances of it."""
+
 ANNEALED: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
@@ -214,6 +217,9 @@ def refine(
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
+    # What sticks to the long outer sides is wider than their noise.
+    reach = np.ones(len(sides))
+    reach[[0, -1]] = STUCK
     blunt = _blunt(sides, corners, model)
     limits = np.maximum(np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance, blunt)
     sigmas = np.full(len(sides), tolerance / 4)
@@ -230,7 +236,7 @@ def refine(
             return None
         sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
         blunt = _blunt(sides, corners, model)
-        limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance)
+        limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance * reach)
         if count + 1 < len(widths):
             limits = np.where(bead, 1.0, widths[count + 1]) * tolerance
         limits = np.maximum(limits, blunt)

@@ -34,7 +34,7 @@ class GrooveSettings(SettingsTable):
     model: Annotated[GrooveModel, ChosenByName(MODELS)] = TEE
     noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
     minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
-    largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.4e-3
+    largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.6e-3
     largest_rms: Annotated[float, Gt(0), Le(10), MM] = 0.15e-3
     inlier_share: Annotated[float, Gt(0), Le(1)] = 0.1
 

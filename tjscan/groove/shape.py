@@ -55,6 +55,9 @@ BENT: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
+FREE: Final = 0.15
+"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
+
 LEAVING, LEAVING_STEP = 6, 0.25e-3
 """Points in a row that leave a side, and the most by which one lies farther off than the last, in
 metres."""
@@ -113,12 +116,17 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
             shift[k - 1 : k + 1] += _pulled(fitted, k, left)
     slow = np.hypot(slow, _patches(fitted))
     sigma = np.hypot(np.abs(shift), np.column_stack((slow[:-1], slow[1:])))
-    sigma = np.hypot(sigma, BENT * _gaps(fitted))
+    gaps = _gaps(fitted)
+    sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0))
     for k, side in enumerate(model):
         if side.bead:
             ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
             bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
-            sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], BLUNT * bow)
+            # Beyond its last points a face goes on with a slope that these hardly know.
+            slope = FREE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
+            unseen = np.maximum(gaps[(k - 1, k), (1, 0)] - CLOSE, 0.0)
+            free = np.hypot(BLUNT * bow, slope * unseen)
+            sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
     return ShapeErrors(shift, sigma)
 
 
@@ -185,7 +193,7 @@ def _gaps(fitted: FittedProfile) -> Array:
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             own = fitted.along[fitted.keep & (fitted.owner == i + j)]
-            found[i, j] = max(float(np.abs(own - s).min()) - BESIDE, 0.0)
+            found[i, j] = np.abs(own - s).min()
     return found
 
 
