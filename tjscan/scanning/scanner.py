@@ -54,7 +54,7 @@ from tjscan.scanning.retries import (
 from tjscan.scanning.section import ScannedSection, Substep, View
 from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.tacks import root_is_known, root_is_seen, with_tack_named
+from tjscan.scanning.tacks import root_is_seen, with_tack_named
 from tjscan.scanning.target import ScanDirection
 
 
@@ -239,7 +239,7 @@ class Scanner:
             return False
         sigma = view_deviation_sigmas(predicted.groove, ahead, step.length, self._plan.direction)
         near = criterion.allows_skipping(view_deviation(predicted, ideal), sigma)
-        clear = root_is_known(predicted.groove)
+        clear = root_is_seen(predicted.groove)
         return near and clear and measures_are_plausible(predicted, step)
 
     def _scan(self, substep: Substep, to: SetPoint, step: StepRequest) -> ScannedSection:
