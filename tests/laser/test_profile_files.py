@@ -280,3 +280,22 @@ def test_turned_upside_down_twice_a_profile_is_itself(tmp_path: Path) -> None:
     turned = flip_heights(profile)
     assert np.nanargmax(turned.z_s) == np.nanargmin(profile.z_s)
     np.testing.assert_allclose(flip_heights(turned).z_s, profile.z_s, atol=ROUNDING)
+
+
+def test_two_columns_without_names_are_points(tmp_path: Path) -> None:
+    points = np.column_stack((np.linspace(-30, 30, 50), np.linspace(220, 250, 50)))
+    np.savetxt(tmp_path / "points.txt", points)
+    table = read_profiles(tmp_path / "points.txt", ProfileFormat("mm"))
+    (profile,) = table.profiles.values()
+    np.testing.assert_allclose(1e3 * profile.points_s[:, [0, 2]], points)
+
+
+@pytest.mark.parametrize("code", [-9999, 32767])
+def test_a_number_that_must_mean_no_point_is_found_out(tmp_path: Path, code: int) -> None:
+    heights = np.tile(np.linspace(220, 250, 50), (3, 1))
+    heights[:, 10:15] = code
+    np.savetxt(tmp_path / "rows.csv", heights, delimiter=",")
+    with pytest.raises(ConfigurationError, match=f"--invalid {code}"):
+        read_profiles(tmp_path / "rows.csv", ProfileFormat("mm", pitch=0.2))
+    table = read_profiles(tmp_path / "rows.csv", ProfileFormat("mm", 0.2, (code,)))
+    assert [len(profile.points_s) for profile in table.profiles.values()] == [45] * 3

@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +24,16 @@ METRES_PER_UNIT: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 
 GROUP_COLUMNS: Final = ("profile", "frame", "index")
 """Names of a column that separates the profiles of one table."""
+
+ENOUGH_HEIGHTS: Final = 20
+"""Heights that show what is usual among them."""
+
+CODE_DISTANCE: Final = 10.0
+"""A number that stands for no point lies this many times as far from all heights as these do from
+each other."""
+
+POINT_COLUMNS: Final = ["x", "z"]
+"""What two columns without names hold: no profile has two points."""
 
 PROFILE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
 """Files of a folder that are read."""
@@ -187,9 +197,11 @@ def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
     if is_gocator_export(text):
         return _read_gocator(text, form)
     first = text.numbers(text.rows[0][1])
-    if None not in first:
-        return _read_rows(file, text, form)
-    return _read_columns(file, text, form)
+    if None in first:
+        return _read_columns(file, text, form)
+    if form.pitch is None and len(first) == len(POINT_COLUMNS):
+        return _read_columns(file, replace(text, rows=((0, POINT_COLUMNS), *text.rows)), form)
+    return _read_rows(file, text, form)
 
 
 def _read_gocator(text: TextTable, form: ProfileFormat) -> FileProfiles:
@@ -367,6 +379,7 @@ def _heights(values: Array, scale: float, form: ProfileFormat, table: FileProfil
             f"{100 * zero.mean():.0f} % of the heights are exactly 0; if that means no point, "
             "state --invalid 0"
         )
+    _check_codes(z)
     z = scale * form.z_scale * z
     if form.z_offset is not None:
         return np.asarray(z + scale * form.z_offset)
@@ -375,6 +388,23 @@ def _heights(values: Array, scale: float, form: ProfileFormat, table: FileProfil
     table.notes.append(_MIDDLE_TAKEN)
     # Nothing lies behind the sensor, however long its range.
     return np.asarray(z + max(ASSUMED_MID_RANGE, -1.2 * float(np.nanmin(z))))
+
+
+def _check_codes(heights: Array) -> None:
+    """Refuse heights among which a number comes again and again far from all others."""
+    known = heights[np.isfinite(heights)]
+    if known.size < ENOUGH_HEIGHTS:
+        return
+    for code in (known.min(), known.max()):
+        others = known[known != code]
+        share = 1 - others.size / known.size
+        if others.size and share > NOTED_ZERO_SHARE:
+            away = np.abs(others - code).min()
+            if away > CODE_DISTANCE * max(np.ptp(others), 1e-9 * away):
+                raise ConfigurationError(
+                    f"{100 * share:.0f} % of the heights are exactly {code:g}, far from all "
+                    f"others; if that means no point, state --invalid {code:g}"
+                )
 
 
 def _is_apart(others: Array) -> bool:
