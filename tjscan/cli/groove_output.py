@@ -49,8 +49,12 @@ def print_readings(readings: Sequence[ProfileReading], bad: Sequence[str], *, js
             continue
         found = [] if reading.section is None else measures_with_sigmas(reading.section)
         values = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in found]
-        corners = "  ".join(f"({x:.3f}, {z:.3f})" for x, _, z in 1e3 * reading.points_s)
-        print(f"{reading.name}: {', '.join([*values, f'x, z in mm {corners}'])}")
+        corners = "  ".join(
+            f"({x:.3f}, {z:.3f})" if seen else "(not seen)"
+            for seen, (x, _, z) in zip(reading.is_seen, 1e3 * reading.points_s, strict=True)
+        )
+        words = [reading.found_in_words] if reading.found_in_words else []
+        print(f"{reading.name}: {', '.join([*words, *values, f'x, z in mm {corners}'])}")
 
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:

@@ -16,7 +16,6 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
-from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, fitted_side_polylines
 from tjscan.result.section import MEASURES, lengths_along_groove
 
@@ -70,7 +69,7 @@ def draw_groove_overview(
     if example is None:
         _draw_measures(beside, sections, DEPTH_AND_AREA)
     else:
-        draw_profile(beside, example.profile, example.points_s)
+        draw_profile(beside, example)
         beside.set_title(f"{example.name} in the laser plane")
     _draw_measures(figure.add_subplot(grid[1, 1]), sections, ANGLE_AND_WIDTH)
     return figure
@@ -133,12 +132,14 @@ def draw_groove_3d(
     axes.legend(loc="upper right", markerscale=2)
 
 
-def draw_profile(axes: Any, profile: Profile, points_s: Array) -> None:
-    """Draw a profile in the laser plane with its corners, shape (k, 3), the sensor to the right."""
-    corners = 1e3 * points_s
+def draw_profile(axes: Any, reading: ProfileReading) -> None:
+    """Draw a profile in the laser plane with the corners that are seen, the sensor to the right."""
+    profile = reading.profile
     axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
-    axes.plot(corners[:, 2], corners[:, 0], "o", color=CORNER, markersize=4)
-    for i, (x, _, z) in enumerate(corners, start=1):
+    for i, (x, _, z) in enumerate(1e3 * reading.points_s, start=1):
+        if not reading.is_seen[i - 1]:
+            continue
+        axes.plot(z, x, "o", color=CORNER, markersize=4)
         axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")
     axes.margins(0.08)
     axes.set_xlabel("$z_s$ / mm")
@@ -174,10 +175,10 @@ def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: Groove
     FigureCanvasAgg(figure)
     for i, reading in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, i)
-        draw_profile(axes, reading.profile, reading.points_s)
+        draw_profile(axes, reading)
         if reading.refusal is None:
             for side in fitted_side_polylines(reading.profile, settings):
                 axes.plot(1e3 * side[:, 1], 1e3 * side[:, 0], color=CORNER, linewidth=1)
-        reason = "" if reading.refusal is None else f": {reading.refusal.reason}"
-        axes.set_title(f"{reading.name}{reason}", fontsize=9)
+        found = f": {reading.found_in_words}" if reading.found_in_words else ""
+        axes.set_title(f"{reading.name}{found}", fontsize=9)
     return figure

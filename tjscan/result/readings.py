@@ -44,6 +44,23 @@ class ProfileReading:
     section: GrooveSection | None = None
     refusal: GrooveNotFound | None = None
 
+    @property
+    def found_in_words(self) -> str:
+        """The form and the conditions of a section, or why there is none; empty for butt joints."""
+        if self.refusal is not None:
+            return self.refusal.reason
+        return (
+            ""
+            if self.section is None
+            else ", ".join((self.section.model, *self.section.conditions))
+        )
+
+    @property
+    def is_seen(self) -> tuple[bool, ...]:
+        """Which of the corners show in the profile, one for each of `points_s`."""
+        absent = () if self.section is None else self.section.absent
+        return tuple(f"p{i}" not in absent for i in range(1, len(self.points_s) + 1))
+
 
 def read_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings

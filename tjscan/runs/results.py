@@ -164,7 +164,10 @@ def write_scan_results(
         outline=() if joint is None else joint_wireframe(joint),
         paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
         example=ProfileReading(
-            f"section {middle.view.index}", middle.view.profile, middle.groove.points_s
+            f"section {middle.view.index}",
+            middle.view.profile,
+            middle.groove.points_s,
+            middle.groove,
         ),
     )
     return write_run_results(
