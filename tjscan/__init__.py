@@ -3,7 +3,7 @@
 >>> import tjscan
 >>> scan = tjscan.scan("examples/paper.toml", "runs/first")
 >>> scan.points.shape  # section, point p1 to p5, coordinate
-(86, 5, 3)
+(16, 5, 3)
 
 Lengths are metres, angles radians; ``docs/api.md`` shows more. Nothing is loaded before it is used.
 """
@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from tjscan.core.version import VERSION
 
 if TYPE_CHECKING:
-    from tjscan.api import Recording, calibrate, compare, read_groove, scan
+    from tjscan.api import Recording, Scan, calibrate, compare, read_groove, scan
 
 __version__ = VERSION
 
-__all__ = ["Recording", "__version__", "calibrate", "compare", "read_groove", "scan"]
+__all__ = ["Recording", "Scan", "__version__", "calibrate", "compare", "read_groove", "scan"]
 
 
 def __getattr__(name: str) -> Any:

@@ -6,13 +6,13 @@ What they need is imported when they are called.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 
@@ -46,7 +46,7 @@ class Scan:
     T_r_g : ndarray, shape (n, 4, 4)
         Pose of the frame g of every section.
     measures : ndarray, shape (n, 4)
-        Groove angle (radians), root opening, depth (metres) and area (m²).
+        Groove angle (radians), root width, depth (metres) and area (m²).
     sigmas : ndarray, shape (n, 4)
         Their standard deviations.
     cloud : ndarray, shape (m, 3)
@@ -137,7 +137,7 @@ def scan(
 
 
 def read_groove(
-    points: ArrayLike,
+    points: ArrayLike | Profile,
     *,
     model: str = "tee",
     noise: float = 0.05e-3,
@@ -150,7 +150,7 @@ def read_groove(
 
     Parameters
     ----------
-    points : array_like, shape (n, 2) or (n, 3)
+    points : array_like, shape (n, 2) or (n, 3), or Profile
         x and z, or x, y and z with y = 0, in the sensor's frame s, metres, in the order of the
         sensor's columns; NaN where it has no point.
     model : str
@@ -176,8 +176,7 @@ def read_groove(
     from tjscan.groove.find import GrooveSettings, find_groove
     from tjscan.groove.models import MODELS
 
-    if model not in MODELS:
-        raise ValueError(f"unknown model {model!r}; one of {', '.join(MODELS)}")
+    _check_word("model", model, tuple(MODELS))
     settings = GrooveSettings(
         MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
     )
@@ -185,7 +184,7 @@ def read_groove(
 
 
 def calibrate(
-    profiles: Sequence[ArrayLike],
+    profiles: Sequence[ArrayLike | Profile],
     T_b_f: ArrayLike,
     *,
     touched: ArrayLike | None = None,
@@ -234,6 +233,9 @@ def calibrate(
         raise ValueError(f"{len(profiles)} profiles need poses (k, 4, 4), not {poses.shape}")
     if (touched is not None and target != "plane") or (radius is not None and target != "sphere"):
         raise ValueError("touched points are of a plane, a radius is of a sphere")
+    _check_word("target", target, ("plane", "sphere"))
+    for name in noise or {}:
+        _check_word("noise", name, [field.name for field in fields(NoiseModel)])
     model = NoiseModel(**(noise or {}))
     board: PlaneTarget | SphereTarget | None = None
     if target == "sphere":
@@ -281,11 +283,14 @@ def compare(
         If a file can't be read, or the two can't be compared.
     ComparisonRefused
         If the points do not determine an alignment.
+    ValueError
+        If there is no such alignment.
     """
-    from tjscan.comparison.compare import compare_shapes as compare_shapes
+    from tjscan.comparison.compare import compare_shapes
     from tjscan.comparison.sidecar import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
+    _check_word("align", align, ("none", "joint", "icp"))
     first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
     return compare_shapes(
         read_shape(first, StatedUnitAndFrame(units, frame)),
@@ -325,9 +330,11 @@ class Recording:
         return tuple(view.profile for view in self._views)
 
     @property
-    def section_numbers(self) -> Array:
+    def section_numbers(self) -> NDArray[np.int64]:
         """Number of the section that each profile was taken for, shape (n,)."""
-        return readonly_copy([view.index for view in self._views])
+        numbers = np.array([view.index for view in self._views], dtype=np.int64)
+        numbers.setflags(write=False)
+        return numbers
 
     @property
     def q(self) -> Array:
@@ -350,10 +357,18 @@ class Recording:
         return readonly_copy([view.time for view in self._views])
 
 
-def _profile(points: ArrayLike) -> Profile:
+def _check_word(name: str, word: str, known: Sequence[str]) -> None:
+    """Refuse a word that means nothing here."""
+    if word not in known:
+        raise ValueError(f"unknown {name} {word!r}; one of {', '.join(known)}")
+
+
+def _profile(points: ArrayLike | Profile) -> Profile:
     """A profile of points (n, 2) or (n, 3) in the laser plane."""
     from tjscan.laser.profile import Profile
 
+    if isinstance(points, Profile):
+        return points
     array = np.asarray(points, dtype=float)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise ValueError(f"a profile is of shape (n, 2) or (n, 3), not {array.shape}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from tjscan.calibration.file import ResidualEntry, SavedCalibration
-from tjscan.cli.console import print_message, stderr
+from tjscan.cli.console import add_text_row, print_message, stderr
 
 
 def print_calibration(done: SavedCalibration, *, json: bool) -> None:
@@ -15,7 +15,7 @@ def print_calibration(done: SavedCalibration, *, json: bool) -> None:
     for name in ("", "used", "offset mm", "tilt °", "residual σ", "shifts the sensor by mm"):
         table.add_column(name, justify="right" if name else "left")
     for residual in found.residuals:
-        table.add_row(*_row(residual))
+        add_text_row(table, *_row(residual))
     stderr.print(table)
     print_message("")
     for row in found.T_f_s_mm:

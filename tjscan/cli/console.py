@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
 stderr = Console(stderr=True, highlight=False)
 
@@ -11,6 +13,11 @@ stderr = Console(stderr=True, highlight=False)
 def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
     stderr.print(message, markup=False)
+
+
+def add_text_row(table: Table, *cells: str) -> None:
+    """Add a row to a table, its cells as they are: brackets are no markup."""
+    table.add_row(*map(Text, cells))
 
 
 def progress_bars() -> Progress:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from tjscan.cli.console import print_message, progress_bars, stderr
+from tjscan.cli.console import add_text_row, print_message, progress_bars, stderr
 from tjscan.result.summary import ScanSummary, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
@@ -60,7 +60,7 @@ def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> 
         return
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(summary):
-        table.add_row(name, value)
+        add_text_row(table, name, value)
     stderr.print(table)
     print_message(f"written to {directory}; see report.html, and sections.csv for the numbers")
 

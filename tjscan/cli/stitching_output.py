@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic_core import to_json
 from rich.table import Table
 
-from tjscan.cli.console import print_message, stderr
+from tjscan.cli.console import add_text_row, print_message, stderr
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.stitch import StitchedRun
@@ -25,7 +25,7 @@ def print_stitched_groove(done: StitchedRun, directory: Path, *, json: bool) -> 
         return
     table = Table(show_header=False, box=None, pad_edge=False)
     for name, value in _lines(done.summary, done.report):
-        table.add_row(name, value)
+        add_text_row(table, name, value)
     stderr.print(table)
     print_message(
         f"written to {directory}; see report.html, and stations.json for how it was stitched"

@@ -30,12 +30,15 @@ class Registry(Generic[T]):
         For an entry that needs more than a plain install: the extra to install.
     key : str, optional
         Where a job file names an entry, for messages, for instance ``arm.driver``.
+    type : type, optional
+        What every entry is an instance of.
     """
 
     kind: str
     own: Mapping[str, str]
     extras: Mapping[str, str] = field(default_factory=dict)
     key: str | None = None
+    type: type[Any] = object
 
     @cached_property
     def _places(self) -> dict[str, str]:
@@ -55,7 +58,8 @@ class Registry(Generic[T]):
         Raises
         ------
         ConfigurationError
-            If nothing does, or what it needs is not installed.
+            If there is none, what it needs is not installed, or a package registered something
+            else by that name.
         """
         if name not in self._places:
             raise ConfigurationError(
@@ -63,9 +67,21 @@ class Registry(Generic[T]):
                 f"{nearest_word(name, self.names)}? Known: {', '.join(self.names)}",
                 key=self.key,
             )
-        with self.explain_missing_package(name):
-            loaded: T = EntryPoint(name, self._places[name], f"tjscan.{self.kind}").load()
+        place = self._places[name]
+        try:
+            with self.explain_missing_package(name):
+                loaded: T = EntryPoint(name, place, f"tjscan.{self.kind}").load()
+        except AttributeError as error:
+            raise self._not_an_entry(name, f"can't be loaded: {error}") from error
+        if not isinstance(loaded, self.type):
+            raise self._not_an_entry(name, f"is no {self.type.__name__}")
         return loaded
+
+    def _not_an_entry(self, name: str, why: str) -> ConfigurationError:
+        return ConfigurationError(
+            f"the {self.kind} {name!r} is registered as {self._places[name]}, which {why}",
+            key=self.key,
+        )
 
     @contextmanager
     def explain_missing_package(self, name: str) -> Iterator[None]:
@@ -80,7 +96,7 @@ class Registry(Generic[T]):
             yield
         except ModuleNotFoundError as error:
             package = error.name or ""
-            if package.startswith("tjscan"):
+            if package.split(".")[0] == "tjscan":
                 raise
             raise self.missing_package_error(name, package) from error
 

@@ -102,7 +102,11 @@ class DeviceSettings(SettingsTable):
     def _read(cls, data: Any, read: Callable[[Any], Self]) -> Self:
         if not isinstance(data, dict):
             return read(data)
-        own = {name: cls._settings(name, data[name]) for name in cls.registry.names if name in data}
+        if isinstance(driver := data.get("driver"), str):
+            cls.registry.load(driver)  # before its table is taken for an unknown key
+        keys = super().file_key_types()
+        names = [name for name in cls.registry.names if name in data and name not in keys]
+        own = {name: cls._settings(name, data[name]) for name in names}
         table = read({key: value for key, value in data.items() if key not in own})
         table = replace(table, drivers=own)
         table.driver_settings  # noqa: B018 - refuses a driver that needs a table and has none

@@ -48,7 +48,7 @@ class SimulatedScene:
 
     Parameters
     ----------
-    surface : Surface
+    surface : RaycastSurface
         Its triangles, in a frame of their own, j.
     T_b_j : ndarray, shape (4, 4)
         Where that frame truly stands in the base frame.
@@ -66,7 +66,7 @@ class LaserContext:
     ----------
     model : LaserModel
         The window that the job states, and the faults of a simulation.
-    carrier : Carrier
+    carrier : LaserFlange
         The flange it sits on.
     T_f_s : ndarray, shape (4, 4)
         Where it truly sits on the flange.
@@ -124,5 +124,6 @@ LASER_DRIVERS: Final[Registry[LaserDriver]] = Registry(
     "laser",
     {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
     key="laser.driver",
+    type=DriverFactory,
 )
 """Every laser driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""

@@ -77,7 +77,10 @@ def _parse(record: bytes) -> Iterator[McapRecord]:
     for one in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
         if isinstance(one, Chunk):
             if one.compression:
-                raise ValueError(f"it is compressed by {one.compression}, as no recording is")
+                raise ValueError(
+                    f"it is compressed by {one.compression}; `mcap decompress` makes a file of it "
+                    "that can be read"
+                )
             yield from breakup_chunk(one, validate_crc=True)
         elif not isinstance(one, Footer):
             yield one

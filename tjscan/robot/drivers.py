@@ -110,5 +110,6 @@ ARMS: Final[Registry[ArmDriverFactory]] = Registry(
     },
     extras={"ur": "ur"},
     key="arm.driver",
+    type=ArmDriverFactory,
 )
 """Every arm driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
