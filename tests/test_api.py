@@ -51,7 +51,7 @@ except SystemExit as stop:
 
 
 def test_the_package_shows_its_functions_and_nothing_else() -> None:
-    shown = ["Recording", "__version__", "calibrate", "compare", "read_groove", "scan"]
+    shown = ["Recording", "Scan", "__version__", "calibrate", "compare", "read_groove", "scan"]
     assert dir(tjscan) == shown
     assert all(hasattr(tjscan, name) for name in shown)
     with pytest.raises(AttributeError, match="has no attribute 'scann'"):
@@ -71,8 +71,11 @@ def test_the_example_of_the_documentation_runs(
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "j (4, 5, 3)"
     assert printed[-1] == "within the tolerance"
-    scan = names["scan"]
+    scan, recording = names["scan"], names["recording"]
     assert isinstance(scan, Scan)
+    assert isinstance(recording, tjscan.Recording)
+    assert len(scan.points[recording.section_numbers]) == len(recording)
+    np.testing.assert_array_equal(tjscan.Scan.read(scan.directory).points, scan.points)
     for name in ("points", "T_r_g", "measures", "sigmas", "cloud"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(scan, name)[0] = 0.0
@@ -85,6 +88,8 @@ def test_a_groove_is_read_from_two_columns_or_three() -> None:
         tjscan.read_groove(np.ones((200, 3)))
     with pytest.raises(ValueError, match="unknown model 'vee'"):
         tjscan.read_groove(np.zeros((200, 2)), model="vee")
+    with pytest.raises(ValueError, match="unknown align 'jont'; one of none, joint, icp"):
+        tjscan.compare("scan.ply", "joint.toml", align="jont")  # type: ignore[arg-type]
     with pytest.raises(GrooveNotFound):
         tjscan.read_groove(np.column_stack((np.linspace(0, 0.1, 200), np.full(200, 0.2))))
 
@@ -100,3 +105,9 @@ def test_a_calibration_finds_the_sensor_on_the_flange() -> None:
         tjscan.calibrate(profiles, poses[:3])
     with pytest.raises(ValueError, match="a radius is of a sphere"):
         tjscan.calibrate(profiles, poses, radius=0.02)
+    with pytest.raises(ValueError, match="unknown target 'ball'; one of plane, sphere"):
+        tjscan.calibrate(profiles, poses, target="ball")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="unknown noise 'rnage'; one of range"):
+        tjscan.calibrate(profiles, poses, noise={"rnage": 1e-5})
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert all(hasattr(found, name) for name in re.findall(r"found\.(\w+)", text))

@@ -92,6 +92,12 @@ def test_corners_are_compared_with_a_cloud_as_in_the_paper(
     assert not found["corners to reference cloud"]["signed"]
 
 
+def test_a_cloud_of_this_program_states_its_unit(run: Path, tmp_path: Path) -> None:
+    alone = shutil.copyfile(run / "groove.ply", tmp_path / "alone.ply")
+    cloud = read_shape(alone, StatedUnitAndFrame(frame="j"))
+    assert (cloud.stated.unit, cloud.stated.unit_source) == ("mm", "its header")
+
+
 def test_tolerance_decides_between_0_and_3(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tjscan("compare", run, CAD, "--tolerance-mm", 1) == 0
     assert "within the tolerance" in capsys.readouterr().out
@@ -141,7 +147,7 @@ def write_xyz(file: Path, points: Array) -> None:
 
 
 def write_csv(file: Path, points: Array) -> None:
-    np.savetxt(file, points, delimiter=",", header="x,y,z", comments="")
+    np.savetxt(file, points, delimiter=",", header="# by hand\nx,y,z", comments="")
 
 
 def write_pcd(file: Path, points: Array) -> None:
@@ -233,7 +239,7 @@ def test_mistaken_units_end_with_2(
         ("words.xyz", b"these are words"),
         ("empty.xyz", b"# nothing\n"),
         ("columns.csv", b"a,b,c\n1,2,3\n"),
-        ("words.csv", b"x,y,z\none,two,three\n"),
+        ("words.csv", b"# a comment\nx,y,z\none,two,three\n"),
         ("nowhere.csv", b"x,y,z\nnan,nan,nan\n"),
         ("noise.3mf", b"PK"),
         ("faceless.obj", b"f 1 2 3\n"),

@@ -34,6 +34,15 @@ def test_a_missing_package_is_named_with_what_to_install(
         Registry("thing", own).load("needy")
 
 
+def test_what_a_package_registered_wrongly_is_named() -> None:
+    with pytest.raises(ConfigurationError, match="registered as math:pie, which can't be loaded"):
+        Registry("thing", {"pi": "math:pie"}).load("pi")
+    with pytest.raises(ConfigurationError, match="registered as math:pi, which is no str"):
+        Registry("thing", {"pi": "math:pi"}, type=str).load("pi")
+    with pytest.raises(ConfigurationError, match="pip install tjscan_acme"):
+        Registry("thing", {"acme": "tjscan_acme:DRIVER"}).load("acme")
+
+
 def test_another_package_adds_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("e", "math:e", "tjscan.thing")
     monkeypatch.setattr(

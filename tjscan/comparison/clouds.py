@@ -138,7 +138,19 @@ def _read_trimesh(path: Path) -> FileContent:
     return np.asarray(loaded.vertices, dtype=float), faces if len(faces) else None, None
 
 
-_read_ply = _read_trimesh
+def _read_ply(path: Path) -> FileContent:
+    """PLY states its unit where this program wrote it, in a comment."""
+    points, triangles, _ = _read_trimesh(path)
+    with path.open("rb") as stream:
+        for line in stream:
+            word = line.decode("ascii", errors="replace").strip()
+            if word.startswith("comment units: "):
+                unit = word.removeprefix("comment units: ").split(",")[0].strip()
+                if unit in METRES_PER_UNIT:
+                    return points, triangles, (unit, "its header")
+            if word == "end_header":
+                break
+    return points, triangles, None
 
 
 def _read_3mf(path: Path) -> FileContent:
@@ -185,7 +197,8 @@ def _read_xyz(path: Path) -> FileContent:
 def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
     with path.open(newline="", encoding="utf-8-sig") as stream:
-        names = [name.strip().lower() for name in next(csv.reader(stream), [])]
+        rows = csv.reader(line for line in stream if not line.startswith("#"))
+        names = [name.strip().lower() for name in next(rows, [])]
         unit_words = "|".join(METRES_PER_UNIT)
         places, units = [], set()
         for axis in "xyz":

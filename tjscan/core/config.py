@@ -61,6 +61,10 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigurationError(f"is not UTF-8 text ({error})", file=file) from None
     except (ValueError, RecursionError) as error:  # not of its own kind alone: huge numbers, nests
         raise ConfigurationError(f"is not valid TOML: {error}", file=file) from None
+    except NotADirectoryError:
+        raise ConfigurationError(
+            "is a file; give the directory it stands in", file=file.parent
+        ) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
 

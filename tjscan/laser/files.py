@@ -412,7 +412,7 @@ def _is_apart(others: Array) -> bool:
     if not len(others):
         return False
     low, high = np.percentile(others, (5, 95))
-    return bool(min(abs(low), abs(high)) > high - low and low * high > 0)
+    return bool(min(abs(low), abs(high)) > high - low and (low > 0) == (high > 0))
 
 
 def _column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:

@@ -71,7 +71,11 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Recorded
             topic = asked.get(record.topic)
             found = (schemas.get(record.schema_id), record.message_encoding)
             if topic is not None and found != (topic.schema_name, topic.message_encoding):
-                raise _damaged(file, f"{topic.name} holds {found[0]} in {found[1]}")
+                raise _damaged(
+                    file,
+                    f"{topic.name} holds {found[0]} in {found[1]}, not {topic.schema_name} in "
+                    f"{topic.message_encoding}",
+                )
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
@@ -165,6 +169,8 @@ def _check_program(file: Path, header: McapHeader) -> None:
 
 
 def _check_format(file: Path, head: RecordingHeader) -> None:
+    if head.format < 1:
+        raise _damaged(file, f"its format is {head.format}")
     if head.format > FORMAT_VERSION:
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "

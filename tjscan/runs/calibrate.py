@@ -13,7 +13,7 @@ from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.plucker import plane_through_point
-from tjscan.calibration.probe import TouchProbe
+from tjscan.calibration.probe import JoggedProbe, TouchProbe
 from tjscan.calibration.session import CalibrationPlan
 from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import CALIBRATION_RECORDING
@@ -109,6 +109,9 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
 def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
     """Make the cell of a calibration, and the probe that touches its board.
 
+    With a real laser a person jogs the arm onto the board; a simulated one looks at a simulated
+    board, which the arm touches by itself.
+
     Parameters
     ----------
     job : CalibrationJob
@@ -127,6 +130,9 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
             "a calibration touches its board: recorded profiles go in with --lines and --poses",
             key="laser.driver",
         )
+    if job.laser.driver_kind is DriverKind.REAL:
+        cell = make_cell(job, T_f_s, _no_scene)
+        return cell, JoggedProbe(cell.arm)
     if simulation is None:
         raise ConfigurationError("a simulated board needs the table [simulation]")
     truth = simulation.board or SimulatedBoardSettings(
@@ -143,6 +149,10 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
     )
     return cell, probe
+
+
+def _no_scene() -> SimulatedScene:
+    raise ConfigurationError("a simulated board needs the table [simulation]")
 
 
 def _board_surface(size: tuple[float, float]) -> RaycastSurface:

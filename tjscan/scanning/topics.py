@@ -312,13 +312,13 @@ def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection 
                 pending = message
             elif entry.topic is PROFILE:
                 if pending is None:
-                    raise ValueError("a profile without a view")
+                    raise ValueError("a profile on /profile has no message on /view before it")
                 view = replace(pending, profile=profile_from_cloud_message(message, pending.time))
                 pending = None
                 yield when, view
             elif entry.topic is SECTION:
                 if view is None or view.index != message.index:
-                    raise ValueError("a section without its view")
+                    raise ValueError("a section on /section has no view of its number before it")
                 yield (
                     when,
                     RecordedSection(
@@ -335,7 +335,7 @@ def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection 
             else:
                 yield when, RecordedEvent(when, message.name, message.message)
         except (KeyError, ValueError) as error:
-            raise RecordingError(f"{file}: is damaged: {error!r}") from error
+            raise RecordingError(f"{file}: is damaged: {error}") from error
 
 
 def _between(one: Array, other: Array) -> Array:
