@@ -8,18 +8,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tomli_w
 from cells import PAPER
 from command import tjscan
 from ur_cell import address
 
+from tjscan.calibration.probe import JoggedProbe
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import read_scan_job
+from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.runs.calibrate import make_calibration_cell
 from tjscan.runs.context import RunContext
 
 ACME = """
@@ -184,3 +187,14 @@ def test_every_registered_driver_loads() -> None:
     for registry in (ARMS, LASER_DRIVERS):
         for name in registry.names:
             assert registry.load(name).kind
+
+
+def test_a_person_jogs_the_arm_onto_the_board_of_a_real_laser(
+    acme: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = LASER_DRIVERS.load("acme")
+    monkeypatch.setitem(vars(driver), "make", lambda inputs, settings: None)
+    keys = {**UR, "laser.driver": "acme", "laser.acme.host": "10.0.0.1"}
+    job = read_calibration_job(PAPER.with_name("calibrate.toml"), keys)
+    _, probe = make_calibration_cell(job, np.eye(4))
+    assert isinstance(probe, JoggedProbe)
