@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.section import TACK
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
+from tjscan.report.charts import BAND
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT
@@ -37,13 +38,18 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     opening = 1e3 * np.array([section.root_opening for section in sections])
     width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
     closed = np.isnan(opening) & ~absent[:, 1:].any(axis=1)
-    for name, y, colour in (
-        ("root opening", opening, ROOT),
-        ("width of the root bead", np.where(closed, width, np.nan), LASER),
+    # An opening ends at p3, the edge of the bevel.
+    edges = 1e3 * np.sqrt([np.trace(section.covariances[1]) for section in sections])
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
+    for name, y, sigma, colour in (
+        ("root opening", opening, edges, ROOT),
+        ("width of the root bead", np.where(closed, width, np.nan), widths, LASER),
     ):
         if not np.isnan(y).all():
-            axes = panels[0]
-            axes.plot(x, y, marker="o", markersize=3, linewidth=1, color=colour, label=name)
+            bars = BAND * sigma
+            panels[0].errorbar(
+                x, y, bars, fmt="o-", markersize=3, linewidth=1, color=colour, label=name
+            )
     panels[0].set_ylabel("root / mm")
     panels[0].set_ylim(bottom=0)
     if high_low is not None:
@@ -65,7 +71,8 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     return inline_figure(
         figure,
         "Fit-up, unrolled",
-        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one.{off}",
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
+        f"± {BAND:g} standard deviations.{off}",
     )
 
 
