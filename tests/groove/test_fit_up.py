@@ -152,3 +152,20 @@ def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     known = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)) < SURE
     assert off[known].max(initial=0.0) < 1 * MM
+
+
+@pytest.mark.parametrize("pull", [0.4, 0.8])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_notch_that_light_pulls_in_is_stated_to_be_unknown(pull: float, seed: int) -> None:
+    groove = Groove(root=0.006)
+    profile = seen(groove.outline(), NOISE, seed)
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    (_, p3, p4), reach = groove.corners, 4 * MM
+    points = np.column_stack((x, z))
+    along = p4 - p3
+    share = np.clip((points - p3) @ along / (along @ along), 0, 1)
+    away = np.linalg.norm(points - p3 - share[:, None] * along, axis=1)
+    weight = np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0)
+    scale = 1 - pull * MM * weight / z
+    section = find_groove(Profile(x * scale, z * scale))
+    assert normalised(section, groove.corners).max() < 8

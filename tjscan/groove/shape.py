@@ -16,8 +16,16 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import Curve
+from tjscan.groove.hypotheses import end_of
 from tjscan.groove.models import Side
-from tjscan.groove.refinement import FittedProfile, Row, estimate_noise_correlation, noise_variances
+from tjscan.groove.refinement import (
+    CUT,
+    LEAST_NOISE,
+    FittedProfile,
+    Row,
+    estimate_noise_correlation,
+    noise_variances,
+)
 
 BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
@@ -54,6 +62,10 @@ makes a side patched: single spatter does not."""
 BENT: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
+
+PULLED: Final = (4e-3, 2e-3)
+"""Distances from a notch, in metres along its flanks, in which light between its faces may move
+their points."""
 
 FREE: Final = 0.15
 """Slope by which the face of a bead may turn where it is not seen: it has no plan."""
@@ -188,12 +200,23 @@ def _patches(fitted: FittedProfile) -> Array:
 
 
 def _gaps(fitted: FittedProfile) -> Array:
-    """Distance from each corner to the nearest points of its sides, shape (k - 1, 2), metres."""
+    """Distance from each corner to where its sides are seen, shape (k - 1, 2), metres.
+
+    Single points that lie on a side by chance do not show it.
+    """
     found = np.zeros((len(fitted.corners), 2))
+    edges = fitted.owner.searchsorted(np.arange(len(fitted.curves) + 1)).tolist()
+    # Points that a fit left out for what lies beside them are seen all the same.
+    close = CUT * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
+    on = fitted.keep | (np.abs(fitted.residuals) < close)
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
-            own = fitted.along[fitted.keep & (fitted.owner == i + j)]
-            found[i, j] = np.abs(own - s).min()
+            own = slice(edges[i + j], edges[i + j + 1])
+            seen, away = on[own], np.abs(fitted.along[own] - s)
+            if j:
+                seen, away = seen[::-1], away[::-1]
+            dense = end_of(seen)
+            found[i, j] = away[seen].min() if dense == 0 else away[:dense][seen[:dense]].min()
     return found
 
 
@@ -297,7 +320,7 @@ def _pulled(fitted: FittedProfile, k: int, left: Array) -> Array:
     it is a fillet of steel instead, they lie where they are seen.
     """
     found = np.zeros((2, 2))
-    pull = 0.0
+    pull = _pull(fitted, k)
     for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1)):
         square = _square(fitted.curves[side], fitted.places[i][j])
         pull = max(pull, -left[i, j] / square)
@@ -305,3 +328,45 @@ def _pulled(fitted: FittedProfile, k: int, left: Array) -> Array:
         square = _square(fitted.curves[k], fitted.places[k - 1 + i][1 - i])
         found[i, 1 - i] = 0.5 * pull * square
     return found
+
+
+def _pull(fitted: FittedProfile, k: int) -> float:
+    """How far both neighbours of a bead show its points to be pulled in, in metres; 0 if not."""
+    noise = fitted.noise
+    if noise is None:
+        return 0.0
+    sigmas = np.maximum(np.sqrt(noise_variances(fitted, noise)), LEAST_NOISE).tolist()
+    least, pull = SIGNIFICANT, 0.0
+    for reach in PULLED:
+        flanks = [
+            _flank(fitted, side, fitted.places[i][j], reach, sigmas[side])
+            for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1))
+        ]
+        shown, known = (sum(values) for values in zip(*flanks, strict=True))
+        if min(known for _, known in flanks) == 0:
+            continue
+        each = min(moved / sqrt(square * noise.inflation) for moved, square in flanks)
+        if each > 1 and shown > least * sqrt(known * noise.inflation):
+            least, pull = shown / sqrt(known * noise.inflation), shown / known
+    return pull
+
+
+def _flank(
+    fitted: FittedProfile, side: int, place: float, reach: float, sigma: float
+) -> tuple[float, float]:
+    """What a flank shows of a pull that fades within `reach` of a corner, and how well it does.
+
+    The pull is the first over the second number; its variance, of independent points, is one
+    over the second. Both are zero where the flank is not seen there.
+    """
+    own = (fitted.owner == side) & (np.abs(fitted.residuals) < CLOSE)
+    s, residuals = fitted.along[own], fitted.residuals[own]
+    away = np.abs(s - place)
+    share = np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0)
+    if np.count_nonzero(share) < FEWEST_BESIDE:
+        return 0.0, 0.0
+    # What a straight side takes up does not show.
+    s, share = s - s.mean(), share - share.mean()
+    share -= s * (s @ share) / (s @ s)
+    share *= _square(fitted.curves[side], place) / sigma
+    return -float(share @ residuals) / sigma, float(share @ share)
