@@ -51,7 +51,7 @@ from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import open_scan_recording
 from tjscan.study.file import read_study_file
 from tjscan.study.grid import trials_of_study
@@ -71,7 +71,7 @@ class _Sections:
     def __init__(self) -> None:
         self.scans: list[ScannedSection] = []
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         pass
 
     def record_section(self, scan: ScannedSection) -> None:

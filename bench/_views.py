@@ -93,7 +93,7 @@ def view(stage: Stage, phi: float, *, pull: float, turn: Array, shift: Array) ->
     p2, p3, p4 = (e.points_j[i] for e in (edges.p2, edges.p3, edges.p4))
     up = np.array([0.0, 0.0, 1.0])
     radial = np.array([np.cos(phi), np.sin(phi), 0.0])
-    out = radial + up * stage.definition.leg.slope(phi, np.hypot(*p4[:2]))
+    out = radial + up * stage.definition.leg_surface.slope(phi, np.hypot(*p4[:2]))
     middle = unit_vector(unit_vector(p2 - p3) + unit_vector(out))
     z = -middle
     y = unit_vector(np.cross(z, up))
@@ -107,7 +107,7 @@ def view(stage: Stage, phi: float, *, pull: float, turn: Array, shift: Array) ->
     corners_s = transform_points(T_s_j, np.array(corners_j))
     y_j = R[:, 1]
     wall_j = _tangent(unit_vector(corners_j[0] * [1, 1, 0]), y_j, -up)
-    leg_j = _tangent(stage.definition.leg.normal(corners_j[2]), y_j, radial)
+    leg_j = _tangent(stage.definition.leg_surface.normal(corners_j[2]), y_j, radial)
     return View(T_j_s, corners_s[:, [0, 2]], (wall_j @ R)[[0, 2]], (leg_j @ R)[[0, 2]])
 
 
@@ -167,7 +167,7 @@ def bound(hits: LaserRayHits, v: View, model: LaserModel) -> Array:
         line = np.polynomial.Polynomial.fit(s, (x - corner) @ n, 1)
         degree = 1 if np.ptp((x - corner) @ n - line(s)) < STRAIGHT else 2
         # A change of height across the side changes the range by 1 / cosine.
-        basis = s ** np.arange(degree + 1)[:, None] / hits.cosine[index]
+        basis = s ** np.arange(degree + 1)[:, None] / hits.incidence_cosine[index]
         lag = index[:, None] - index
         R = np.exp(-((lag / max(model.noise_correlation, 1e-9)) ** 2)) * model.noise**2
         # Noise this smooth could be told from its neighbours almost exactly: the bound would

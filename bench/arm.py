@@ -18,12 +18,12 @@ from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
-from tjscan.scanning.section import View
+from tjscan.scanning.section import ProfileView
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 
 
-def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
+def scanned() -> tuple[CollisionCheckedArm, tuple[ProfileView, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_scan_job(PAPER)
     cell = RunContext(job, PAPER).make_cell()
@@ -31,7 +31,7 @@ def scanned() -> tuple[CollisionCheckedArm, tuple[View, ...]]:
     return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 
 
-def time_inverse(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+def time_inverse(arm: CollisionCheckedArm, views: tuple[ProfileView, ...]) -> Stopwatch:
     """Time inverse solutions 5 mm and 1 degree from where the arm stands."""
     kinematics, random, watch = arm.clearance.kinematics, np.random.default_rng(1), Stopwatch()
     for view in views * 20:
@@ -41,7 +41,7 @@ def time_inverse(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch
     return watch
 
 
-def time_lines(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+def time_lines(arm: CollisionCheckedArm, views: tuple[ProfileView, ...]) -> Stopwatch:
     """Time checks of the lines of a scan, collisions with everything included."""
     watch = Stopwatch()
     for before, after in pairwise(views[1:]):
@@ -50,7 +50,7 @@ def time_lines(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
     return watch
 
 
-def time_first_move(arm: CollisionCheckedArm, views: tuple[View, ...]) -> Stopwatch:
+def time_first_move(arm: CollisionCheckedArm, views: tuple[ProfileView, ...]) -> Stopwatch:
     """Time checks of the first move, across the cell."""
     q, watch = np.radians((-110, -95, 160, 105, -110, 0)), Stopwatch()
     for _ in range(5):

@@ -118,7 +118,7 @@ def read(profile: Profile, times: int) -> tuple[GrooveSection | None, float]:
 
 
 def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
-    model = LaserModel.ideal(noise=sigma)
+    model = LaserModel.without_faults(noise=sigma)
     tally, bounds = Tally([], [], [], []), []
     for k, (v, hits) in enumerate(views(stages, POSES, model, 1)):
         truth, limit = section_from_points(v.five), bound(hits, v, model)

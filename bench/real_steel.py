@@ -30,7 +30,7 @@ from _steel import GROOVES, MM, NO_GROOVE, RHO, Fault, Groove, draw, noise, shoo
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.find import find_groove, fit_profile
+from tjscan.groove.find import find_groove, fit_groove_to_profile
 from tjscan.groove.models import BUTT_V
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
@@ -276,7 +276,7 @@ def _columns_off(heights: Array, label: Array) -> Array | None:
 def _butt_corners(profile: Profile) -> Array | None:
     """Corners from top to top, shape (n, 2)."""
     try:
-        _, fitted = fit_profile(profile, GrooveSettings(model=BUTT_V))
+        _, fitted = fit_groove_to_profile(profile, GrooveSettings(model=BUTT_V))
     except GrooveNotFound:
         return None
     return np.asarray(fitted.corners)

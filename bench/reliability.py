@@ -36,7 +36,7 @@ from tjscan.job import read_scan_job
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in_cell
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import RecordingJournal, open_scan_recording
 
 WORKERS: Final = 2
@@ -240,7 +240,7 @@ class _Timed:
     def __init__(self, recording: RecordingJournal) -> None:
         self._recording, self.seconds = recording, 0.0
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         began = perf_counter()
         self._recording.record_view(view)
         self.seconds += perf_counter() - began

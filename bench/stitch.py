@@ -94,7 +94,7 @@ def judge(stitched: StitchedGroove, scanned: Scanned) -> Errors:
     turns = [max(map(rotation_angle_between, found, (turn @ T for T in truth))) for turn in _TURNS]
     truth = [_TURNS[int(np.argmin(turns))] @ T for T in truth]
     pairs = list(zip(found, truth, strict=True))
-    shape = stitched.shape.array[:2] - (joint.brace_radius, joint.leg_radius)
+    shape = stitched.shape.as_array[:2] - (joint.brace_radius, joint.leg_radius)
     corners = np.array([section.points for section in stitched.sections])
     off = 1e3 * corner_to_edge_distances(corners, feature_edges(joint))
     return Errors(

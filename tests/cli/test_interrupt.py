@@ -18,7 +18,7 @@ from command import tjscan
 from tjscan.core.errors import ScanInterrupted
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import View
+from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 
 SAME = 1e-9
@@ -126,7 +126,7 @@ class StopsAfter(Notes):
         super().__init__()
         self.stop, self._profiles, self._at_once = StopRequest(), profiles, at_once
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         super().record_view(view)
         if len(self.views) == self._profiles:
             (

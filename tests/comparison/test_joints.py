@@ -59,7 +59,9 @@ def cloud_of(joint: JointDefinition, T: Array) -> Array:
     solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
     points, _ = trimesh.sample.sample_surface(solid, 50_000, seed=1)
     rho = np.hypot(points[:, 0], points[:, 1])
-    from_leg = np.linalg.norm(points - np.outer(points @ joint.leg.axis, joint.leg.axis), axis=1)
+    from_leg = np.linalg.norm(
+        points - np.outer(points @ joint.leg_surface.axis, joint.leg_surface.axis), axis=1
+    )
     outside = (from_leg > joint.leg_radius - 1e-4) & (rho > joint.brace_radius - 1e-4)
     outside &= (rho < joint.brace_radius + 0.1) & (points[:, 2] > 0)
     noise = np.random.default_rng(0).normal(0, SPREAD, points.shape)

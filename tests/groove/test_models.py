@@ -8,7 +8,7 @@ from grooves import MM, Noise, seen, turned
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, fit_profile
+from tjscan.groove.find import GrooveSettings, fit_groove_to_profile
 from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE, GrooveModel
 from tjscan.laser.profile import Profile
 
@@ -37,7 +37,7 @@ def corners(sides: list[Array]) -> Array:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_butt_joint_shows_its_four_corners(noise: Noise, seed: int) -> None:
     sides = plates(root=0.005)
-    _, fitted = fit_profile(seen(sides, noise, seed), GrooveSettings(model=BUTT_V))
+    _, fitted = fit_groove_to_profile(seen(sides, noise, seed), GrooveSettings(model=BUTT_V))
     off = np.linalg.norm(fitted.corners - corners(sides), axis=1)
     assert off.max() < CLOSE
 
@@ -45,7 +45,7 @@ def test_a_butt_joint_shows_its_four_corners(noise: Noise, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_sharp_butt_joint_shows_its_three_corners(seed: int) -> None:
     sides = plates(root=0.0)
-    _, fitted = fit_profile(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V_SHARP))
+    _, fitted = fit_groove_to_profile(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V_SHARP))
     off = np.linalg.norm(fitted.corners - corners(sides), axis=1)
     assert off.max() < CLOSE
 
@@ -55,8 +55,8 @@ def test_a_mirrored_groove_gives_mirrored_corners(seed: int) -> None:
     profile = seen(plates(root=0.005), REFLECTIVE, seed)
     mirrored = Profile(-profile.x_s, profile.z_s)
     settings = GrooveSettings(model=BUTT_V)
-    _, here = fit_profile(profile, settings)
-    _, there = fit_profile(mirrored, settings)
+    _, here = fit_groove_to_profile(profile, settings)
+    _, there = fit_groove_to_profile(mirrored, settings)
     np.testing.assert_allclose(there.corners[::-1] * (-1, 1), here.corners, atol=0.02 * MM)
 
 
@@ -64,7 +64,7 @@ def test_a_mirrored_groove_gives_mirrored_corners(seed: int) -> None:
 def test_a_template_that_does_not_fit_is_refused(model: GrooveModel) -> None:
     flat = [np.array([[0.08, 0.24], [-0.08, 0.24]])]
     with pytest.raises(GrooveNotFound):
-        fit_profile(seen(flat, NOISE), GrooveSettings(model=model))
+        fit_groove_to_profile(seen(flat, NOISE), GrooveSettings(model=model))
 
 
 def test_a_model_has_a_turn_between_each_two_sides() -> None:

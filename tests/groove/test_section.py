@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, rot_y
-from tjscan.groove.measures import Measures, measured
+from tjscan.groove.measures import GrooveMeasures, measure_groove
 from tjscan.groove.section import section_from_points
 
 ROUNDING = 1e-12
@@ -42,10 +42,10 @@ def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed
     tangents = np.array((np.pi, -0.75 * np.pi)) + random.uniform(-0.3, 0.3, 2)
     state = np.concatenate((corners.ravel(), tangents))
 
-    def at(values: Array) -> Measures:
+    def at(values: Array) -> GrooveMeasures:
         p2, p3, p4 = values[:6].reshape(3, 2).tolist()
         wall, leg = ((float(np.cos(a)), float(np.sin(a))) for a in values[6:])
-        return measured(p2, p3, p4, wall, leg)
+        return measure_groove(p2, p3, p4, wall, leg)
 
     def numbers(values: Array) -> Array:
         found = at(values)

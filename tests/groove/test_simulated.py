@@ -48,7 +48,7 @@ def before(joint: JointDefinition, edges: FeatureEdges, phi: float) -> Array:
     p2, p3, p4 = (e.points_j[i] for e in (edges.p2, edges.p3, edges.p4))
     up = np.array([0.0, 0.0, 1.0])
     radial = np.array([np.cos(phi), np.sin(phi), 0.0])
-    leg = radial + up * joint.leg.slope(phi, float(np.hypot(*p4[:2])))
+    leg = radial + up * joint.leg_surface.slope(phi, float(np.hypot(*p4[:2])))
     z = -unit_vector(unit_vector(p2 - p3) + unit_vector(leg))
     y = unit_vector(np.cross(z, up))
     R = np.column_stack((np.cross(y, z), y, z)) @ rot_x(np.radians(10))
@@ -79,7 +79,7 @@ def test_without_faults_the_edges_are_found(
     joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
-    section = find_groove(profile(surface, T_j_s, LaserModel.ideal(), 0))
+    section = find_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
     off = section.points_s[1:4, [0, 2]] - corners(edges, T_j_s, phi)
     assert np.abs(off).max() < 2 * MESH
 
@@ -103,7 +103,7 @@ def test_x_of_g_runs_counterclockwise_round_the_brace(
     joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
-    section = find_groove(profile(surface, T_j_s, LaserModel.ideal(), 0))
+    section = find_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
     T_j_g = T_j_s @ section.T_s_g
     around = np.array([-np.sin(phi), np.cos(phi), 0.0])
     assert T_j_g[:3, 0] @ around > np.cos(np.radians(25))

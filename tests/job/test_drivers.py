@@ -32,7 +32,7 @@ from typing import Annotated
 from annotated_types import Gt
 
 from tjscan.core.units import FileUnit, SettingsTable
-from tjscan.laser.drivers import LaserDriver
+from tjscan.laser.drivers import LaserDriverFactory
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def make(context, settings):
     import no_such_package
 
 
-DRIVER = LaserDriver(make, Acme)
+DRIVER = LaserDriverFactory(make, Acme)
 """
 """A driver of another package."""
 

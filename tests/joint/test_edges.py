@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
@@ -33,19 +33,19 @@ def test_distance_is_exact_even_where_no_vertex_is_near(seed: int, n: int, reach
     rng = np.random.default_rng(seed)
     line = ClosedPolyline(rng.normal(size=(n, 3)))
     points = reach * rng.normal(size=(20, 3))
-    np.testing.assert_allclose(line.distance(points), by_brute_force(line, points), atol=EXACT)
+    np.testing.assert_allclose(line.distances(points), by_brute_force(line, points), atol=EXACT)
 
 
 def test_the_last_vertex_is_joined_to_the_first() -> None:
     points = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.1, 0.2], [2, 2, 0]])
     np.testing.assert_allclose(
-        SQUARE.distance(points), (0.5, 0.5, np.hypot(0.1, 0.2), np.sqrt(2)), atol=EXACT
+        SQUARE.distances(points), (0.5, 0.5, np.hypot(0.1, 0.2), np.sqrt(2)), atol=EXACT
     )
-    np.testing.assert_allclose(SQUARE.nearest(points)[0], (0, 0.5, 0), atol=EXACT)
+    np.testing.assert_allclose(SQUARE.nearest_points(points)[0], (0, 0.5, 0), atol=EXACT)
 
 
 def test_no_points_have_no_distances() -> None:
-    assert SQUARE.distance(np.empty((0, 3))).shape == (0,)
+    assert SQUARE.distances(np.empty((0, 3))).shape == (0,)
 
 
 def test_true_points_of_an_edge_lie_on_it() -> None:
@@ -53,9 +53,9 @@ def test_true_points_of_an_edge_lie_on_it() -> None:
     joint = read_joint(PAPER)
     edges = feature_edges(joint)
     phi = np.random.default_rng(3).uniform(0, 2 * np.pi, 500)
-    s = bevel_sections(joint, phi)
+    s = groove_sections(joint, phi)
     for rz, line in ((s.p2, edges.p2), (s.p3, edges.p3), (s.p4, edges.p4)):
-        assert line.distance(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])).max() < 1e-6
+        assert line.distances(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])).max() < 1e-6
 
 
 def test_distances_tell_the_edges_apart() -> None:
@@ -65,7 +65,7 @@ def test_distances_tell_the_edges_apart() -> None:
     assert distances.shape == (36, 3)
     np.testing.assert_allclose(distances[:, 1], 0, atol=EXACT)
     assert distances[:, [0, 2]].min() > 4e-3
-    np.testing.assert_allclose(edges.distance(on_p3), 0, atol=EXACT)
+    np.testing.assert_allclose(edges.nearest_edge_distances(on_p3), 0, atol=EXACT)
 
 
 def test_a_point_off_the_edge_is_as_far_as_it_was_moved() -> None:
@@ -73,7 +73,7 @@ def test_a_point_off_the_edge_is_as_far_as_it_was_moved() -> None:
     p2 = feature_edges(joint).p2
     lifted = p2.points_j[::50] * (1.001, 1.001, 1.0)
     moved = 0.001 * joint.brace_radius
-    assert p2.distance(lifted) == pytest.approx(moved, rel=1e-4)
+    assert p2.distances(lifted) == pytest.approx(moved, rel=1e-4)
 
 
 def test_arrays_are_read_only() -> None:

@@ -32,8 +32,8 @@ BRACE = 0.2286
 @given(radii, ratios, angles, azimuths)
 def test_points_lie_on_both_cylinders(R: float, k: float, theta: float, phi: float) -> None:
     leg = LegSurface(R, theta)
-    point = leg.point(phi, k * R)
-    assert leg.distance(point) == pytest.approx(0, abs=EXACT)
+    point = leg.points_j(phi, k * R)
+    assert leg.signed_distances(point) == pytest.approx(0, abs=EXACT)
     assert np.hypot(point[0], point[1]) == pytest.approx(k * R, abs=EXACT)
 
 
@@ -43,8 +43,8 @@ def test_dihedral_angle_is_that_of_the_tangent_planes(
     R: float, k: float, theta: float, phi: float
 ) -> None:
     leg = LegSurface(R, theta)
-    normal = leg.normal(leg.point(phi, k * R))
-    assert leg.dihedral(phi, k * R) == pytest.approx(
+    normal = leg.normal(leg.points_j(phi, k * R))
+    assert leg.dihedral_angle(phi, k * R) == pytest.approx(
         np.pi - np.arccos(normal @ radial_direction(phi))
     )
 
@@ -53,9 +53,9 @@ def test_dihedral_angle_is_that_of_the_tangent_planes(
 @given(ratios, angles, azimuths)
 def test_derivatives_are_those_of_the_surface(k: float, theta: float, phi: float) -> None:
     leg, rho = LegSurface(0.3, theta), k * 0.3
-    around = (leg.point(phi + STEP, rho) - leg.point(phi - STEP, rho)) / (2 * STEP)
+    around = (leg.points_j(phi + STEP, rho) - leg.points_j(phi - STEP, rho)) / (2 * STEP)
     outward = (leg.height(phi, rho + STEP) - leg.height(phi, rho - STEP)) / (2 * STEP)
-    np.testing.assert_allclose(leg.velocity(phi, rho), around, atol=DIFFERENCE)
+    np.testing.assert_allclose(leg.azimuth_derivative(phi, rho), around, atol=DIFFERENCE)
     np.testing.assert_allclose(leg.slope(phi, rho), outward, atol=1e-7)
     np.testing.assert_allclose(np.linalg.norm(leg.tangent(phi, rho)), 1)
     assert leg.tangent(phi, rho) @ tangential_direction(phi) > 0
@@ -69,9 +69,9 @@ def test_a_ray_ends_on_the_surface_and_on_itself(
     leg = LegSurface(0.3, theta)
     start = np.array([[rho, float(leg.height(phi, rho)) + 0.05]])
     ray = np.array([[np.sin(lean), -np.cos(lean)]])
-    end = leg.meet(np.array([phi]), start, ray)
+    end = leg.ray_intersections(np.array([phi]), start, ray)
     assume(np.isfinite(end).all())  # a ray that leans outward may pass by
-    assert leg.distance(cylindrical_to_j(phi, end[:, 0], end[:, 1]))[0] == pytest.approx(
+    assert leg.signed_distances(cylindrical_to_j(phi, end[:, 0], end[:, 1]))[0] == pytest.approx(
         0, abs=EXACT
     )
     travel = end - start
@@ -80,7 +80,9 @@ def test_a_ray_ends_on_the_surface_and_on_itself(
 
 
 def test_a_ray_that_passes_by_ends_nowhere() -> None:
-    end = PAPER.meet(np.array([np.pi / 2]), np.array([[0.31, 0.5]]), np.array([[0.0, -1.0]]))
+    end = PAPER.ray_intersections(
+        np.array([np.pi / 2]), np.array([[0.31, 0.5]]), np.array([[0.0, -1.0]])
+    )
     assert np.isnan(end).all()
 
 
@@ -88,7 +90,9 @@ def test_a_ray_that_passes_by_ends_nowhere() -> None:
 @given(angles, azimuths, st.floats(1e-3, 0.02))
 def test_an_offset_surface_keeps_its_distance(theta: float, phi: float, gap: float) -> None:
     leg = LegSurface(0.3, theta)
-    assert leg.distance(leg.offset(gap).point(phi, 0.2)) == pytest.approx(gap, abs=EXACT)
+    assert leg.signed_distances(leg.offset_surface(gap).points_j(phi, 0.2)) == pytest.approx(
+        gap, abs=EXACT
+    )
 
 
 def test_a_right_angled_joint_is_the_textbook_curve() -> None:
@@ -97,14 +101,14 @@ def test_a_right_angled_joint_is_the_textbook_curve() -> None:
         PAPER.height(phi, BRACE), np.sqrt(0.3**2 - (BRACE * np.sin(phi)) ** 2), atol=EXACT
     )
     np.testing.assert_allclose(
-        np.cos(PAPER.dihedral(phi, BRACE)), -BRACE / 0.3 * np.sin(phi) ** 2, atol=EXACT
+        np.cos(PAPER.dihedral_angle(phi, BRACE)), -BRACE / 0.3 * np.sin(phi) ** 2, atol=EXACT
     )
 
 
 def test_the_papers_joint_has_its_known_figures() -> None:
     """Dihedral angle 90° to 139.6°, a drop of 105.7 mm, half an intersection of 755 mm."""
-    assert np.rad2deg(PAPER.dihedral(0, BRACE)) == pytest.approx(90)
-    assert np.rad2deg(PAPER.dihedral(np.pi / 2, BRACE)) == pytest.approx(139.6, abs=0.05)
+    assert np.rad2deg(PAPER.dihedral_angle(0, BRACE)) == pytest.approx(90)
+    assert np.rad2deg(PAPER.dihedral_angle(np.pi / 2, BRACE)) == pytest.approx(139.6, abs=0.05)
     drop = PAPER.height(0, BRACE) - PAPER.height(np.pi / 2, BRACE)
     assert 1e3 * drop == pytest.approx(105.7, abs=0.05)
     assert 1e3 * PAPER.arc_length(BRACE, 0, np.pi) == pytest.approx(755, abs=0.5)
@@ -112,6 +116,6 @@ def test_the_papers_joint_has_its_known_figures() -> None:
 
 def test_the_heel_of_a_leaning_brace_is_at_azimuth_zero() -> None:
     leaning = LegSurface(0.3, np.deg2rad(60))
-    assert np.rad2deg(leaning.dihedral(0, BRACE)) == pytest.approx(60)
-    assert np.rad2deg(leaning.dihedral(np.pi, BRACE)) == pytest.approx(120)
+    assert np.rad2deg(leaning.dihedral_angle(0, BRACE)) == pytest.approx(60)
+    assert np.rad2deg(leaning.dihedral_angle(np.pi, BRACE)) == pytest.approx(120)
     assert leaning.height(0, BRACE) > leaning.height(np.pi, BRACE)

@@ -18,7 +18,7 @@ from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distan
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
@@ -34,7 +34,7 @@ from tjscan.joint.imperfections import (
     SeamWeldCap,
     Spatter,
     TackWeld,
-    interpolate_round_joint,
+    interpolate_around_joint,
 )
 from tjscan.joint.mesh import TriangleMesh, build_joint_mesh
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
@@ -134,7 +134,7 @@ def test_an_ellipse_is_met_where_its_equation_holds(
 ) -> None:
     ellipse = Ellipse(0.3, ratio * 0.3, widest)
     centre = np.tile((x, y), (len(PHI), 1))
-    rho = ellipse.radius(PHI, centre)
+    rho = ellipse.radius_in_direction(PHI, centre)
     p = rho[:, None] * np.column_stack((np.cos(PHI), np.sin(PHI))) - centre
     u = p @ (np.cos(widest), np.sin(widest)) / 0.3
     v = p @ (-np.sin(widest), np.cos(widest)) / (ratio * 0.3)
@@ -147,37 +147,41 @@ def test_a_leg_hardly_oval_is_the_round_one(angle: float) -> None:
     flat = OvalLegSurface.from_ovality(0.3, radians(angle), 1e-10, 0.7)
     round_ = LegSurface(0.3, radians(angle))
     rho = np.linspace(0.1, 0.28, len(PHI))
-    points = round_.point(PHI, rho)
+    points = round_.points_j(PHI, rho)
     for ours, theirs in (
         (flat.height(PHI, rho), round_.height(PHI, rho)),
         (flat.slope(PHI, rho), round_.slope(PHI, rho)),
-        (flat.velocity(PHI, rho), round_.velocity(PHI, rho)),
+        (flat.azimuth_derivative(PHI, rho), round_.azimuth_derivative(PHI, rho)),
         (flat.normal(points), round_.normal(points)),
-        (flat.distance(points + 0.01), round_.distance(points + 0.01)),
+        (flat.signed_distances(points + 0.01), round_.signed_distances(points + 0.01)),
     ):
         np.testing.assert_allclose(ours, theirs, atol=1e-8)
     start = np.column_stack((rho, round_.height(PHI, rho) + 0.05))
     down = np.tile((0.2, -1.0), (len(PHI), 1))
     np.testing.assert_allclose(
-        flat.meet(PHI, start, down), round_.meet(PHI, start, down), atol=1e-8
+        flat.ray_intersections(PHI, start, down),
+        round_.ray_intersections(PHI, start, down),
+        atol=1e-8,
     )
-    assert isinstance(flat.offset(0.01), OvalLegSurface)
+    assert isinstance(flat.offset_surface(0.01), OvalLegSurface)
 
 
 @pytest.mark.parametrize("angle", [90.0, 60.0])
 def test_an_oval_legs_derivatives_and_normals_are_those_of_its_points(angle: float) -> None:
     leg = OvalLegSurface.from_ovality(0.3, radians(angle), 0.03, 0.7)
     rho, h = np.full_like(PHI, 0.22), 1e-6
-    around = (leg.point(PHI + h, rho) - leg.point(PHI - h, rho)) / (2 * h)
+    around = (leg.points_j(PHI + h, rho) - leg.points_j(PHI - h, rho)) / (2 * h)
     rise = (leg.height(PHI, rho + h) - leg.height(PHI, rho - h)) / (2 * h)
-    np.testing.assert_allclose(leg.velocity(PHI, rho), around, atol=1e-8)
+    np.testing.assert_allclose(leg.azimuth_derivative(PHI, rho), around, atol=1e-8)
     np.testing.assert_allclose(leg.slope(PHI, rho), rise, atol=1e-8)
-    points = leg.point(PHI, rho)
-    np.testing.assert_allclose(leg.distance(points), 0, atol=EXACT)
+    points = leg.points_j(PHI, rho)
+    np.testing.assert_allclose(leg.signed_distances(points), 0, atol=EXACT)
     normal = leg.normal(points)
     np.testing.assert_allclose(np.sum(normal * around, axis=1), 0, atol=1e-8)
-    np.testing.assert_allclose(leg.distance(points + 1e-3 * normal), 1e-3, atol=1e-7)
-    met = leg.meet(PHI, np.column_stack((rho, np.full_like(rho, 0.6))), np.array([[0.0, -1.0]]))
+    np.testing.assert_allclose(leg.signed_distances(points + 1e-3 * normal), 1e-3, atol=1e-7)
+    met = leg.ray_intersections(
+        PHI, np.column_stack((rho, np.full_like(rho, 0.6))), np.array([[0.0, -1.0]])
+    )
     np.testing.assert_allclose(met[:, 1], leg.height(PHI, rho), atol=EXACT)
 
 
@@ -187,7 +191,7 @@ def test_an_oval_legs_derivatives_and_normals_are_those_of_its_points(angle: flo
 def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
     off = BraceMisfit(offset=3e-3, offset_towards=0.4, tilt=radians(0.5), tilt_towards=2.0)
     d = built(Imperfections(misfit=off, brace_ovality=Ovality(ovality=0.01, widest=0.9)))
-    s = bevel_sections(d, PHI)
+    s = groove_sections(d, PHI)
     x, y, z = cylindrical_to_j(PHI, s.p2[:, 0], s.p2[:, 1]).T
     cx = 3e-3 * np.cos(0.4) + z * np.tan(radians(0.5)) * np.cos(2.0)
     cy = 3e-3 * np.sin(0.4) + z * np.tan(radians(0.5)) * np.sin(2.0)
@@ -204,24 +208,24 @@ def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
 
 def test_the_root_opens_as_stated() -> None:
     d = built(Imperfections(root=RootAsFitted(opening=(0.0, 1e-3, -1e-3, 0.5e-3))))
-    s = bevel_sections(d, PHI)
-    gap = LegSurface(d.leg_radius, d.angle).distance(
+    s = groove_sections(d, PHI)
+    gap = LegSurface(d.leg_radius, d.angle).signed_distances(
         cylindrical_to_j(PHI, s.land[:, 0], s.land[:, 1])
     )
     np.testing.assert_allclose(
-        gap, d.root_gap + interpolate_round_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI)
+        gap, d.root_gap + interpolate_around_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI)
     )
     quarters = np.linspace(0, 1.5 * np.pi, 4)
-    found = interpolate_round_joint((0.0, 1e-3, -1e-3, 0.5e-3), quarters)
+    found = interpolate_around_joint((0.0, 1e-3, -1e-3, 0.5e-3), quarters)
     np.testing.assert_allclose(found, np.array((0, 1e-3, -1e-3, 0.5e-3)), atol=EXACT)
 
 
 def test_an_open_root_shows_the_land_and_its_foot_on_the_leg() -> None:
     d = built(Imperfections(root=RootAsFitted(is_open=True)))
-    s = bevel_sections(d, PHI)
+    s = groove_sections(d, PHI)
     np.testing.assert_array_equal(s.p3, s.land)
     foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
-    np.testing.assert_allclose(d.leg.distance(foot), 0, atol=EXACT)
+    np.testing.assert_allclose(d.leg_surface.signed_distances(foot), 0, atol=EXACT)
     # Square to the leg in the half-plane, so no nearer than the opening itself.
     assert s.root_width.min() >= d.root_gap - EXACT
     assert s.root_width.max() < 1.1 * d.root_gap
@@ -243,9 +247,9 @@ def test_solids_are_watertight(imperfections: Imperfections, name: str) -> None:
 def test_corners_lie_on_the_solid(name: str) -> None:
     """Rays from over the corner, along the bisector of the faces that meet there."""
     d, mesh = built(BENT, name), mesh_of(BENT, name)
-    s = bevel_sections(d, PHI)
+    s = groove_sections(d, PHI)
     surface = RaycastSurface(mesh.vertices, mesh.triangles)
-    out = s.p4 + 1e-3 * np.column_stack((np.ones_like(PHI), d.leg.slope(PHI, s.p4[:, 0])))
+    out = s.p4 + 1e-3 * np.column_stack((np.ones_like(PHI), d.leg_surface.slope(PHI, s.p4[:, 0])))
     up = s.p2 + np.array((0.0, 1e-3))
     for corner, one, other in ((s.p2, up, s.p3), (s.p3, s.p2, s.p4), (s.p4, s.p3, out)):
         outward = sum(
@@ -257,7 +261,7 @@ def test_corners_lie_on_the_solid(name: str) -> None:
         start = corner + 1e-4 * outward
         origin, goal = (cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]) for rz in (start, corner))
         way = (goal - origin) / np.linalg.norm(goal - origin, axis=1, keepdims=True)
-        hits = surface.cast(origin, way)
+        hits = surface.cast_rays(origin, way)
         np.testing.assert_allclose(hits.distance, 1e-4, atol=2 * ON_MESH)
 
 
@@ -268,15 +272,15 @@ def heights_over(d: JointDefinition, mesh: TriangleMesh, start: Array, end: Arra
     above = middle + ABOVE * normal
     origin, goal = (cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]) for rz in (above, middle))
     way = (goal - origin) / ABOVE
-    return ABOVE - RaycastSurface(mesh.vertices, mesh.triangles).cast(origin, way).distance
+    return ABOVE - RaycastSurface(mesh.vertices, mesh.triangles).cast_rays(origin, way).distance
 
 
 def test_bead_and_bevel_rise_as_stated() -> None:
     d, mesh = built(BENT), mesh_of(BENT)
-    s = bevel_sections(d, PHI)
+    s = groove_sections(d, PHI)
     bead = heights_over(d, mesh, s.p4, s.p3)
     np.testing.assert_allclose(
-        bead, interpolate_round_joint(BENT.root.bead_height, PHI), atol=0.05e-3
+        bead, interpolate_around_joint(BENT.root.bead_height, PHI), atol=0.05e-3
     )
     # Over the middle of a bevel whose facets meet at 0.4 of it.
     length = np.linalg.norm(s.p2 - s.p3, axis=1)
@@ -292,7 +296,7 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
     np.testing.assert_allclose(middle, (0.3, 2.5))
     for tack, span in zip(d.imperfections.tacks, spans, strict=True):
         phi = np.linspace(span[0], span[1], 200)
-        land = bevel_sections(d, phi).land
+        land = groove_sections(d, phi).land
         line = cylindrical_to_j(phi, land[:, 0], land[:, 1])
         length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert length == pytest.approx(tack.length, rel=0.01)
@@ -303,7 +307,7 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
     assert within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
 
     tacked, bare = build_joint_mesh(d), build_joint_mesh(joint())
-    s = bevel_sections(d, PHI)
+    s = groove_sections(d, PHI)
     more = heights_over(d, tacked, s.p4, s.p3) - heights_over(d, bare, s.p4, s.p3)
     on = within_spans(spans, PHI)
     assert (more[on] > 0.5e-3).all()
@@ -314,7 +318,7 @@ def test_corners_under_a_tack_have_no_error() -> None:
     d = built(replace(NO_IMPERFECTIONS, tacks=DEPOSITED.tacks))
     edges = feature_edges(d)
     phi = np.array((0.3, 1.0, 2.5))
-    s = bevel_sections(d, phi)
+    s = groove_sections(d, phi)
     ends = [cylindrical_to_j(phi, rz[:, 0], rz[:, 1]) for rz in (s.p2, s.p2, s.p3, s.p4, s.p4)]
     errors = corner_to_edge_distances(np.stack(ends, axis=1), edges)
     np.testing.assert_array_equal(
@@ -329,7 +333,7 @@ def test_a_seams_cap_stands_on_the_leg() -> None:
     mesh = build_joint_mesh(d)
     outward = np.array((0.0, np.sin(radians(70)), np.cos(radians(70))))
     origin = (d.leg_radius + 0.05) * outward + (0.3, 0, 0)
-    hits = RaycastSurface(mesh.vertices, mesh.triangles).cast(origin[None], -outward[None])
+    hits = RaycastSurface(mesh.vertices, mesh.triangles).cast_rays(origin[None], -outward[None])
     assert hits.distance[0] == pytest.approx(0.05 - 2e-3, abs=1e-5)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
@@ -78,7 +78,7 @@ def square_to(rz: Array) -> Array:
 def assert_true_to_the_closed_form(joint: JointDefinition, mesh: TriangleMesh, n: int) -> None:
     rng = np.random.default_rng(5)
     phi, share = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 1, (n, 1))
-    s = bevel_sections(joint, phi)
+    s = groove_sections(joint, phi)
     rho = np.minimum(s.p4[:, 0] + share[:, 0] * NEAR, 0.99 * joint.leg_radius)
     above = min(NEAR, joint.brace_length - float(s.p2[:, 1].max()))
     surfaces = {
@@ -86,8 +86,8 @@ def assert_true_to_the_closed_form(joint: JointDefinition, mesh: TriangleMesh, n
         "bevel": (s.p2 + share * (s.p3 - s.p2), square_to(s.p2 - s.p3)),
         "bead": (s.p3 + share * (s.p4 - s.p3), square_to(s.p3 - s.p4)),
         "leg": (
-            np.column_stack((rho, joint.leg.height(phi, rho))),
-            square_to(-np.column_stack((np.ones(n), joint.leg.slope(phi, rho)))),
+            np.column_stack((rho, joint.leg_surface.height(phi, rho))),
+            square_to(-np.column_stack((np.ones(n), joint.leg_surface.slope(phi, rho)))),
         ),
     }
     for name, (rz, normal_rz) in surfaces.items():
@@ -120,9 +120,9 @@ def test_points_of_the_mesh_lie_on_the_closed_form(file: Path) -> None:
     joint, mesh = built(file)
     points = solid_of(mesh).triangles_center
     phi, rho = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
-    s = bevel_sections(joint, phi)
+    s = groove_sections(joint, phi)
     rz = np.column_stack((rho, points[:, 2]))
-    seen = (rho > s.land[:, 0]) & (joint.leg.distance(points) > -ACCURACY)
+    seen = (rho > s.land[:, 0]) & (joint.leg_surface.signed_distances(points) > -ACCURACY)
     seen &= np.linalg.norm(rz - s.p3, axis=1) < NEAR + s.bevel_length
 
     def off_line(a: Array, b: Array) -> Array:
@@ -133,7 +133,7 @@ def test_points_of_the_mesh_lie_on_the_closed_form(file: Path) -> None:
     off = np.column_stack(
         (
             np.abs(rho - joint.brace_radius),
-            np.abs(joint.leg.distance(points)),
+            np.abs(joint.leg_surface.signed_distances(points)),
             off_line(s.p2, s.p3),
             off_line(s.p3, s.p4),
         )
@@ -149,7 +149,7 @@ def test_feature_edges_are_the_creases_of_the_mesh(file: Path) -> None:
     sharp = solid.face_adjacency_edges[solid.face_adjacency_angles > np.deg2rad(15)]
     ends = mesh.vertices[sharp]
     for line in (edges.p2, edges.p3, edges.p4):
-        distance = line.distance(ends.reshape(-1, 3)).reshape(-1, 2)
+        distance = line.distances(ends.reshape(-1, 3)).reshape(-1, 2)
         on_it = ends[np.all(distance < ACCURACY, axis=1)]
         length = np.linalg.norm(on_it[:, 1] - on_it[:, 0], axis=1).sum()
         steps = np.diff(line.points_j, axis=0, append=line.points_j[:1])
@@ -162,8 +162,8 @@ def test_volume_lies_between_what_it_must_hold_and_may_hold() -> None:
     bore = joint.leg_radius - joint.leg_wall
     leg = np.pi * (joint.leg_radius**2 - bore**2) * joint.leg_length
     ring = np.pi * (joint.brace_radius**2 - joint.brace_inner_radius**2)
-    top = bevel_sections(joint, phi).p2[:, 1].mean()
-    foot = joint.leg.height(phi, joint.brace_radius).mean()
+    top = groove_sections(joint, phi).p2[:, 1].mean()
+    foot = joint.leg_surface.height(phi, joint.brace_radius).mean()
     least, most = (leg + ring * (joint.brace_length - z) for z in (top, foot))
     assert least < solid_of(mesh).volume < most
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array, pose
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
@@ -19,7 +19,7 @@ from tjscan.joint.imperfections import (
     MillScale,
     Ovality,
 )
-from tjscan.joint.relief import joint_relief_height
+from tjscan.joint.relief import make_relief_height_function
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays
 
@@ -39,16 +39,16 @@ def on_tubes(d: JointDefinition, n: int) -> tuple[Array, Array]:
     phi = rng.uniform(0, 2 * np.pi, n)
     z = rng.uniform(0.4, 0.6, n)
     rho = rng.uniform(0.24, 0.28, n)
-    return cylindrical_to_j(phi, d.brace_wall_radius(phi, z), z), d.leg.point(phi, rho)
+    return cylindrical_to_j(phi, d.brace_wall_radius(phi, z), z), d.leg_surface.points_j(phi, rho)
 
 
 def test_a_smooth_joint_has_no_relief() -> None:
-    assert joint_relief_height(joint()) is None
+    assert make_relief_height_function(joint()) is None
 
 
 def test_scale_covers_the_stated_share_with_the_stated_thickness() -> None:
     d = joint(replace(NO_IMPERFECTIONS, scale=SCALE, leg_ovality=Ovality(ovality=0.01)))
-    relief = joint_relief_height(d)
+    relief = make_relief_height_function(d)
     assert relief is not None
     for points in on_tubes(d, 20_000):
         heights = relief(points)
@@ -60,13 +60,13 @@ def test_scale_covers_the_stated_share_with_the_stated_thickness() -> None:
 def test_scale_lies_on_the_tubes_alone_and_the_seed_places_it() -> None:
     d = joint(replace(NO_IMPERFECTIONS, scale=SCALE))
     relief, other = (
-        joint_relief_height(d),
-        joint_relief_height(joint(replace(NO_IMPERFECTIONS, scale=replace(SCALE, seed=1)))),
+        make_relief_height_function(d),
+        make_relief_height_function(joint(replace(NO_IMPERFECTIONS, scale=replace(SCALE, seed=1)))),
     )
     assert relief is not None
     assert other is not None
     phi = np.linspace(0, 6, 2000)
-    s = bevel_sections(d, phi)
+    s = groove_sections(d, phi)
     middle = 0.5 * (s.p2 + s.p3)
     assert not relief(cylindrical_to_j(phi, middle[:, 0], middle[:, 1])).any()
     wall, _ = on_tubes(d, 2000)
@@ -74,9 +74,9 @@ def test_scale_lies_on_the_tubes_alone_and_the_seed_places_it() -> None:
 
 
 def test_scallops_rise_and_fall_along_the_bevel() -> None:
-    relief = joint_relief_height(joint(replace(NO_IMPERFECTIONS, bevel=SCALLOPS)))
+    relief = make_relief_height_function(joint(replace(NO_IMPERFECTIONS, bevel=SCALLOPS)))
     assert relief is not None
-    s = bevel_sections(joint(), np.array([0.7]))
+    s = groove_sections(joint(), np.array([0.7]))
     length = float(np.linalg.norm(s.p2 - s.p3))
     up = np.arange(0.01e-3, length, 0.01e-3)
     rz = s.p3 + up[:, None] * (s.p2 - s.p3) / length
@@ -84,7 +84,7 @@ def test_scallops_rise_and_fall_along_the_bevel() -> None:
     assert np.ptp(heights) == pytest.approx(SCALLOPS.scallop_depth, rel=0.01)
     crests = np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] >= heights[2:])) + 1
     np.testing.assert_allclose(np.diff(up[crests]), SCALLOPS.scallop_length, atol=0.02e-3)
-    assert not relief(joint().leg.point(np.linspace(0, 6, 99), 0.27)).any()
+    assert not relief(joint().leg_surface.points_j(np.linspace(0, 6, 99), 0.27)).any()
 
 
 def test_a_relief_is_seen_at_its_height() -> None:
@@ -93,7 +93,7 @@ def test_a_relief_is_seen_at_its_height() -> None:
     vertices = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
     step = RaycastSurface(vertices, triangles, lambda p: np.where(p[:, 0] > 0, 0.5e-3, 0.0))
-    model = LaserModel.ideal()
+    model = LaserModel.without_faults()
     for lean in (0.0, 0.5):
         c, s = np.cos(lean), np.sin(lean)
         R = np.array([[c, 0, s], [0, -1, 0], [s, 0, -c]])

@@ -21,7 +21,7 @@ from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.tubes.cylinder import Cylinder
 from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
-from tjscan.joint.tubes.find import find_tubes
+from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import fit_tubes_to_walls
 from tjscan.joint.tubes.frame import joint_frame_from_tubes, joint_pose_from_cylinders
 from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
@@ -40,12 +40,15 @@ def walls_of(joint: JointDefinition, views: int = 24, arc: float = 3.6) -> WallP
     """Exact points of both walls as an arm sees them round an arc, in frame j."""
     points, on_brace, view, pivots = [], [], [], []
     for k, phi in enumerate(np.linspace(-0.3, arc - 0.3, views)):
-        foot = float(joint.leg.height(phi, joint.brace_radius))
+        foot = float(joint.leg_surface.height(phi, joint.brace_radius))
         up = foot + np.linspace(0.02, 0.06, 4)
         out = joint.brace_radius + np.linspace(0.0, 0.04, 4)
         # A line across the leg bends out of the half-plane where it must stay on the surface.
         rho = np.minimum(out, 0.98 * joint.leg_radius)
-        points += [cylindrical_to_j(phi, joint.brace_radius, up), joint.leg.point(phi, rho)]
+        points += [
+            cylindrical_to_j(phi, joint.brace_radius, up),
+            joint.leg_surface.points_j(phi, rho),
+        ]
         on_brace += [True] * 4 + [False] * 4
         view += [k] * 8
         pivots.append(cylindrical_to_j(phi, joint.brace_radius + 0.4, foot + 0.3))
@@ -69,8 +72,8 @@ def true_tubes(joint: JointDefinition, T: Array) -> tuple[Cylinder, Cylinder]:
     brace = Cylinder(
         np.array((0.0, 0.0, joint.leg_radius)), np.array((0, 0, 1.0)), joint.brace_radius
     )
-    leg = Cylinder(np.zeros(3), joint.leg.axis, joint.leg_radius)
-    return brace.moved(T), leg.moved(T)
+    leg = Cylinder(np.zeros(3), joint.leg_surface.axis, joint.leg_radius)
+    return brace.transformed(T), leg.transformed(T)
 
 
 def nudged(tube: Cylinder) -> Cylinder:
@@ -98,7 +101,7 @@ def test_exact_walls_give_the_exact_frame_wherever_they_stand(
     frame = joint_frame_from_tubes(tubes, T[:3, 0])
     assert np.linalg.norm(frame.T[:3, 3] - T[:3, 3]) < EXACT
     assert rotation_angle_between(frame.T, T) < EXACT
-    assert frame.shape.array == pytest.approx(
+    assert frame.shape.as_array == pytest.approx(
         (joint.brace_radius, joint.leg_radius, joint.angle, 0.0), abs=EXACT
     )
 
@@ -107,7 +110,8 @@ def test_derivatives_of_the_distance_are_those_of_small_steps() -> None:
     tube = Cylinder(np.array((0.1, 0.2, 0.3)), np.array((1.0, 2.0, -1.0)), 0.25)
     points = np.random.default_rng(1).normal(size=(50, 3))
     numeric = [
-        (tube.boxplus(h).distance(points) - tube.boxplus(-h).distance(points)) / 2e-6
+        (tube.boxplus(h).signed_distances(points) - tube.boxplus(-h).signed_distances(points))
+        / 2e-6
         for h in 1e-6 * np.eye(5)
     ]
     np.testing.assert_allclose(tube.jacobian(points), np.transpose(numeric), atol=1e-7)
@@ -117,10 +121,10 @@ def test_points_and_normals_of_a_cylinder_give_it_back() -> None:
     tube = Cylinder(np.array((1.0, -2.0, 0.5)), np.array((0.3, 0.1, 1.0)), 0.2)
     around = np.random.default_rng(2).normal(size=(40, 3)) + tube.point
     normals = tube.normals(around)
-    points = around - tube.distance(around)[:, None] * normals
+    points = around - tube.signed_distances(around)[:, None] * normals
     found = cylinder_from_normals(points, normals)
     assert found.radius == pytest.approx(tube.radius, abs=EXACT)
-    assert np.abs(tube.distance(points - tube.radius * normals) + tube.radius).max() < EXACT
+    assert np.abs(tube.signed_distances(points - tube.radius * normals) + tube.radius).max() < EXACT
 
 
 def test_the_errors_of_the_frame_are_as_large_as_stated() -> None:
@@ -138,7 +142,7 @@ def test_the_errors_of_the_frame_are_as_large_as_stated() -> None:
             fit_tubes_to_walls(walls, arm, *true_tubes(joint, np.eye(4))), np.eye(3)[0]
         )
         turned = Rotation.from_matrix(frame.T[:3, :3]).as_rotvec()
-        of_shape = frame.shape.array - (joint.brace_radius, joint.leg_radius, joint.angle, 0.0)
+        of_shape = frame.shape.as_array - (joint.brace_radius, joint.leg_radius, joint.angle, 0.0)
         found = np.concatenate((frame.T[:3, 3], turned, of_shape))
         squares.append(found @ np.linalg.solve(frame.covariance, found) / 10)
     assert 0.75 < np.mean(squares) < 1.3
@@ -194,7 +198,7 @@ def cloud_of(joint: JointDefinition, T: Array) -> Array:
     mesh = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
     points = np.asarray(trimesh.sample.sample_surface(mesh, 60_000, seed=1)[0])
     rho = np.hypot(points[:, 0], points[:, 1])
-    outside = joint.leg.distance(points) > -1e-4
+    outside = joint.leg_surface.signed_distances(points) > -1e-4
     outside &= (rho > joint.brace_radius - 0.02) & (rho < joint.brace_radius + 0.1)
     noise = np.random.default_rng(0).normal(0, 5e-5, points.shape)
     return transform_points(T, (points + noise)[outside])
@@ -203,7 +207,7 @@ def cloud_of(joint: JointDefinition, T: Array) -> Array:
 @pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: joint.name)
 def test_leg_and_brace_are_found_in_a_cloud(joint: JointDefinition) -> None:
     T = pose(Rotation.from_rotvec((1.0, -0.7, 2.0)).as_matrix(), (1, 2, 3))
-    tubes = find_tubes(cloud_of(joint, T))
+    tubes = find_tubes_in_cloud(cloud_of(joint, T))
     found, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, T[:3, 0])
     # Its points lie on the facets of a mesh, up to a tenth of a millimetre inside.
     assert np.linalg.norm(found[:3, 3] - T[:3, 3]) < 1e-4
@@ -214,7 +218,7 @@ def test_leg_and_brace_are_found_in_a_cloud(joint: JointDefinition) -> None:
 
 def test_leg_and_brace_are_found_in_the_separate_lines_of_a_scan() -> None:
     points = all_profile_points(scan_example({}).sections, JointOrBaseFrame(None))
-    tubes = find_tubes(points)
+    tubes = find_tubes_in_cloud(points)
     T_b_j, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, np.array((1.0, 0.0, 0.0)))
     assert (
         np.linalg.norm(inverse_pose(T_b_j)[:3, :3] @ (T_b_j[:3, 3] - (0.522, 0.903, -0.128))) < 5e-4
@@ -225,9 +229,9 @@ def test_leg_and_brace_are_found_in_the_separate_lines_of_a_scan() -> None:
 def test_a_cloud_without_two_tubes_is_refused() -> None:
     rng = np.random.default_rng(3)
     with pytest.raises(TubesNotFound):
-        find_tubes(rng.uniform(size=(50, 3)))
+        find_tubes_in_cloud(rng.uniform(size=(50, 3)))
     with pytest.raises(TubesNotFound):
-        find_tubes(rng.uniform(size=(5000, 3)))
+        find_tubes_in_cloud(rng.uniform(size=(5000, 3)))
     phi, z = rng.uniform(0, 6.28, 5000), rng.uniform(0, 0.5, 5000)
     with pytest.raises(TubesNotFound):
-        find_tubes(cylindrical_to_j(phi, 0.2, z))
+        find_tubes_in_cloud(cylindrical_to_j(phi, 0.2, z))

@@ -23,7 +23,7 @@ from tjscan.laser.optics import LaserRayHits, laser_ray_directions
 
 N = 640
 EXACT = 1e-12
-RAYS = laser_ray_directions(LaserModel.ideal())
+RAYS = laser_ray_directions(LaserModel.without_faults())
 ALL_ON = LaserModel(ghosts=0.1, missing=0.05, flyers=0.8, strays=0.1)
 
 
@@ -67,7 +67,7 @@ def groove() -> LaserRayHits:
 
 def test_without_faults_the_points_are_what_is_seen() -> None:
     view = groove()
-    points = taken(view, LaserModel.ideal())
+    points = taken(view, LaserModel.without_faults())
     np.testing.assert_allclose(along(points), view.distance, atol=EXACT)
     np.testing.assert_allclose(points.x_s, view.distance * RAYS[:, 0], atol=EXACT)
     assert np.all(points.kind == PointOrigin.TRUE)
@@ -87,14 +87,14 @@ def test_noise_has_its_sigma_everywhere_and_its_correlation(correlation: float) 
 
 
 def test_noise_moves_points_along_their_rays() -> None:
-    points = taken(hits(), LaserModel.ideal(noise=50e-6))
+    points = taken(hits(), LaserModel.without_faults(noise=50e-6))
     z = points.z_s - LaserModel().emitter_z
     np.testing.assert_allclose(points.x_s * RAYS[:, 2], z * RAYS[:, 0], atol=EXACT)
     assert np.std(along(points) - hits().distance) == pytest.approx(50e-6, rel=0.3)
 
 
 def test_bias_grows_with_incidence_and_is_bounded() -> None:
-    model = LaserModel.ideal(bias=LaserModel().bias)
+    model = LaserModel.without_faults(bias=LaserModel().bias)
     biases = np.array(
         [along(taken(hits(a), model)) - hits(a).distance for a in np.radians(range(0, 90, 2))]
     )
@@ -106,7 +106,7 @@ def test_bias_grows_with_incidence_and_is_bounded() -> None:
 
 
 def test_points_drop_out_with_growing_incidence() -> None:
-    model = LaserModel.ideal(dropout=1.0)
+    model = LaserModel.without_faults(dropout=1.0)
     # Every ray of `hits` lies in the x-z plane, so the incidence is the same in each column.
     left = [
         np.mean(
@@ -147,7 +147,7 @@ def test_runs_hold_the_count_and_keep_their_lengths(
 @pytest.mark.parametrize("fraction", [0.0, 0.02, 0.065, 0.15])
 def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
     view = hits(ghost=np.arange(N) >= 300)
-    model = LaserModel.ideal(ghosts=fraction)
+    model = LaserModel.without_faults(ghosts=fraction)
     kinds = np.array([taken(view, model, seed).kind for seed in range(40)])
     ghosts = kinds == PointOrigin.GHOST
     # One column more or less per profile is as near as a whole number comes.
@@ -161,7 +161,7 @@ def test_ghosts_are_the_asked_fraction_in_runs(fraction: float) -> None:
 
 def test_ghosts_lie_at_their_image_and_are_dim() -> None:
     view = hits(ghost=np.ones(N, bool))
-    points = taken(view, LaserModel.ideal(ghosts=0.15))
+    points = taken(view, LaserModel.without_faults(ghosts=0.15))
     ghosts = points.kind == PointOrigin.GHOST
     np.testing.assert_allclose(along(points)[ghosts], view.ghost[ghosts], atol=EXACT)
     np.testing.assert_allclose(along(points)[~ghosts], view.distance[~ghosts], atol=EXACT)
@@ -170,14 +170,14 @@ def test_ghosts_lie_at_their_image_and_are_dim() -> None:
 
 def test_no_face_turns_into_a_mirror_altogether() -> None:
     view = hits(ghost=np.arange(N) >= 600)
-    model = LaserModel.ideal(ghosts=0.15)
+    model = LaserModel.without_faults(ghosts=0.15)
     assert np.sum(taken(view, model).kind == PointOrigin.GHOST) == model.ghost_share * 40
     assert not np.any(taken(hits(), model).kind == PointOrigin.GHOST)
 
 
 @pytest.mark.parametrize("fraction", [0.02, 0.1])
 def test_missing_points_are_the_asked_fraction_in_short_runs(fraction: float) -> None:
-    model = LaserModel.ideal(missing=fraction)
+    model = LaserModel.without_faults(missing=fraction)
     missing = np.array([taken(hits(), model, s).kind == PointOrigin.MISSING for s in range(60)])
     assert missing.mean() == pytest.approx(fraction, abs=0.5 / N)
     assert max(runs_of(row).max() for row in missing) <= model.missing_run[1]
@@ -185,7 +185,7 @@ def test_missing_points_are_the_asked_fraction_in_short_runs(fraction: float) ->
 
 def test_flyers_fly_only_beside_edges_and_between_their_sides() -> None:
     view = groove()
-    model = LaserModel.ideal(flyers=1.0, flyer_overshoot=0.0)
+    model = LaserModel.without_faults(flyers=1.0, flyer_overshoot=0.0)
     points = taken(view, model)
     flyers = np.flatnonzero(points.kind == PointOrigin.FLYER)
     np.testing.assert_array_equal(flyers, [199, 200, 399, 400, 559, 560])
@@ -206,28 +206,28 @@ def test_where_the_surface_ends_nothing_flies() -> None:
         normals_s=np.where(gone[:, None], 0.0, view.normals_s),
         seen=~gone,
     )
-    points = taken(view, LaserModel.ideal(flyers=1.0))
+    points = taken(view, LaserModel.without_faults(flyers=1.0))
     np.testing.assert_array_equal(
         points.kind, np.where(gone, PointOrigin.MISSING, PointOrigin.TRUE)
     )
 
 
 def test_flyers_come_as_often_as_asked() -> None:
-    model = LaserModel.ideal(flyers=0.3)
+    model = LaserModel.without_faults(flyers=0.3)
     flyers = [np.sum(taken(groove(), model, s).kind == PointOrigin.FLYER) for s in range(500)]
     assert np.mean(flyers) == pytest.approx(0.3 * 6, rel=0.1)
 
 
 def test_raw_coordinates_are_whole_steps() -> None:
-    points = taken(hits(), LaserModel.ideal(step=5e-6, noise=30e-6))
+    points = taken(hits(), LaserModel.without_faults(step=5e-6, noise=30e-6))
     for values in (points.x_s, points.z_s):
         np.testing.assert_allclose(values / 5e-6, np.round(values / 5e-6), atol=1e-6)
-    exact = taken(hits(), LaserModel.ideal(noise=30e-6))
+    exact = taken(hits(), LaserModel.without_faults(noise=30e-6))
     assert np.abs(points.z_s - exact.z_s).max() <= 2.5e-6 + EXACT
 
 
 def test_no_fault_carries_a_point_outside_the_range() -> None:
-    model = LaserModel.ideal(noise=1e-3)
+    model = LaserModel.without_faults(noise=1e-3)
     for edge in (model.near, model.far):
         points = taken(hits(z=edge), model)
         there = points.kind != PointOrigin.MISSING
@@ -246,7 +246,9 @@ def test_a_missing_point_is_nan_and_dark_and_no_other_is() -> None:
 
 
 def test_intensity_falls_with_incidence() -> None:
-    bright = [taken(hits(a), LaserModel.ideal()).intensity[0] for a in (0.0, 0.5, 1.0, 1.5)]
+    bright = [
+        taken(hits(a), LaserModel.without_faults()).intensity[0] for a in (0.0, 0.5, 1.0, 1.5)
+    ]
     np.testing.assert_allclose(bright, np.cos([0.0, 0.5, 1.0, 1.5]), atol=EXACT)
 
 
@@ -289,7 +291,7 @@ def test_every_fault_has_its_own_stream() -> None:
 
 
 def test_strays_lie_before_and_behind_the_surface_in_whole_runs() -> None:
-    model = LaserModel.ideal(strays=0.2)
+    model = LaserModel.without_faults(strays=0.2)
     offsets, lengths = [], []
     for seed in range(40):
         points = taken(hits(), model, seed)
@@ -321,7 +323,7 @@ def valley(angle: float = np.radians(60)) -> LaserRayHits:
 
 
 def test_interreflection_pulls_a_notch_in_and_fades_out() -> None:
-    model = LaserModel.ideal(interreflection=1e-3, interreflection_reach=4e-3)
+    model = LaserModel.without_faults(interreflection=1e-3, interreflection_reach=4e-3)
     view = valley()
     points = taken(view, model)
     pulled = view.distance - along(points)
@@ -335,5 +337,5 @@ def test_interreflection_pulls_a_notch_in_and_fades_out() -> None:
 
 def test_a_ridge_has_no_interreflection() -> None:
     view = valley(np.radians(220))
-    points = taken(view, LaserModel.ideal(interreflection=1e-3))
+    points = taken(view, LaserModel.without_faults(interreflection=1e-3))
     np.testing.assert_allclose(along(points), view.distance, atol=EXACT)

@@ -59,7 +59,7 @@ def test_an_impossible_value_is_refused_by_name(key: str, value: Any) -> None:
 
 
 def test_the_ideal_sensor_has_only_the_faults_it_is_given() -> None:
-    model = LaserModel.ideal(noise=1e-5)
+    model = LaserModel.without_faults(noise=1e-5)
     faults = (model.bias, model.dropout, model.missing, model.ghosts, model.flyers, model.step)
     assert faults == (0, 0, 0, 0, 0, 0)
     assert model.noise == 1e-5

@@ -60,7 +60,7 @@ def points_of(hits: LaserRayHits) -> Array:
 def test_points_lie_on_the_true_surfaces(
     joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
-    model = LaserModel.ideal()
+    model = LaserModel.without_faults()
     T_j_s = before(edges, phi)
     hits = trace_laser_rays(surface, T_j_s, model, laser_ray_directions(model))
     points_s = points_of(hits)[hits.seen]
@@ -89,7 +89,7 @@ def test_a_profile_is_spoilt_as_much_as_asked(
         rng=np.random.default_rng(8),
         clock=lambda: 0.0,
     ) as laser:
-        kinds = np.array([laser.observe().kind for _ in range(40)])
+        kinds = np.array([laser.capture_with_origins().kind for _ in range(40)])
     points = kinds != PointOrigin.MISSING
     assert points.mean() > 0.85
     assert np.sum(kinds == PointOrigin.GHOST) / points.sum() == pytest.approx(
@@ -102,7 +102,7 @@ def test_a_profile_is_spoilt_as_much_as_asked(
 def test_flyers_stand_at_the_edges_of_the_groove(
     edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
-    model = LaserModel.ideal(flyers=1.0)
+    model = LaserModel.without_faults(flyers=1.0)
     T_j_s = before(edges, phi)
     hits = trace_laser_rays(surface, T_j_s, model, laser_ray_directions(model))
     with SimulatedLaser(
@@ -112,7 +112,7 @@ def test_flyers_stand_at_the_edges_of_the_groove(
         rng=np.random.default_rng(8),
         clock=lambda: 0.0,
     ) as laser:
-        flyers = laser.observe().kind == PointOrigin.FLYER
+        flyers = laser.capture_with_origins().kind == PointOrigin.FLYER
     points_s = points_of(hits)[flyers]
     away = edges.distances(transform_points(T_j_s, points_s))
     assert np.all(away.min(axis=1) < PITCH)

@@ -23,8 +23,8 @@ EXACT = 1e-9
 ON_MESH = 1e-6
 """Metres: Open3D measures distances to a mesh in float32."""
 
-IDEAL = LaserModel.ideal()
-MIRRORING = LaserModel.ideal(ghosts=0.1)
+IDEAL = LaserModel.without_faults()
+MIRRORING = LaserModel.without_faults(ghosts=0.1)
 T_J_S = pose(rot_z(0.4) @ rot_y(-0.7) @ rot_x(2.0), (0.31, -0.22, 0.47))
 """A pose like any other."""
 
@@ -109,7 +109,7 @@ def test_a_plane_is_seen_exactly_where_it_is(
     assert len(found) > 0
     np.testing.assert_allclose((found - point_s) @ normal_s, 0, atol=EXACT)
     np.testing.assert_allclose(found[:, 1], 0, atol=EXACT)
-    np.testing.assert_allclose(hits.cosine, -hits.directions_s @ normal_s, atol=EXACT)
+    np.testing.assert_allclose(hits.incidence_cosine, -hits.directions_s @ normal_s, atol=EXACT)
 
 
 @pytest.mark.parametrize(("z", "width"), [(0.190, 0.083), (0.290, 0.121)])
@@ -175,8 +175,8 @@ def test_a_step_hides_its_foot_from_the_detector(height: float, hidden: bool) ->
     assert seen.all() != hidden
     assert seen.any() != hidden
     for free in (
-        LaserModel.ideal(detector_y=-0.08),
-        LaserModel.ideal(detector_y=0, detector_z=IDEAL.emitter_z),
+        LaserModel.without_faults(detector_y=-0.08),
+        LaserModel.without_faults(detector_y=0, detector_z=IDEAL.emitter_z),
     ):
         assert trace_laser_rays(surface, T_J_S, free, laser_ray_directions(free)).seen.all()
 

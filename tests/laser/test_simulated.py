@@ -96,7 +96,7 @@ def test_moving_scene_and_sensor_together_leaves_the_profile_as_it_is() -> None:
 
 def test_the_truth_about_a_capture_is_the_capture() -> None:
     with laser(7) as one, laser(7) as other:
-        profile, points = one.capture(), other.observe()
+        profile, points = one.capture(), other.capture_with_origins()
     np.testing.assert_array_equal(profile.x_s, points.x_s)
     np.testing.assert_array_equal(profile.z_s, points.z_s)
     assert not points.z_s.flags.writeable

@@ -14,7 +14,7 @@ from command import tjscan
 from tjscan.core.errors import RecordingError
 from tjscan.report.charts import draw_scan_charts
 from tjscan.report.data import read_report_data
-from tjscan.report.page import render_page
+from tjscan.report.page import render_report_page
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.runs import calibration_report, scan_report
 
@@ -38,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_report_shows_the_chapter_of_any_algorithm(run: Path) -> None:
     data = read_report_data(run)
     (place,) = data.places
-    page = render_page(replace(data, places=(replace(place, chapters=(FED,)),)))
+    page = render_report_page(replace(data, places=(replace(place, chapters=(FED,)),)))
     for words in (
         "wire feeder",
         "spool 7 &lt;full&gt;",

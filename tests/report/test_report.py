@@ -21,7 +21,7 @@ from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import report_findings
-from tjscan.report.page import render_page
+from tjscan.report.page import render_report_page
 from tjscan.report.write import write_run_report
 from tjscan.result.section import MEASURES
 from tjscan.result.stitching import (
@@ -120,7 +120,7 @@ def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Pa
     sections = (*before.sections[:2], one, *before.sections[3:])
     write_sections_csv(tacked / "sections.csv", sections, ORIGIN)
     data = read_report_data(tacked)
-    text = Page(render_page(data)).text
+    text = Page(render_report_page(data)).text
     assert "Shaded: tack welds, 1 of 6 sections lie on one." in text
     assert data.comparison is not None
     (found,) = (d for d in data.comparison.deviations if d.kind == "corners to feature edges")
@@ -188,7 +188,7 @@ def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path:
         "\n".join([rows[0], *(re.sub(r"^(\d+,[^,]*),[^,]*", r"\1,", row) for row in rows[1:])]),
         encoding="utf-8",
     )
-    found = Page(render_page(read_report_data(bare)))
+    found = Page(render_report_page(read_report_data(bare)))
     assert "azimuths are not known in frame b" in found.text
     assert found.tags.count("img") == 5
     assert "Compared with" not in found.text

@@ -152,6 +152,6 @@ def test_a_view_is_taken_once_and_taken_again_where_it_was() -> None:
     poses, arm = stood(0.0, 0.1, 0.1, 0.2)
     with arm:
         T_b_f = arm.move_joint_to_pose(at(0.1)).T_b_f
-        assert [poses.take(T_b_f), poses.take(T_b_f)] == [1, 2]
+        assert [poses.take_profile_number(T_b_f), poses.take_profile_number(T_b_f)] == [1, 2]
         with pytest.raises(LaserFault, match="no further profile"):
-            poses.take(T_b_f)
+            poses.take_profile_number(T_b_f)

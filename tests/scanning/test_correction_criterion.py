@@ -86,8 +86,8 @@ def test_a_shorter_step_tells_the_direction_of_motion_less_well() -> None:
 
 
 def test_the_papers_cases_always_correct_unless_the_job_says_otherwise() -> None:
-    assert read_scan_job(PAPER).scan.skip is None
-    skip = read_scan_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0}).scan.skip
+    assert read_scan_job(PAPER).scan.correction_criterion is None
+    skip = read_scan_job(PAPER, SKIPPING | {"scan.skip.position_mm": 3.0}).scan.correction_criterion
     assert skip is not None
     assert skip.position == pytest.approx(3e-3)
 
@@ -104,14 +104,16 @@ def test_a_scan_that_skips_is_as_good_with_fewer_views(file: Path, step_mm: int)
         example_corner_errors(quick, file).mean() < example_corner_errors(full, file).mean() + 2e-5
     )
     plan = read_scan_job(file, keys | SKIPPING).scan
-    assert plan.skip is not None
+    assert plan.correction_criterion is not None
     for before, scan in zip(quick.sections[1:], quick.sections[2:], strict=False):
         if scan.view.substep is Substep.PREDICTION:
             ideal = SetPoint(
                 correction_target_pose(before.T_b_g, scan.T_b_g),
                 plan.target_pose_in_sensor(scan.groove.work_angle),
             )
-            assert plan.skip.allows_skipping(view_deviation(scan, ideal), np.zeros(6))
+            assert plan.correction_criterion.allows_skipping(
+                view_deviation(scan, ideal), np.zeros(6)
+            )
 
 
 def test_nothing_is_skipped_where_nothing_is_tolerated() -> None:

@@ -10,7 +10,7 @@ from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import StopReason, groove_length, plan_is_fulfilled, reason_to_stop
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 RADIUS = 0.2286
 GROOVE = section_from_points(
@@ -27,7 +27,7 @@ def section(turned: float, index: int) -> ScannedSection:
     R = rot_z(turned) @ np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
     T_b_g = pose(R, RADIUS * rot_z(turned)[:, 0])
     T_b_s = T_b_g @ inverse_pose(GROOVE.T_s_g)
-    view = View(
+    view = ProfileView(
         index, Substep.CORRECTION, T_b_s, T_b_s, Profile(np.zeros(1), np.zeros(1)), 0.0, np.zeros(6)
     )
     return ScannedSection(view, GROOVE, GROOVE.T_s_g)

@@ -23,7 +23,7 @@ def test_without_noise_five_sections_hold_both_tubes(joint: str, direction: Scan
     )
     axes = np.cross(walls.across, walls.normals)
     assert abs(axes[0, 2]) == pytest.approx(1.0, abs=1e-5)
-    assert abs(axes[1] @ true.leg.axis) == pytest.approx(1.0, abs=1e-4)
+    assert abs(axes[1] @ true.leg_surface.axis) == pytest.approx(1.0, abs=1e-4)
     assert np.abs(fitted.residuals[:4]).max() < 20e-6
 
 

@@ -20,7 +20,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.retries import step_retries
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.tacks import with_tack_named
 
 YARD = EXAMPLES / "yard-joint.toml"
@@ -79,7 +79,7 @@ def section_with(
         covariance=np.diag([sigma**2] * 6 + [1e-6] * 2),
     )
     nowhere = Profile(np.empty(0), np.empty(0))
-    view = View(0, Substep.PREDICTION, np.eye(4), np.eye(4), nowhere, 0.0, np.zeros(6))
+    view = ProfileView(0, Substep.PREDICTION, np.eye(4), np.eye(4), nowhere, 0.0, np.zeros(6))
     return ScannedSection(view, replace(groove, conditions=conditions), np.eye(4))
 
 

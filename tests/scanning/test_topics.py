@@ -24,7 +24,7 @@ from tjscan.core.frames import pose_from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.writer import RecordingWriter
 from tjscan.scanning.reader import read_recorded_scan, read_views
-from tjscan.scanning.section import Substep, View
+from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.topics import PROFILE, TOPICS, open_scan_recording
 
 ROUNDING = 1e-12
@@ -36,11 +36,11 @@ MESSAGES = {
 }
 
 
-def view(index: int, intensity: bool = True) -> View:
+def view(index: int, intensity: bool = True) -> ProfileView:
     rng = np.random.default_rng(index)
     x, z = rng.normal(size=(2, 640))
     x[7] = z[7] = np.nan
-    return View(
+    return ProfileView(
         index=index,
         substep=Substep.PREDICTION,
         T_b_f=pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
@@ -51,7 +51,7 @@ def view(index: int, intensity: bool = True) -> View:
     )
 
 
-def record(file: Path, count: int) -> list[View]:
+def record(file: Path, count: int) -> list[ProfileView]:
     views = [view(i, intensity=i % 2 == 0) for i in range(count)]
     with open_scan_recording(file) as journal:
         for v in views:
@@ -60,7 +60,7 @@ def record(file: Path, count: int) -> list[View]:
     return views
 
 
-def assert_same(read: View, written: View) -> None:
+def assert_same(read: ProfileView, written: ProfileView) -> None:
     for name in ("T_b_f", "T_b_s", "q"):
         np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
     for name in ("x_s", "z_s"):

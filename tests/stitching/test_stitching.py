@@ -88,7 +88,7 @@ def test_exact_stations_are_placed_exactly(name: str) -> None:
     for T in off_truth(stitched, truth):
         assert np.abs(pose_vector.pose_to_vector(T)).max() < tolerance
     joint = joint_named(name)
-    assert stitched.shape.array == pytest.approx(
+    assert stitched.shape.as_array == pytest.approx(
         (joint.brace_radius, joint.leg_radius, joint.angle, 0.0), abs=EXACT
     )
     assert stitched.covered == pytest.approx(2 * np.pi)

@@ -27,7 +27,7 @@ from tjscan.runs.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.set_point import SetPointPredictor
 from tjscan.scanning.stopping import StopRequest
 
@@ -60,11 +60,11 @@ class Notes:
     """A journal that keeps what it is told."""
 
     def __init__(self) -> None:
-        self.views: list[View] = []
+        self.views: list[ProfileView] = []
         self.sections: list[ScannedSection] = []
         self.events: list[tuple[str, str]] = []
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         self.views.append(view)
 
     def record_section(self, section: ScannedSection) -> None:

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx
 from tjscan.groove.section import section_from_points
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction
 from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.stitching.stations import Station
 
 AWAY = 0.23
@@ -58,12 +58,12 @@ def exact_station(
 def _look(
     joint: JointDefinition, phi: float, number: int, T_j_b: Array, error: Array, oval: float
 ) -> ScannedSection:
-    sections = bevel_sections(joint, np.array([phi]))
+    sections = groove_sections(joint, np.array([phi]))
     p2, p3, p4 = (getattr(sections, name)[0] for name in ("p2", "p3", "p4"))
     wall = np.column_stack((np.full(200, joint.brace_radius), p2[1] + np.linspace(VISIBLE, 0, 200)))
     rho = p4[0] + np.linspace(0, VISIBLE, 200)
     rho = rho[rho < 0.97 * joint.leg_radius]
-    leg = np.column_stack((rho, joint.leg.height(phi, rho)))
+    leg = np.column_stack((rho, joint.leg_surface.height(phi, rho)))
     bulge = oval * np.cos(2 * phi) * np.array((1.0, 0.0))
     p2, p3, p4, wall = (part + bulge for part in (p2, p3, p4, wall))
     rz = np.concatenate((wall, leg))
@@ -77,7 +77,7 @@ def _look(
             (rz[:, 1] - p2[1], np.zeros(len(rz)), joint.brace_radius + AWAY - rz[:, 0])
         )
 
-    slope = float(joint.leg.slope(phi, p4[0]))
+    slope = float(joint.leg_surface.slope(phi, p4[0]))
     out = np.array((slope, 0.0, -1.0)) / np.hypot(slope, 1.0)
     five = in_s(np.array([wall[0], p2, p3, p4, leg[-1]]))
     groove = section_from_points(
@@ -89,7 +89,7 @@ def _look(
     flange = T_b_s @ pose(p=(0.1, 0.0, -0.15))
     said = pose(Rotation.from_rotvec(error[3:]).as_matrix(), error[:3])
     said = pose(p=flange[:3, 3]) @ said @ pose(p=-flange[:3, 3])
-    view = View(
+    view = ProfileView(
         number,
         Substep.CORRECTION,
         said @ flange,

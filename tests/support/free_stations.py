@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.devices import DeviceBase
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx, unit_vector
 from tjscan.groove.find import find_groove
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
@@ -133,7 +133,9 @@ def true_station(
     nominal = pose(Rotation.from_rotvec(turned).as_matrix() @ T_w_b[:3, :3], T_w_b[:3, 3] + away)
 
     direction = ScanDirection.COUNTERCLOCKWISE if arc_deg > 0 else ScanDirection.CLOCKWISE
-    length = abs(joint.leg.arc_length(joint.brace_radius, start, start + np.radians(arc_deg)))
+    length = abs(
+        joint.leg_surface.arc_length(joint.brace_radius, start, start + np.radians(arc_deg))
+    )
     taught = int(np.sign(arc_deg)) * cast.step / joint.brace_radius
     plan = ScanPlan(
         step=cast.step,
@@ -158,13 +160,13 @@ def true_station(
 
 def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:
     """Flange pose in j from which the groove is seen as the scan wants it."""
-    leg, r = joint.leg, joint.brace_radius
-    origin, x = leg.point(phi, r), leg.tangent(phi, r)
+    leg, r = joint.leg_surface, joint.brace_radius
+    origin, x = leg.points_j(phi, r), leg.tangent(phi, r)
     if plan.direction is ScanDirection.CLOCKWISE:
         x = -x
     y = np.array((0.0, 0.0, 1.0))
     y = unit_vector(y - (y @ x) * x)
-    groove = bevel_sections(joint, np.array([phi]))
+    groove = groove_sections(joint, np.array([phi]))
     lean = float(groove.dihedral[0]) - np.pi / 2
     T_s_t = plan.target_pose_in_sensor(0.5 * float(groove.groove_angle[0]) - lean)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from tjscan.cli import main, scan_output
-from tjscan.scanning.section import Substep, View
+from tjscan.scanning.section import ProfileView, Substep
 
 UNDER_WAY = "a section is under way"
 
@@ -13,7 +13,7 @@ UNDER_WAY = "a section is under way"
 class GatedJournal(scan_output.ProgressJournal):
     held = False
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         super().record_view(view)
         if view.substep is Substep.PREDICTION and not self.held:
             self.held = True

@@ -10,7 +10,7 @@ from tjscan.core.frames import Array, inverse_pose, pose, rot_z
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 RADIUS = 0.2286
@@ -43,7 +43,7 @@ def ring_section(
     seen = section_seen(groove, inverse_pose(T_b_s) @ T_b_g)
     nothing = Profile(np.zeros(1), np.zeros(1))
     return ScannedSection(
-        View(index, substep, T_b_s, T_b_s, nothing, 0.0, np.zeros(6)), seen, T_s_t
+        ProfileView(index, substep, T_b_s, T_b_s, nothing, 0.0, np.zeros(6)), seen, T_s_t
     )
 
 

@@ -24,7 +24,7 @@ from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.target import ScanDirection
 
@@ -69,7 +69,9 @@ class Seam:
         away = self.rng.standard_normal(6) * ([n.position] * 3 + [n.rotation] * 3)
         true = T_b_s @ pose(Rotation.from_rotvec(away[3:]).as_matrix(), away[:3])
         groove = self.section(inverse_pose(self.T_b_j) @ true)
-        view = View(index, Substep.PREDICTION, T_b_s, T_b_s, NOTHING, float(index), np.zeros(6))
+        view = ProfileView(
+            index, Substep.PREDICTION, T_b_s, T_b_s, NOTHING, float(index), np.zeros(6)
+        )
         return ScannedSection(view, groove, to.T_s_t)
 
     def section(self, T_j_s: Array) -> GrooveSection:
@@ -81,10 +83,10 @@ class Seam:
         corners = np.array([_cut(T_s_j, line.points_j, middle) for line in lines])
         up, out = np.array((0.0, 0.0, 1.0)), unit_vector(corners[2] * (1, 1, 0))
         wall = _within(np.cross(unit_vector(corners[0] * (1, 1, 0)), y_j), -up)
-        leg = _within(np.cross(joint.leg.normal(corners[2]), y_j), out)
+        leg = _within(np.cross(joint.leg_surface.normal(corners[2]), y_j), out)
         ends = (
             _on_tube(corners[0] - SEEN_OF_BRACE * wall, y_j, up, joint.brace_radius),
-            _on_tube(corners[2] + SEEN_OF_LEG * leg, y_j, joint.leg.axis, joint.leg_radius),
+            _on_tube(corners[2] + SEEN_OF_LEG * leg, y_j, joint.leg_surface.axis, joint.leg_radius),
         )
         points_s = transform_points(T_s_j, np.array((ends[0], *corners, ends[1])))
         points_s[:, [0, 2]] += n.points * self.rng.standard_normal((5, 2))
@@ -123,12 +125,12 @@ class Seam:
         """About where the groove lies at an azimuth."""
         joint = self.definition
         ccw = self.direction is ScanDirection.COUNTERCLOCKWISE
-        x = joint.leg.tangent(azimuth, joint.brace_radius) * (1 if ccw else -1)
+        x = joint.leg_surface.tangent(azimuth, joint.brace_radius) * (1 if ccw else -1)
         out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
         y = unit_vector(np.cross(out if ccw else -out, x))
         T_j_t = pose(
             np.column_stack((x, y, np.cross(x, y))),
-            joint.leg.point(azimuth, joint.brace_radius),
+            joint.leg_surface.points_j(azimuth, joint.brace_radius),
         )
         return SetPoint(self.T_b_j @ T_j_t, self.plan.target_pose_in_sensor(0.15))
 

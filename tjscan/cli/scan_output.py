@@ -13,7 +13,7 @@ from tjscan.cli.console import add_text_row, print_message, progress_bars, stder
 from tjscan.result.summary import ScanSummary, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 class ProgressJournal:
@@ -30,7 +30,7 @@ class ProgressJournal:
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Show nothing: a profile is not yet a section."""
 
     def record_section(self, scan: ScannedSection) -> None:

@@ -68,7 +68,7 @@ def corner_to_edge_distances(
         tack weld buries them, and for corners that are absent.
     """
     lines = (edges.p2, edges.p3, edges.p4)
-    errors = [line.distance(points_j[:, i]) for i, line in enumerate(lines, start=1)]
+    errors = [line.distances(points_j[:, i]) for i, line in enumerate(lines, start=1)]
     for i in (1, 2):
         errors[i] = np.where(edges.on_tack(points_j[:, i + 1]), np.nan, errors[i])
     found = np.column_stack(errors)

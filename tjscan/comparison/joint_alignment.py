@@ -22,7 +22,7 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.core.robust import mad_sigma
-from tjscan.joint.tubes.find import find_tubes
+from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
 
 MESH_SAMPLES: Final = 40_000
@@ -103,7 +103,7 @@ def _frame_of(shape: Shape) -> JointFrame | None:
         points = shape.points if shape.mesh is None else _outside(shape.mesh)
         if points is None:
             raise TubesNotFound("it holds edges alone")
-        return joint_frame_from_tubes(find_tubes(points), np.array((1.0, 0.0, 0.0)))
+        return joint_frame_from_tubes(find_tubes_in_cloud(points), np.array((1.0, 0.0, 0.0)))
     except TubesNotFound as error:
         raise ComparisonRefused(
             f"{shape.name}: leg and brace can't be found in it: {error}. Compare with --align none "

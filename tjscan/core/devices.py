@@ -68,8 +68,8 @@ class DriverFactory(Generic[C, D]):
     """How a driver makes its device from the settings in a job file.
 
     A driver is a module with one of these: a `tjscan.robot.drivers.ArmDriverFactory`, registered
-    by name in `ARMS` there, or a `tjscan.laser.drivers.LaserDriver`, in `LASER_DRIVERS`. A package
-    of its own registers it by an entry point::
+    by name in `ARMS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in `LASER_DRIVERS`. A
+    package of its own registers it by an entry point::
 
         [project.entry-points."tjscan.laser"]
         acme = "acme_tjscan:DRIVER"
@@ -80,8 +80,8 @@ class DriverFactory(Generic[C, D]):
     Parameters
     ----------
     make : callable
-        Makes the device, not yet connected, from a context (`ArmDriverInputs`, `LaserContext`) and
-        the settings, an instance of `table`.
+        Makes the device, not yet connected, from its inputs (`ArmDriverInputs`,
+        `LaserDriverInputs`) and the settings, an instance of `table`.
     table : type of SettingsTable, optional
         Its own table in the job file.
     kind : DriverKind, optional

@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import Curve
-from tjscan.groove.hypotheses import PolylineHypothesis, bearing, end_of
+from tjscan.groove.curves import CubicCurve
+from tjscan.groove.hypotheses import PolylineHypothesis, bearing_tangents, end_of_support
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import BLUNT, Row, corners_of
+from tjscan.groove.refinement import BLUNT, OrderedProfilePoints, corners_between_sides
 
 PLACES: Final = ((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97))
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
@@ -28,14 +28,14 @@ WIDER: Final = 0.3
 """What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
 
-def with_bead(
-    row: Row, hypothesis: PolylineHypothesis, model: GrooveModel, tolerance: float
+def fit_bead(
+    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, model: GrooveModel, tolerance: float
 ) -> PolylineHypothesis:
-    """Give the bead of a hypothesis the parabola that explains most points.
+    """Fit a parabola to the bead side of a hypothesis, the one that explains most points.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     hypothesis : PolylineHypothesis
         With straight inner sides.
     model : GrooveModel
@@ -47,9 +47,13 @@ def with_bead(
     if k is None:
         return hypothesis
     before, straight, after = hypothesis.sides[k - 1 : k + 2]
-    first, last = row.tangents.searchsorted(bearing(hypothesis.corners[k - 1 : k + 1])).tolist()
-    a = end_of(np.abs(before.distances(row.points[:last])) < tolerance)
-    b = len(row.points) - end_of(np.abs(after.distances(row.points[first:]))[::-1] < tolerance)
+    first, last = row.tangents.searchsorted(
+        bearing_tangents(hypothesis.corners[k - 1 : k + 1])
+    ).tolist()
+    a = end_of_support(np.abs(before.signed_distances(row.points[:last])) < tolerance)
+    b = len(row.points) - end_of_support(
+        np.abs(after.signed_distances(row.points[first:]))[::-1] < tolerance
+    )
     if b - a < FEWEST:
         return hypothesis
     points = row.points[a:b]
@@ -59,18 +63,18 @@ def with_bead(
     sides = (*hypothesis.sides[:k], curve, *hypothesis.sides[k + 1 :])
     corners = hypothesis.corners.copy()
     corners[k - 1], corners[k] = points[0], points[-1]
-    met = corners_of(sides, corners)
+    met = corners_between_sides(sides, corners)
     return hypothesis if met is None else replace(hypothesis, sides=sides, corners=met[0])
 
 
-def with_root(
-    row: Row, hypothesis: PolylineHypothesis, tolerance: float
+def add_root_bead(
+    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, tolerance: float
 ) -> PolylineHypothesis | None:
-    """Put the face of a root bead between the last two sides of a hypothesis without one.
+    """Add the face of a root bead between the last two sides of a hypothesis without one.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     hypothesis : PolylineHypothesis
         Its last corner is where the last two sides, drawn on, meet.
     tolerance : float
@@ -82,9 +86,11 @@ def with_root(
         With one side more; None where no face fits between.
     """
     before, after = hypothesis.sides[-2:]
-    apex = int(row.tangents.searchsorted(float(bearing(hypothesis.corners[-1]))))
-    a = end_of(np.abs(before.distances(row.points[:apex])) < tolerance)
-    b = len(row.points) - end_of(np.abs(after.distances(row.points[apex:]))[::-1] < tolerance)
+    apex = int(row.tangents.searchsorted(float(bearing_tangents(hypothesis.corners[-1]))))
+    a = end_of_support(np.abs(before.signed_distances(row.points[:apex])) < tolerance)
+    b = len(row.points) - end_of_support(
+        np.abs(after.signed_distances(row.points[apex:]))[::-1] < tolerance
+    )
     if b - a < FEWEST:
         return None
     points = row.points[a:b]
@@ -92,22 +98,26 @@ def with_root(
     if curve is None:
         return None
     sides = (*hypothesis.sides[:-1], curve, after)
-    met = corners_of(sides, np.vstack((hypothesis.corners[:-1], points[0], points[-1])))
+    met = corners_between_sides(sides, np.vstack((hypothesis.corners[:-1], points[0], points[-1])))
     return None if met is None else PolylineHypothesis(sides, met[0], hypothesis.cost)
 
 
 def _parabola(
-    points: Array, straight: Curve | None, before: Curve, after: Curve, tolerance: float
-) -> Curve | None:
+    points: Array,
+    straight: CubicCurve | None,
+    before: CubicCurve,
+    after: CubicCurve,
+    tolerance: float,
+) -> CubicCurve | None:
     """The parabola over the neighbours' ends that explains most points; None if none does."""
-    start = before.points_at(before.along(*points[0].tolist()))
-    end = after.points_at(after.along(*points[-1].tolist()))
+    start = before.points_at(before.parameter_of_point(*points[0].tolist()))
+    end = after.points_at(after.parameter_of_point(*points[-1].tolist()))
     length = hypot(end[0] - start[0], end[1] - start[1])
     if length < tolerance:
         return None
     tx, tz = (end[0] - start[0]) / length, (end[1] - start[1]) / length
-    chord = Curve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
-    s, d = chord.local(points)
+    chord = CubicCurve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
+    s, d = chord.local_coordinates(points)
     n = len(points) - 1
     triples = np.array(list(product(*([round(p * n) for p in part] for part in PLACES))))
     s3 = s[triples]
@@ -124,7 +134,7 @@ def _parabola(
     cost += WIDER * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if straight is not None:
-        flat = np.minimum((straight.distances(points) / tolerance) ** 2, 1).sum()
+        flat = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1).sum()
         if cost[best] > flat - LEAST_GAIN:
             return None
     return chord._replace(

@@ -8,7 +8,7 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class SearchBudget:
-    """Numbers of hypotheses.
+    """Limits of the search for a groove: numbers of hypotheses, pairs and refits.
 
     Parameters
     ----------

@@ -17,8 +17,8 @@ _PARALLEL: Final = 1e-3  # sine below which two sides do not meet
 _SETTLED: Final = 1e-10  # metres
 
 
-class Curve(NamedTuple):
-    """``centre + s direction + (c0 + c1 s + c2 s² + c3 s³) normal``, in metres, plain numbers.
+class CubicCurve(NamedTuple):
+    """Cubic curve over a chord: ``centre + s direction + (c0 + c1 s + c2 s² + c3 s³) normal``.
 
     The direction runs from the wall to the leg, the normal (tz, -tx) away from the sensor.
     """
@@ -32,44 +32,44 @@ class Curve(NamedTuple):
     c2: float = 0.0
     c3: float = 0.0
 
-    def local(self, points: Array) -> tuple[Array, Array]:
+    def local_coordinates(self, points: Array) -> tuple[Array, Array]:
         """Coordinates of points, shape (n, 2), along and away from the chord, (n,) each."""
         x, z = points[:, 0] - self.cx, points[:, 1] - self.cz
         return x * self.tx + z * self.tz, x * self.tz - z * self.tx
 
-    def height(self, s: float) -> tuple[float, float]:
+    def height_and_slope(self, s: float) -> tuple[float, float]:
         """Height over the chord and slope at s."""
         return (
             self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3)),
             self.c1 + s * (2 * self.c2 + 3 * s * self.c3),
         )
 
-    def distances(self, points: Array) -> Array:
-        """Signed distances of points, shape (n, 2), behind the curve, shape (n,)."""
-        s, d = self.local(points)
+    def signed_distances(self, points: Array) -> Array:
+        """Signed distances of points, shape (n, 2), from the curve, positive behind it, (n,)."""
+        s, d = self.local_coordinates(points)
         return np.asarray(d - (self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))))
 
     def points_at(self, s: float) -> tuple[float, float]:
-        """Point at s."""
-        q, _ = self.height(s)
+        """Point of the curve at s."""
+        q, _ = self.height_and_slope(s)
         return self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
 
-    def tangent(self, s: float) -> tuple[float, float]:
-        """Unit tangent at s."""
-        _, slope = self.height(s)
+    def tangent_at(self, s: float) -> tuple[float, float]:
+        """Unit tangent of the curve at s."""
+        _, slope = self.height_and_slope(s)
         scale = 1 / hypot(1.0, slope)
         return (self.tx + slope * self.tz) * scale, (self.tz - slope * self.tx) * scale
 
-    def along(self, x: float, z: float) -> float:
-        """The s of a point."""
+    def parameter_of_point(self, x: float, z: float) -> float:
+        """Parameter s of a point, along the chord."""
         return (x - self.cx) * self.tx + (z - self.cz) * self.tz
 
-    def rebased(self, s: float) -> Curve:
-        """Nearly the same curve over its tangent at s."""
-        q, slope = self.height(s)
+    def rebased_at_tangent(self, s: float) -> CubicCurve:
+        """Nearly the same curve, written over its tangent at s."""
+        q, slope = self.height_and_slope(s)
         square = 1 + slope * slope
         scale = 1 / sqrt(square)
-        return Curve(
+        return CubicCurve(
             self.cx + s * self.tx + q * self.tz,
             self.cz + s * self.tz - q * self.tx,
             (self.tx + slope * self.tz) * scale,
@@ -81,8 +81,8 @@ class Curve(NamedTuple):
         )
 
 
-def meet(a: Curve, b: Curve, start: float) -> tuple[float, float] | None:
-    """Values of s on `a` and on `b` where they meet, by Newton's method from `start` on `a`.
+def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float, float] | None:
+    """Intersection of two curves: values of s on `a` and on `b`, by Newton's method from `start`.
 
     None where they do not meet near enough to say.
     """
@@ -105,5 +105,5 @@ def meet(a: Curve, b: Curve, start: float) -> tuple[float, float] | None:
             break
     if not abs(s) < _FARTHEST or abs(dq) > STEEPEST or abs(dqb) > STEEPEST:
         return None
-    q, _ = a.height(s)
+    q, _ = a.height_and_slope(s)
     return s, along + s * cos - q * sin

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.groove.curves import Curve
+from tjscan.groove.curves import CubicCurve
 from tjscan.groove.hypotheses import PolylineHypothesis
-from tjscan.groove.refinement import FittedProfile, Row, corners_of
+from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, corners_between_sides
 
 PLACES: Final = (
     (0.03, 0.12, 0.24),
@@ -26,13 +26,13 @@ FEWEST: Final = 12
 
 
 def with_knee(
-    row: Row, fitted: FittedProfile, k: int, tolerance: float, least_gain: float
+    row: OrderedProfilePoints, fitted: FittedProfile, k: int, tolerance: float, least_gain: float
 ) -> PolylineHypothesis | None:
     """Divide a fitted side into the two lines that explain most of its points.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     fitted : FittedProfile
     k : int
         Number of the side.
@@ -52,7 +52,7 @@ def with_knee(
     if len(near) < FEWEST:
         return None
     side = fitted.curves[k]
-    s, d = side.local(points)
+    s, d = side.local_coordinates(points)
     n = len(near) - 1
     triples = near[[[round(p * n) for p in places] for places in product(*PLACES)]]
     s3, d3 = s[triples], d[triples]
@@ -71,8 +71,8 @@ def with_knee(
     x, z = side.cx + s3[best, 1] * side.tx, side.cz + s3[best, 1] * side.tz
     height = float(d3[best, 1])
     centre = x + height * side.tz, z - height * side.tx
-    facets = [Curve(*centre, side.tx, side.tz, 0.0, float(m)) for m in slopes[best]]
+    facets = [CubicCurve(*centre, side.tx, side.tz, 0.0, float(m)) for m in slopes[best]]
     sides = (*fitted.curves[:k], *facets, *fitted.curves[k + 1 :])
     near_corners = np.insert(fitted.corners, k, centre, axis=0)
-    met = corners_of(sides, near_corners)
+    met = corners_between_sides(sides, near_corners)
     return None if met is None else PolylineHypothesis(sides, met[0], np.inf)

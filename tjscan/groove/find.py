@@ -8,9 +8,14 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.fit import Candidate, check_certainty, fit_profile, locate
+from tjscan.groove.fit import (
+    GrooveCandidate,
+    check_corner_uncertainty,
+    find_best_candidate,
+    fit_groove_to_profile,
+)
 from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
-from tjscan.groove.root import Corners, corners_at
+from tjscan.groove.root import TeeCorners, find_tee_corners
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.uncertainty import corner_estimates
@@ -19,7 +24,7 @@ from tjscan.laser.profile import Profile
 LEAST_DEPTH: Final = 4e-3
 """Depth of the shallowest groove that is read, in metres."""
 
-__all__ = ["DEFAULT", "GrooveSettings", "find_groove", "fit_profile"]
+__all__ = ["DEFAULT", "GrooveSettings", "find_groove", "fit_groove_to_profile"]
 
 
 def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveSection:
@@ -40,17 +45,17 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     ValueError
         If the model has no such section.
     """
-    if not settings.model.has_section:
+    if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
-    row, found = locate(profile, settings)
+    row, found = find_best_candidate(profile, settings)
     corners_s, covariance = corner_estimates(row, found.fitted, found.model)
     found = replace(found, fitted=replace(found.fitted, corners=corners_s))
-    corners = corners_at(row, found, covariance + found.rivals, settings.tolerance)
+    corners = find_tee_corners(row, found, covariance + found.rivals, settings.support_tolerance)
     root = [corners.covariance[k : k + 2, k : k + 2] for k in (2, 4)]
     # Without the root's corners or with one more nothing else bears out that this is a groove.
     # Other readings of it do not object to that.
     needed = [covariance[:2, :2], *(root if found.model is settings.model else ())]
-    check_certainty(row, min(float(np.diag(c).max()) for c in needed), settings)
+    check_corner_uncertainty(row, min(float(np.diag(c).max()) for c in needed), settings)
     section = _section(found, corners)
     if not OPENING_LEAST < section.groove_angle < OPENING_MOST:
         raise GrooveNotFound(
@@ -68,7 +73,7 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
     return section
 
 
-def _section(found: Candidate, corners: Corners) -> GrooveSection:
+def _section(found: GrooveCandidate, corners: TeeCorners) -> GrooveSection:
     """Section of the fitted sides of a tee."""
     fitted = found.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
@@ -78,7 +83,7 @@ def _section(found: Candidate, corners: Corners) -> GrooveSection:
     points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
     points[1:4, [0, 2]] = corners.points
     points[4, [0, 2]] = leg.points_at(float(on_leg.max()))
-    t1, t4 = wall.tangent(corners.places[0]), leg.tangent(corners.places[1])
+    t1, t4 = wall.tangent_at(corners.places[0]), leg.tangent_at(corners.places[1])
     section = section_from_points(
         points,
         wall_s=(t1[0], 0.0, t1[1]),

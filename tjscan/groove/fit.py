@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.bead import with_bead, with_root
+from tjscan.groove.bead import add_root_bead, fit_bead
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
-from tjscan.groove.curves import Curve
+from tjscan.groove.curves import CubicCurve
 from tjscan.groove.facets import with_knee
 from tjscan.groove.hypotheses import (
     RIVAL_MARGIN,
     RIVALS,
     PolylineHypothesis,
-    bearing,
+    bearing_tangents,
     best_hypotheses,
-    outer_pairs,
+    outer_side_pairs,
 )
-from tjscan.groove.models import LEAST_SIDES, GrooveModel, Turn
-from tjscan.groove.refinement import FittedProfile, Row, refine
+from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
+from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, refine_fit
 from tjscan.groove.rivals import reflection_covariance, rival_covariance
-from tjscan.groove.segments import Segments, find_segments, with_halves
+from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
 from tjscan.groove.settings import DEFAULT, GrooveSettings
-from tjscan.groove.shape import leaves, undulations
+from tjscan.groove.shape import points_lead_away_from_side, undulation_sigmas
 from tjscan.groove.uncertainty import corner_estimates
 from tjscan.laser.profile import Profile
 
@@ -89,8 +89,8 @@ MADE_UP: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """A groove fitted to a profile.
+class GrooveCandidate:
+    """A groove fitted to a profile, with its cost and what speaks against it.
 
     Parameters
     ----------
@@ -113,26 +113,30 @@ class Candidate:
     rivals: Array | float = 0.0
 
 
-def fit_profile(profile: Profile, settings: GrooveSettings = DEFAULT) -> tuple[Row, FittedProfile]:
-    """Find the sides and corners of a groove of any model.
+def fit_groove_to_profile(
+    profile: Profile, settings: GrooveSettings = DEFAULT
+) -> tuple[OrderedProfilePoints, FittedProfile]:
+    """Fit the sides and corners of a groove of any model to a profile.
 
     Parameters and errors are those of `find_groove`; the points come ordered from the first
     side to the last.
     """
-    row, found = locate(profile, settings)
+    row, found = find_best_candidate(profile, settings)
     corners, covariance = corner_estimates(row, found.fitted, found.model)
     variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
     # What is not seen well has its uncertainty; one of the tops has to be known.
-    check_certainty(row, float(variances[[0, -1]].min()), settings)
+    check_corner_uncertainty(row, float(variances[[0, -1]].min()), settings)
     return row, replace(found.fitted, corners=corners)
 
 
-def check_certainty(row: Row, variance: float, settings: GrooveSettings) -> None:
-    """Refuse corners that are too uncertain.
+def check_corner_uncertainty(
+    row: OrderedProfilePoints, variance: float, settings: GrooveSettings
+) -> None:
+    """Refuse a groove whose corners are too uncertain.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     variance : float
         Of a coordinate that has to be known, in m².
     settings : GrooveSettings
@@ -152,8 +156,10 @@ def check_certainty(row: Row, variance: float, settings: GrooveSettings) -> None
         )
 
 
-def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Candidate]:
-    """Find the likeliest fit that its points bear out, however uncertain its corners.
+def find_best_candidate(
+    profile: Profile, settings: GrooveSettings
+) -> tuple[OrderedProfilePoints, GrooveCandidate]:
+    """Find the likeliest fit that its points support, however uncertain its corners.
 
     Parameters and errors are those of `find_groove`.
     """
@@ -168,19 +174,21 @@ def locate(profile: Profile, settings: GrooveSettings) -> tuple[Row, Candidate]:
             "are needed. Is the surface inside the sensor's range, and the laser on?",
             points,
         )
-    tangents = bearing(points)
+    tangents = bearing_tangents(points)
     order = np.argsort(tangents, kind="stable")
-    row = Row(points[order], tangents[order], np.flatnonzero(valid)[order], len(profile))
+    row = OrderedProfilePoints(
+        points[order], tangents[order], np.flatnonzero(valid)[order], len(profile)
+    )
     return row, _search(row, settings)
 
 
-def _search(row: Row, settings: GrooveSettings) -> Candidate:
+def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandidate:
     """Look for a fit, harder until one convinces."""
     search = _Search(row, settings)
     model, others = settings.model, settings.model.alternatives
     stages = ((model,), others) if others else ((model,),)
     for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
-        segments = find_segments(row.points, settings.tolerance, budget)
+        segments = find_segments(row.points, settings.support_tolerance, budget)
         for forms in stages:
             for form in forms:
                 if len(form.sides) <= len(model.sides):
@@ -205,19 +213,19 @@ def _search(row: Row, settings: GrooveSettings) -> Candidate:
     raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
 
 
-def _with_rivals(best: Candidate, sound: list[Candidate]) -> Candidate:
+def _with_rivals(best: GrooveCandidate, sound: list[GrooveCandidate]) -> GrooveCandidate:
     """A reading that knows how far others are from it, and which sides may be reflections."""
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
-    rivals += reflection_covariance(best.model, best.fitted, attached(best.fitted))
+    rivals += reflection_covariance(best.model, best.fitted, has_points_beside_corners(best.fitted))
     return replace(best, rivals=rivals)
 
 
 class _Search:
     """What was tried already, and what came of it."""
 
-    def __init__(self, row: Row, settings: GrooveSettings) -> None:
-        self.found: list[Candidate] = []
+    def __init__(self, row: OrderedProfilePoints, settings: GrooveSettings) -> None:
+        self.found: list[GrooveCandidate] = []
         self._row, self._settings = row, settings
         self._tried: list[tuple[GrooveModel, Array]] = []
         self._derived = 0
@@ -231,7 +239,7 @@ class _Search:
 
     def derive(self) -> None:
         """Try what other forms the fits so far suggest."""
-        tolerance = self._settings.tolerance
+        tolerance = self._settings.support_tolerance
         model = self._settings.model
         while self._derived < len(self.found):
             one = self.found[self._derived]
@@ -240,9 +248,11 @@ class _Search:
                 if len(form.sides) != len(one.model.sides) + 1:
                     continue
                 # Where bevel and leg end a bead may begin; a second facet is no root's face.
-                if form.has_root and (not one.model.has_root or one.objection is not None):
+                if form.has_root_bead and (
+                    not one.model.has_root_bead or one.objection is not None
+                ):
                     open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
-                    self._refine(form, with_root(self._row, open_, tolerance))
+                    self._refine(form, add_root_bead(self._row, open_, tolerance))
                 if one.model is model:
                     divided = _divided(model, form)
                     self._refine(
@@ -260,7 +270,7 @@ class _Search:
         settings = replace(self._settings, model=model)
         refined = _candidate(self._row, hypothesis, settings)
         if refined is not None:
-            against = objection(refined, settings)
+            against = reason_to_reject_fit(refined, settings)
             self.found.append(replace(refined, objection=against))
             self._tried.append((model, refined.fitted.corners))
 
@@ -271,15 +281,18 @@ def _divided(model: GrooveModel, form: GrooveModel) -> int:
 
 
 def _hypotheses(
-    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
+    row: OrderedProfilePoints,
+    segments: CurvedSegments,
+    settings: GrooveSettings,
+    budget: SearchBudget,
 ) -> list[PolylineHypothesis]:
     """Chains between the likeliest outer sides."""
     across = settings.model.across
     if across.least < 0 < across.most:
-        segments = with_halves(segments, row.points, settings.tolerance)
+        segments = add_halves_at_gaps(segments, row.points, settings.support_tolerance)
     hypotheses: list[PolylineHypothesis] = []
     cheapest, likeliest = np.inf, -np.inf
-    for i, j, score in outer_pairs(segments, settings.model, len(row.points), budget.pairs):
+    for i, j, score in outer_side_pairs(segments, settings.model, len(row.points), budget.pairs):
         # Only points still unexplained can make up for what this pair explains less.
         if likeliest - score > MADE_UP * cheapest:
             break
@@ -290,7 +303,7 @@ def _hypotheses(
             (_curve(segments, i), _curve(segments, j)),
             int(segments.last[i]),
             int(segments.first[j]),
-            settings.tolerance,
+            settings.support_tolerance,
             budget,
         )
         if hypotheses:
@@ -299,19 +312,22 @@ def _hypotheses(
     return hypotheses
 
 
-def _curve(segments: Segments, k: int) -> Curve:
+def _curve(segments: CurvedSegments, k: int) -> CubicCurve:
     """A segment as plain numbers."""
-    return Curve(
+    return CubicCurve(
         *(float(v) for v in (*segments.centre[k], *segments.direction[k], *segments.curve[k]))
     )
 
 
 def _why_not(
-    row: Row, segments: Segments, settings: GrooveSettings, budget: SearchBudget
+    row: OrderedProfilePoints,
+    segments: CurvedSegments,
+    settings: GrooveSettings,
+    budget: SearchBudget,
 ) -> GrooveNotFound:
     """What a profile without a groove of this model shows instead."""
     model = settings.model
-    anything = Turn(-pi, pi)
+    anything = TurnBounds(-pi, pi)
     first, last = model.sides[0].name, model.sides[-1].name
     most = PARTLY * len(row.points)
     for part, hidden, way in (
@@ -345,14 +361,14 @@ def _why_not(
 
 
 def _candidate(
-    row: Row, hypothesis: PolylineHypothesis, settings: GrooveSettings
-) -> Candidate | None:
+    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, settings: GrooveSettings
+) -> GrooveCandidate | None:
     """Refine a hypothesis; None where its sides fit no points together."""
-    model, tolerance = settings.model, settings.tolerance
-    hypothesis = with_bead(row, hypothesis, model, tolerance)
-    best: Candidate | None = None
+    model, tolerance = settings.model, settings.support_tolerance
+    hypothesis = fit_bead(row, hypothesis, model, tolerance)
+    best: GrooveCandidate | None = None
     for annealed in (True, False):
-        fitted = refine(
+        fitted = refine_fit(
             row,
             hypothesis.sides,
             hypothesis.corners,
@@ -364,12 +380,12 @@ def _candidate(
             scaled = fitted.residuals / tolerance
             total = float(np.minimum(scaled * scaled, 1).sum())
             if best is None or total < best.cost:
-                best = Candidate(model, fitted, total)
+                best = GrooveCandidate(model, fitted, total)
         if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
             break
     if best is None:
         return None
-    seen = attached(best.fitted)
+    seen = has_points_beside_corners(best.fitted)
     detached = seen.size - np.count_nonzero(seen)
     return replace(best, cost=best.cost + SIDE_COST * len(model.sides) + DETACHED * detached)
 
@@ -378,32 +394,36 @@ def _turns(fitted: FittedProfile) -> list[float]:
     """Turn at each corner, positive in a valley."""
     turns = []
     for (a, b), (sa, sb) in zip(pairwise(fitted.curves), fitted.places, strict=True):
-        (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
+        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
         turns.append(atan2(ax * bz - az * bx, ax * bx + az * bz))
     return turns
 
 
-def _leaves_few_points(found: Candidate, settings: GrooveSettings) -> bool:
+def _leaves_few_points(found: GrooveCandidate, settings: GrooveSettings) -> bool:
     """Whether nearly all points lie on a side or on what sticks to it."""
-    off = np.abs(found.fitted.residuals) > STUCK * settings.tolerance
+    off = np.abs(found.fitted.residuals) > STUCK * settings.support_tolerance
     return bool(off.mean() < ELSEWHERE)
 
 
-def _convincing(found: Candidate, *, compared: bool) -> bool:
+def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     """Whether every side is seen well, and none but the root's face bends or leaves the points.
 
     Unless it has been compared with other forms, every corner must be seen from both sides, too.
     """
     fitted, sides = found.fitted, found.model.sides
-    if not (compared or attached(fitted).all()):
+    if not (compared or has_points_beside_corners(fitted).all()):
         return False
-    if fitted.shares.min() < SEEN_SHARE or undulations(fitted)[1:-1].max() > STRAIGHT:
+    if fitted.inlier_shares.min() < SEEN_SHARE or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT:
         return False
-    return not any(leaves(fitted, k) for k, side in enumerate(sides[1:-1], 1) if not side.bead)
+    return not any(
+        points_lead_away_from_side(fitted, k)
+        for k, side in enumerate(sides[1:-1], 1)
+        if not side.bead
+    )
 
 
-def attached(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Whether points beside each corner lie on the side before and on the side after it.
+def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points lie beside each corner on the side before and on the side after it.
 
     Returns
     -------
@@ -419,10 +439,10 @@ def attached(fitted: FittedProfile) -> NDArray[np.bool_]:
     return found
 
 
-def objection(found: Candidate, settings: GrooveSettings) -> str | None:
+def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
     fitted, model = found.fitted, found.model
-    for side, count, share in zip(model.sides, fitted.counts, fitted.shares, strict=True):
+    for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
         if share < settings.inlier_share or count < FEWEST:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
     for turned, allowed in zip(_turns(fitted), model.turns, strict=True):

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.budget import SearchBudget
-from tjscan.groove.curves import Curve
-from tjscan.groove.models import GrooveModel, Side, Turn
-from tjscan.groove.segments import Index, Segments, normals
+from tjscan.groove.curves import CubicCurve
+from tjscan.groove.models import GrooveModel, SideModel, TurnBounds
+from tjscan.groove.segments import CurvedSegments, Index, normals_of_directions
 
 LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
@@ -67,18 +67,18 @@ AWAY: Final = 30e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolylineHypothesis:
-    """A hypothesis: one curve for every side, from the wall.
+    """Hypothesis of a groove: one curve for every side, from wall to leg, and the corners.
 
     Parameters
     ----------
-    sides : tuple of Curve
+    sides : tuple of CubicCurve
     corners : ndarray, shape (k - 1, 2)
         Where neighbours meet, x and z in metres.
     cost : float
         What all points pay, in outliers.
     """
 
-    sides: tuple[Curve, ...]
+    sides: tuple[CubicCurve, ...]
     corners: Array
     cost: float
 
@@ -99,13 +99,13 @@ class _Lines:
     after: tuple[Array, Array] | None = None
 
 
-def bearing(points: Array) -> Array:
-    """Tangent of the angle of points, shape (..., 2), seen from the sensor; grows wall to leg."""
+def bearing_tangents(points: Array) -> Array:
+    """Tangents of bearings of points, shape (..., 2), from the sensor; grow from wall to leg."""
     return np.asarray(-points[..., 0] / points[..., 1])
 
 
-def outer_pairs(
-    segments: Segments, model: GrooveModel, count: int, most: int
+def outer_side_pairs(
+    segments: CurvedSegments, model: GrooveModel, count: int, most: int
 ) -> list[tuple[int, int, float]]:
     """Pairs of segments that may be the first and the last side, likeliest first.
 
@@ -131,7 +131,7 @@ def best_hypotheses(
     model: GrooveModel,
     points: Array,
     tangents: Array,
-    outer: tuple[Curve, Curve],
+    outer: tuple[CubicCurve, CubicCurve],
     until: int,
     since: int,
     tolerance: float,
@@ -146,7 +146,7 @@ def best_hypotheses(
         x and z in metres, ordered from wall to leg.
     tangents : ndarray, shape (n,)
         Their bearings, rising.
-    outer : tuple of Curve
+    outer : tuple of CubicCurve
         The outer sides.
     until, since : int
         Last point of the first side's stretch, and first point of the last side's.
@@ -154,9 +154,9 @@ def best_hypotheses(
         Distance at which a point stops supporting a side, in metres.
     budget : SearchBudget
     """
-    d_first, d_last = (side.distances(points) / tolerance for side in outer)
-    lo = max(end_of(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
-    hi = len(points) - max(end_of(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
+    d_first, d_last = (side.signed_distances(points) / tolerance for side in outer)
+    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
+    hi = len(points) - max(end_of_support(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
     if hi - lo < FEWEST * (len(model.sides) - 2):
         return []
     region, u = points[lo:hi], tangents[lo:hi]
@@ -197,7 +197,7 @@ def best_hypotheses(
     return _cheapest(model, layers, u, outer, region, outside)
 
 
-def end_of(support: NDArray[np.bool_]) -> int:
+def end_of_support(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
     total = np.zeros(len(support) + 1 + 2 * NEIGHBOURS, dtype=np.intp)
     support.cumsum(out=total[NEIGHBOURS + 1 : len(total) - NEIGHBOURS])
@@ -238,7 +238,7 @@ def _proposals(
     length = np.sqrt((t * t).sum(axis=1))
     good = length > 3 * tolerance
     a, t = a[good], t[good] / length[good, None]
-    n = normals(t)
+    n = normals_of_directions(t)
     # Scaled distances need no double precision; small arrays stay in the cache.
     origin = region.mean(axis=0)
     n4 = n.astype(np.float32)
@@ -254,8 +254,8 @@ def _pool(
     gains: Array,
     region: Array,
     u: Array,
-    before: tuple[Curve, Turn] | None,
-    after: tuple[Curve, Turn] | None,
+    before: tuple[CubicCurve, TurnBounds] | None,
+    after: tuple[CubicCurve, TurnBounds] | None,
     longest: float,
     most: int,
 ) -> _Lines:
@@ -278,10 +278,10 @@ def _pool(
             keep &= (turned >= allowed.least) & (turned <= allowed.most)
             keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
         corner = np.where(keep[:, None], corner, 1.0)
-        bounds[i] = np.searchsorted(u, bearing(corner))
+        bounds[i] = np.searchsorted(u, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
         end[:, 1] = np.maximum(end[:, 1], NEAREST)
-        bounds[1 - i] = np.searchsorted(u, bearing(end))
+        bounds[1 - i] = np.searchsorted(u, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
@@ -337,7 +337,7 @@ def _cheapest(
     model: GrooveModel,
     layers: list[_Lines],
     u: Array,
-    outer: tuple[Curve, Curve],
+    outer: tuple[CubicCurve, CubicCurve],
     region: Array,
     outside: float,
 ) -> list[PolylineHypothesis]:
@@ -382,9 +382,9 @@ def _cheapest(
     return found
 
 
-def _curve(lines: _Lines, i: int) -> Curve:
+def _curve(lines: _Lines, i: int) -> CubicCurve:
     (x, z), (tx, tz) = lines.point[i], lines.direction[i]
-    return Curve(float(x), float(z), float(tx), float(tz))
+    return CubicCurve(float(x), float(z), float(tx), float(tz))
 
 
 def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
@@ -399,14 +399,14 @@ def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
 
 
 def _meet_outer(
-    outer: Curve, points: Array, directions: Array, *, after: bool
+    outer: CubicCurve, points: Array, directions: Array, *, after: bool
 ) -> tuple[Array, Array]:
     """Corners, (m, 2), and turns of an outer side with lines after it (or before it).
 
     In the side's own coordinates a line is ``(s0 + r ts, d0 + r td)``. It meets the parabola at
     the root of a quadratic in s that is there for a straight side, too.
     """
-    s0, d0 = outer.local(points)
+    s0, d0 = outer.local_coordinates(points)
     ts = directions @ np.array((outer.tx, outer.tz))
     td = directions @ np.array((outer.tz, -outer.tx))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -428,7 +428,7 @@ def _joint(
     b: _Lines,
     corner: Array,
     turned: Array,
-    bounds: Turn,
+    bounds: TurnBounds,
     u: Array,
     box: tuple[list[float], list[float]],
 ) -> _Joint:
@@ -438,13 +438,13 @@ def _joint(
         for axis, low, high in zip((0, 1), *box, strict=True):
             allowed &= (corner[..., axis] > low) & (corner[..., axis] < high)
     corner = np.where(allowed[..., None], corner, 1.0)
-    place = u.searchsorted(bearing(corner))
+    place = u.searchsorted(bearing_tangents(corner))
     i, j = np.arange(len(a.paid))[:, None], np.arange(len(b.paid))[None]
     pay = np.where(allowed, a.paid[i, place] - b.paid[j, place], np.inf)
     return _Joint(corner, place, pay, a.support[i, place], b.support[j, place])
 
 
-def _fits(before: _Joint, after: _Joint, side: Side) -> NDArray[np.bool_]:
+def _fits(before: _Joint, after: _Joint, side: SideModel) -> NDArray[np.bool_]:
     """Whether a line can stand between two neighbours, shape (m1, m2, m3)."""
     span = after.place[None] - before.place[:, :, None]
     good = after.until[None] - before.since[:, :, None]

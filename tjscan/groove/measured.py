@@ -73,7 +73,7 @@ class MeasuredSection:
         return np.sqrt(np.diag(self.measure_covariance))
 
 
-def measure(
+def section_to_result_frame(
     groove: GrooveSection,
     T_r_s: Array,
     frame: str,
@@ -81,7 +81,7 @@ def measure(
     index: int,
     station: str = "1",
 ) -> MeasuredSection:
-    """Put a section that was read in a profile into the frame of the result.
+    """Transform a section that was read in a profile into the frame of the result.
 
     Parameters
     ----------

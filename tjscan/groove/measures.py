@@ -18,8 +18,8 @@ Pair = tuple[float, float] | list[float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measures:
-    """What is measured in a groove's section.
+class GrooveMeasures:
+    """Measures of a groove's section: angles, root width, depth, area and their derivatives.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Measures:
     jacobian: Array
 
 
-def measured(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> Measures:
-    """Measure a groove.
+def measure_groove(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> GrooveMeasures:
+    """Measure a groove's section from its corners and the tangents of wall and leg.
 
     Parameters
     ----------
@@ -97,4 +97,4 @@ def measured(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> Measures:
     jacobian[3] *= half
     origin = (p2[0] + along * wx, p2[1] + along * wz)
     depth = mx * zx + mz * zz
-    return Measures(gamma_1, gamma_2, width, depth, half * double, origin, sign, jacobian)
+    return GrooveMeasures(gamma_1, gamma_2, width, depth, half * double, origin, sign, jacobian)

@@ -17,8 +17,8 @@ SECTION_SIDES: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
-    """A side of a groove.
+class SideModel:
+    """Model of a groove's side: its name, length bounds, and how far it may be from straight.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class Side:
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """Bounds of the turn from one side to the next, in radians."""
+class TurnBounds:
+    """Bounds of the angle by which one side turns to the next, in radians."""
 
     least: float
     most: float
@@ -51,25 +51,25 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class GrooveModel:
-    """A template.
+    """Model of a groove's shape: its sides and the turns between them.
 
     Parameters
     ----------
     name : str
-    sides : tuple of Side
+    sides : tuple of SideModel
         At least three; the first and the last are the long outer ones.
-    turns : tuple of Turn
+    turns : tuple of TurnBounds
         One fewer: from each side to the next.
-    across : Turn
+    across : TurnBounds
         From the first side to the last.
     alternatives : tuple of GrooveModel
         What such a groove may look like instead; the points decide.
     """
 
     name: str
-    sides: tuple[Side, ...]
-    turns: tuple[Turn, ...]
-    across: Turn
+    sides: tuple[SideModel, ...]
+    turns: tuple[TurnBounds, ...]
+    across: TurnBounds
     alternatives: tuple[GrooveModel, ...] = ()
 
     def __post_init__(self) -> None:
@@ -77,12 +77,12 @@ class GrooveModel:
             raise ValueError("a groove has three sides or more, and a turn between each two")
 
     @property
-    def has_section(self) -> bool:
+    def has_section_points(self) -> bool:
         """Whether its corners are the five points of a section, which a scan needs."""
         return len(self.sides) == SECTION_SIDES
 
     @property
-    def has_root(self) -> bool:
+    def has_root_bead(self) -> bool:
         """Whether the last side but one is the face of a root bead."""
         return self.sides[-2].bead
 
@@ -91,24 +91,24 @@ OPENING_LEAST: Final = radians(20)
 OPENING_MOST: Final = radians(100)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
-_RIDGE: Final = Turn(-radians(100), -radians(6))
-_HALF_VALLEY: Final = Turn(radians(8), radians(150))
-_VALLEY: Final = Turn(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
-_ROOT: Final = Side("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
+_RIDGE: Final = TurnBounds(-radians(100), -radians(6))
+_HALF_VALLEY: Final = TurnBounds(radians(8), radians(150))
+_VALLEY: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
+_ROOT: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
-_KNEE: Final = Turn(-radians(16), radians(16))
-_WALL: Final = Side("wall", 4e-3, bend=0.7)
-_BEVEL: Final = Side("bevel", 4e-3, 120e-3, bend=0.25)
-_LEG: Final = Side("leg", 4e-3, bend=5.0, twist=10.0)
-_TEE_ACROSS: Final = Turn(radians(8), radians(150))
+_KNEE: Final = TurnBounds(-radians(16), radians(16))
+_WALL: Final = SideModel("wall", 4e-3, bend=0.7)
+_BEVEL: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
+_LEG: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
+_TEE_ACROSS: Final = TurnBounds(radians(8), radians(150))
 
 TEE_TWO_FACETS: Final = GrooveModel(
     "tee with two facets",
     (
         _WALL,
-        Side("upper bevel", 3e-3, 80e-3),
+        SideModel("upper bevel", 3e-3, 80e-3),
         # A shorter one can't be told from a flank that light between the faces pulls in.
-        Side("lower bevel", 6e-3, 80e-3),
+        SideModel("lower bevel", 6e-3, 80e-3),
         _ROOT,
         _LEG,
     ),
@@ -134,11 +134,11 @@ TEE: Final = GrooveModel(
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""
 
-_PLATES: Final = Turn(-radians(30), radians(30))
-_PLATE: Final = Side("plate", 4e-3, bend=0.3)
-_OTHER_PLATE: Final = Side("other plate", 4e-3, bend=0.3)
-_BUTT_BEVEL: Final = Side("bevel", 3e-3, 80e-3)
-_OTHER_BEVEL: Final = Side("other bevel", 3e-3, 80e-3)
+_PLATES: Final = TurnBounds(-radians(30), radians(30))
+_PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
+_OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
+_BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3)
+_OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3)
 
 BUTT_V_SHARP: Final = GrooveModel(
     "butt-v-sharp",

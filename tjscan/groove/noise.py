@@ -30,8 +30,8 @@ _POWERS: Final = np.array((1.0, 2.0))  # of the lag in the exponent: a filter's 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Correlation:
-    """Correlation of the noise of columns.
+class NoiseCorrelation:
+    """Correlation of the noise between columns of a profile, by their distance.
 
     Parameters
     ----------
@@ -42,12 +42,14 @@ class Correlation:
     lags: Array
 
     @property
-    def inflation(self) -> float:
+    def variance_inflation(self) -> float:
         """By how much correlation raises the variance of a mean of many points."""
         return float(max(1.0, 2 * self.lags.sum() - 1))
 
 
-def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> Correlation:
+def estimate_correlation(
+    scaled: Array, columns: Index, count: int, parameters: int
+) -> NoiseCorrelation:
     """Estimate the correlation from residuals over their own standard deviation.
 
     It is taken as a bell, ``exp(-(lag / width)²)``, as speckle's, or as falling by the same
@@ -81,7 +83,7 @@ def correlation(scaled: Array, columns: Index, count: int, parameters: int) -> C
     for _ in range(3):
         lags = _smooth(rho * (1 - lost) + lost, len(scaled))
         lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
-    return Correlation(lags)
+    return NoiseCorrelation(lags)
 
 
 def _smooth(rho: Array, count: int) -> Array:
@@ -126,7 +128,7 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, MOST_LOST))
 
 
-def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Index) -> Array:
+def correlated_sums(noise: NoiseCorrelation, basis: Array, owner: Index, columns: Index) -> Array:
     """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
 
     Parameters
@@ -157,7 +159,9 @@ def correlated_sums(noise: Correlation, basis: Array, owner: Index, columns: Ind
     return np.asarray(sums)
 
 
-def correlated_squares(noise: Correlation, shares: Array, owner: Index, columns: Index) -> Array:
+def correlated_squares(
+    noise: NoiseCorrelation, shares: Array, owner: Index, columns: Index
+) -> Array:
     """``h R hᵀ`` for each side, h being the shares of its points; arguments as above."""
     return correlated_sums(noise, shares[None], owner, columns)[:, 0, 0]
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import Curve, meet
-from tjscan.groove.models import Side
+from tjscan.groove.curves import CubicCurve, intersect_curves
+from tjscan.groove.models import SideModel
 from tjscan.groove.noise import (
-    Correlation,
+    NoiseCorrelation,
     correlated_squares,
-    correlation,
+    estimate_correlation,
     noise_share_in_fit,
 )
 from tjscan.groove.segments import Index
@@ -76,7 +76,7 @@ POWERS: Final = _UNIT ** np.arange(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class OrderedProfilePoints:
     """A profile's points, ordered from the wall to the leg.
 
     Parameters
@@ -98,8 +98,8 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equations:
-    """Normal equations of k sides' coefficients, in powers of s / 20 mm, without any prior.
+class NormalEquations:
+    """Normal equations of the coefficients of k sides, without any prior.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ class Equations:
     matrix: Array
     rhs: Array
 
-    def solved(self, weight: Array) -> tuple[Array, Array]:
-        """Coefficients (k, 4) and inverses (k, 4, 4), with `weight` (k, 4) on the diagonals."""
+    def solve_with_prior(self, weight: Array) -> tuple[Array, Array]:
+        """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior `weight` (k, 4)."""
         matrix = self.matrix.copy(order="C")
         matrix.reshape(len(matrix), -1)[:, ::5] += weight
         inverse = np.linalg.inv(matrix)
@@ -124,7 +124,7 @@ class FittedProfile:
 
     Parameters
     ----------
-    curves : tuple of Curve
+    curves : tuple of CubicCurve
         From the wall.
     places : tuple of (float, float)
         s of corner i on side i and on side i + 1; k - 1 pairs.
@@ -142,7 +142,7 @@ class FittedProfile:
         Standard deviation of each side's residuals, in metres.
     curved : ndarray of bool, shape (k,)
         Which sides are curved.
-    equations : Equations
+    equations : NormalEquations
         What the coefficients solve.
     inverse : ndarray, shape (k, 4, 4)
         Inverses of their matrices with the prior, in powers of s / 20 mm.
@@ -152,13 +152,13 @@ class FittedProfile:
         Number of points that each side's fit rests on.
     middles : tuple of float
         Mean s of the points that each side's fit rests on.
-    noise : Correlation, optional
+    noise : NoiseCorrelation, optional
         How the residuals of neighbouring columns correlate.
     straight : ndarray, shape (k,), optional
         Logarithm of the odds that a side is straight.
     """
 
-    curves: tuple[Curve, ...]
+    curves: tuple[CubicCurve, ...]
     places: tuple[tuple[float, float], ...]
     corners: Array
     owner: Index
@@ -167,31 +167,31 @@ class FittedProfile:
     keep: NDArray[np.bool_]
     sigmas: Array
     curved: NDArray[np.bool_]
-    equations: Equations
+    equations: NormalEquations
     inverse: Array
     weight: Array
     counts: Index
     middles: tuple[float, ...]
-    noise: Correlation | None = None
+    noise: NoiseCorrelation | None = None
     straight: Array | None = None
 
     @property
-    def parameters(self) -> Index:
+    def parameter_counts(self) -> Index:
         """Number of coefficients fitted to each side, shape (k,)."""
         return np.asarray(2 + self.curved)
 
     @property
-    def shares(self) -> Array:
+    def inlier_shares(self) -> Array:
         """Share of each side's points that the fit rests on, shape (k,)."""
         k = len(self.curves)
         return np.asarray(self.counts / np.bincount(self.owner, minlength=k))
 
 
-def refine(
-    row: Row,
-    sides: tuple[Curve, ...],
+def refine_fit(
+    row: OrderedProfilePoints,
+    sides: tuple[CubicCurve, ...],
     corners: Array,
-    model: tuple[Side, ...],
+    model: tuple[SideModel, ...],
     tolerance: float,
     *,
     annealed: bool = True,
@@ -200,12 +200,12 @@ def refine(
 
     Parameters
     ----------
-    row : Row
-    sides : tuple of Curve
+    row : OrderedProfilePoints
+    sides : tuple of CubicCurve
         A hypothesis, from the wall.
     corners : ndarray, shape (k - 1, 2)
         Where they meet.
-    model : tuple of Side
+    model : tuple of SideModel
         What its sides are like.
     tolerance : float
         Distance from the hypothesis within which points belong to it, in metres.
@@ -213,7 +213,7 @@ def refine(
         Whether the first rounds reach farther, which sides half hidden need.
     """
     widths = ANNEALED if annealed else ()
-    spread = spread_of(model)
+    spread = prior_shape_sigmas(model)
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
@@ -224,13 +224,15 @@ def refine(
     limits = np.maximum(np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance, blunt)
     sigmas = np.full(len(sides), tolerance / 4)
     fitted: FittedProfile | None = None
-    noise: Correlation | None = None
+    noise: NoiseCorrelation | None = None
     straight: Array | None = None
     for count in range(MOST_ROUNDS):
         before = fitted
         weight = prior_weights(spread, curved, sigmas, inflation)
         if fitted is not None and count < REBASED_ROUNDS:
-            sides = tuple(c.rebased(m) for c, m in zip(sides, fitted.middles, strict=True))
+            sides = tuple(
+                c.rebased_at_tangent(m) for c, m in zip(sides, fitted.middles, strict=True)
+            )
         fitted = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
         if fitted is None:
             return None
@@ -246,13 +248,13 @@ def refine(
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
-            inflation = noise.inflation
+            inflation = noise.variance_inflation
             straight = _evidence(row, fitted, noise, spread)
             curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
     return None if fitted is None else replace(fitted, noise=noise, straight=straight)
 
 
-def _blunt(sides: tuple[Curve, ...], corners: Array, model: tuple[Side, ...]) -> Array:
+def _blunt(sides: tuple[CubicCurve, ...], corners: Array, model: tuple[SideModel, ...]) -> Array:
     """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
     found = np.zeros(len(sides))
     for k, side in enumerate(model):
@@ -276,8 +278,8 @@ def prior_weights(
 
 
 def _round(
-    row: Row,
-    sides: tuple[Curve, ...],
+    row: OrderedProfilePoints,
+    sides: tuple[CubicCurve, ...],
     corners: Array,
     limits: Array,
     weight: Array,
@@ -315,16 +317,18 @@ def _round(
     counts = sums[0]
     if counts.min() < FEWEST:
         return None
-    equations = Equations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
+    equations = NormalEquations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
     try:
-        c, inverse = equations.solved(weight)
+        c, inverse = equations.solve_with_prior(weight)
     except np.linalg.LinAlgError:
         return None
     c0, c1, c2, c3 = c.T.take(owner, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, spans, counts)
-    fitted = tuple(Curve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True))
-    met = corners_of(fitted, corners)
+    fitted = tuple(
+        CubicCurve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
+    )
+    met = corners_between_sides(fitted, corners)
     if met is None:
         return None
     middles = tuple((_UNIT * sums[1] / counts).tolist())
@@ -365,21 +369,21 @@ def _sigmas(
     return np.asarray((counts * sigma + LEANING * pooled) / (counts + LEANING))
 
 
-def corners_of(
-    sides: tuple[Curve, ...], near: Array
+def corners_between_sides(
+    sides: tuple[CubicCurve, ...], near: Array
 ) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
-    """Where neighbours meet, shape (k - 1, 2), and where on both; None where they don't.
+    """Intersections of neighbouring sides, shape (k - 1, 2); None where they don't meet.
 
     Parameters
     ----------
-    sides : tuple of Curve
+    sides : tuple of CubicCurve
         The k sides.
     near : ndarray, shape (k - 1, 2)
         Where the corners were before, x and z in metres.
     """
     places, corners = [], []
     for (a, b), (x, z) in zip(pairwise(sides), near.tolist(), strict=True):
-        place = meet(a, b, a.along(x, z))
+        place = intersect_curves(a, b, a.parameter_of_point(x, z))
         if place is None:
             return None
         places.append(place)
@@ -405,31 +409,37 @@ def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return keep
 
 
-def estimate_noise_correlation(row: Row, fitted: FittedProfile) -> Correlation:
+def estimate_noise_correlation(
+    row: OrderedProfilePoints, fitted: FittedProfile
+) -> NoiseCorrelation:
     """Estimate the correlation of the columns' noise from the residuals of all sides.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     fitted : FittedProfile
     """
     keep = fitted.keep
     scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9)[fitted.owner[keep]]
-    return correlation(scaled, row.columns[keep], row.count, int(fitted.parameters.sum()))
+    return estimate_correlation(
+        scaled, row.columns[keep], row.count, int(fitted.parameter_counts.sum())
+    )
 
 
-def prior_doubts(weight: Array, spread: Array) -> Array:
-    """What the unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
+def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
+    """Terms that unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
     return np.where(weight[:, 2:] < _STIFF, weight[:, 2:] * spread, 0.0)
 
 
-def noise_variances(fitted: FittedProfile, noise: Correlation) -> Array:
+def noise_variances(fitted: FittedProfile, noise: NoiseCorrelation) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    lost = noise_share_in_fit(fitted.parameters, noise.inflation, fitted.counts)
+    lost = noise_share_in_fit(fitted.parameter_counts, noise.variance_inflation, fitted.counts)
     return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 
-def _evidence(row: Row, fitted: FittedProfile, noise: Correlation, spread: Array) -> Array:
+def _evidence(
+    row: OrderedProfilePoints, fitted: FittedProfile, noise: NoiseCorrelation, spread: Array
+) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     keep = fitted.keep
     owner = fitted.owner[keep]
@@ -437,7 +447,7 @@ def _evidence(row: Row, fitted: FittedProfile, noise: Correlation, spread: Array
     c0, c1, c2, c3 = fitted.inverse[owner, 2].T
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
-    doubt = prior_doubts(fitted.weight, spread)
+    doubt = prior_uncertainty_terms(fitted.weight, spread)
     variance = noise_variances(fitted, noise)
     variance = variance * correlated_squares(noise, share, owner, row.columns[keep])
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
@@ -447,6 +457,6 @@ def _evidence(row: Row, fitted: FittedProfile, noise: Correlation, spread: Array
     return np.asarray(np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance))
 
 
-def spread_of(model: tuple[Side, ...]) -> Array:
-    """Prior standard deviations of bend and twist in powers of s / 20 mm, shape (k, 2)."""
+def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
+    """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
     return np.array([[side.bend * _UNIT**2, side.twist * _UNIT**3] for side in model])

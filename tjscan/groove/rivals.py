@@ -108,9 +108,9 @@ def reflection_covariance(
             continue
         away = np.zeros(len(covariance))
         for i, neighbour in ((k - 1, k - 1), (k, k + 1)):
-            own = fitted.curves[k].tangent(fitted.places[i][k - i])
+            own = fitted.curves[k].tangent_at(fitted.places[i][k - i])
             j = 0 if neighbour == i else 1
-            tx, tz = fitted.curves[neighbour].tangent(fitted.places[i][j])
+            tx, tz = fitted.curves[neighbour].tangent_at(fitted.places[i][j])
             # Sideways by so much, a side meets its neighbour farther along it.
             sine = tx * own[1] - tz * own[0]
             away[2 * i : 2 * i + 2] = REFLECTION / sine * np.array((tx, tz))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import Curve, meet
-from tjscan.groove.fit import Candidate, attached
-from tjscan.groove.hypotheses import end_of
-from tjscan.groove.refinement import FittedProfile, Row, estimate_noise_correlation
+from tjscan.groove.curves import CubicCurve, intersect_curves
+from tjscan.groove.fit import GrooveCandidate, has_points_beside_corners
+from tjscan.groove.hypotheses import end_of_support
+from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, estimate_noise_correlation
 from tjscan.groove.section import TACK
 
 OPEN_ROOT: Final = "open root"
@@ -63,8 +63,8 @@ ALONG: Final = 21
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corners:
-    """The corners of a tee's groove, and what was found about it.
+class TeeCorners:
+    """Corners p2, p3 and p4 of a tee's groove, their covariance, and conditions found.
 
     Parameters
     ----------
@@ -90,13 +90,15 @@ class Corners:
     root_opening: float = nan
 
 
-def corners_at(row: Row, found: Candidate, covariance: Array, tolerance: float) -> Corners:
-    """Name the corners of a fitted tee.
+def find_tee_corners(
+    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, tolerance: float
+) -> TeeCorners:
+    """Find the corners p2, p3 and p4 of a fitted tee.
 
     Parameters
     ----------
-    row : Row
-    found : Candidate
+    row : OrderedProfilePoints
+    found : GrooveCandidate
         Of any form of a tee.
     covariance : ndarray, shape (2 k, 2 k)
         What `corner_covariance` gives for it.
@@ -104,12 +106,12 @@ def corners_at(row: Row, found: Candidate, covariance: Array, tolerance: float) 
         Distance within which a point lies on a side, in metres.
     """
     seam = (SEAM_BESIDE,) if _seam_beside(found) else ()
-    if found.model.has_root:
+    if found.model.has_root_bead:
         return _with_root(found, covariance, seam)
     return _without_root(row, found, covariance, tolerance, seam)
 
 
-def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Corners:
+def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...]) -> TeeCorners:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = found.fitted
     last = len(fitted.corners) - 1
@@ -119,7 +121,7 @@ def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Co
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    if not attached(fitted)[-2:].all(axis=1).any():
+    if not has_points_beside_corners(fitted)[-2:].all(axis=1).any():
         spread[2:6, 2:6] += _if_reflected(fitted)
     conditions = seam
     absent: tuple[str, ...] = ()
@@ -132,7 +134,7 @@ def _with_root(found: Candidate, covariance: Array, seam: tuple[str, ...]) -> Co
             spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED * chord, 0.0)
     elif bow > WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT, *seam)
-    return Corners(
+    return TeeCorners(
         fitted.corners[chosen],
         spread,
         (fitted.places[0][0], fitted.places[-1][1]),
@@ -149,7 +151,7 @@ def _if_reflected(fitted: FittedProfile) -> Array:
     """
     found = np.zeros((4, 4))
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
-    met = meet(bevel, leg, fitted.places[-2][0])
+    met = intersect_curves(bevel, leg, fitted.places[-2][0])
     for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
         own = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) + side)]
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
@@ -159,7 +161,7 @@ def _if_reflected(fitted: FittedProfile) -> Array:
     return found
 
 
-def _bow(root: Curve, start: float, end: float) -> tuple[float, float]:
+def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
     """Height of a face over its chord, towards the sensor, and length of the chord."""
     points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, ALONG)])
     along = points[-1] - points[0]
@@ -169,20 +171,24 @@ def _bow(root: Curve, start: float, end: float) -> tuple[float, float]:
 
 
 def _without_root(
-    row: Row, found: Candidate, covariance: Array, tolerance: float, seam: tuple[str, ...]
-) -> Corners:
+    row: OrderedProfilePoints,
+    found: GrooveCandidate,
+    covariance: Array,
+    tolerance: float,
+    seam: tuple[str, ...],
+) -> TeeCorners:
     """p3 and p4 where bevel and leg end, or somewhere between their ends and the apex."""
     fitted = found.fitted
     bevel, leg = fitted.curves[-2:]
     apex_bevel, apex_leg = fitted.places[-1]
-    on_bevel = np.abs(bevel.distances(row.points)) < tolerance
-    on_leg = np.abs(leg.distances(row.points)) < tolerance
+    on_bevel = np.abs(bevel.signed_distances(row.points)) < tolerance
+    on_leg = np.abs(leg.signed_distances(row.points)) < tolerance
     turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
-    last = max(end_of(on_bevel[:turn]) - 1, 0)
+    last = max(end_of_support(on_bevel[:turn]) - 1, 0)
     while last + 1 < turn and on_bevel[last + 1] and not on_leg[last + 1]:
         last += 1
-    s_last = bevel.along(*row.points[last].tolist())
-    opening = abs(float(leg.distances(np.array([bevel.points_at(s_last)]))[0]))
+    s_last = bevel.parameter_of_point(*row.points[last].tolist())
+    opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
     height = np.sqrt(_height_variances(row, found))
     p2 = covariance[:2, :2]
     total = np.zeros((8, 8))
@@ -194,16 +200,16 @@ def _without_root(
         hidden = abs(int(row.columns[under] - row.columns[last]))
         s3 = s_last + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
-        s4 = leg.along(*p3.tolist())
+        s4 = leg.parameter_of_point(*p3.tolist())
         along = step * hidden / sqrt(12)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
         total[4:6, 4:6] = _spread(leg, s4, max(opening / 4, LEAST_UNSEEN), height[-1])
         places = (fitted.places[0][0], s4)
-        return Corners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
-    first = len(row.points) - end_of(on_leg[turn:][::-1])
-    s_first = leg.along(*row.points[min(first, len(row.points) - 1)].tolist())
+        return TeeCorners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
+    first = len(row.points) - end_of_support(on_leg[turn:][::-1])
+    s_first = leg.parameter_of_point(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
     reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
@@ -211,47 +217,51 @@ def _without_root(
     total[4:6, 4:6] = _spread(leg, s4, reach_4, height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
-    return Corners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
+    return TeeCorners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
 
 
-def _under(row: Row, leg: Curve, last: int, apex: float, on_leg: NDArray[np.bool_]) -> int | None:
+def _under(
+    row: OrderedProfilePoints, leg: CubicCurve, last: int, apex: float, on_leg: NDArray[np.bool_]
+) -> int | None:
     """First point after the end of a bevel where the leg is seen under it; None if it is not.
 
     It is there beyond where the two, drawn on, meet.
     """
     index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + UNDER])
-    s, _ = leg.local(row.points[index])
+    s, _ = leg.local_coordinates(row.points[index])
     under = index[s < apex - LEAST_OPENING]
     return int(under[0]) if len(under) >= FEWEST_UNDER else None
 
 
-def _step(row: Row, bevel: Curve, last: int, on_bevel: NDArray[np.bool_]) -> float:
+def _step(
+    row: OrderedProfilePoints, bevel: CubicCurve, last: int, on_bevel: NDArray[np.bool_]
+) -> float:
     """Distance along a bevel between neighbouring columns near its end."""
     index = np.flatnonzero(on_bevel[: last + 1])[-10:]
     if len(index) < 2:
         return 0.0
-    s, _ = bevel.local(row.points[index])
+    s, _ = bevel.local_coordinates(row.points[index])
     columns = np.abs(row.columns[index[-1]] - row.columns[index[0]])
     return float((s[-1] - s[0]) / max(int(columns), 1))
 
 
-def _height_variances(row: Row, found: Candidate) -> Array:
+def _height_variances(row: OrderedProfilePoints, found: GrooveCandidate) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
     noise = found.fitted.noise or estimate_noise_correlation(row, found.fitted)
     # A line's height at its end is known half as well as in its middle.
     return np.asarray(
-        found.fitted.sigmas**2 * np.minimum(4 * noise.inflation / found.fitted.counts, 1.0)
+        found.fitted.sigmas**2 * np.minimum(4 * noise.variance_inflation / found.fitted.counts, 1.0)
     )
 
 
-def _spread(curve: Curve, s: float, along: float, across: float) -> Array:
+def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
     """Covariance of a point on a side, shape (2, 2)."""
-    t = np.array(curve.tangent(s))
+    t = np.array(curve.tangent_at(s))
     n = np.array((t[1], -t[0]))
     return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
 
 
-def _seam_beside(found: Candidate) -> bool:
+def _seam_beside(found: GrooveCandidate) -> bool:
     """Whether a bump that a weld's cap may be stands on the leg."""
     fitted = found.fitted
     own = fitted.owner == len(fitted.curves) - 1

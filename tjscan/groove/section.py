@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, readonly_copy, unit_vector
-from tjscan.groove.measures import measured
+from tjscan.groove.measures import measure_groove
 
 PARALLEL: Final = 1e-3
 """Sine of the angle between wall and leg below which they span no frame."""
@@ -175,7 +175,7 @@ def section_from_points(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )
     p2, p3, p4 = points[1:4, [0, 2]].tolist()
-    found = measured(p2, p3, p4, wall.tolist(), leg.tolist())
+    found = measure_groove(p2, p3, p4, wall.tolist(), leg.tolist())
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
     (wx, wz), sign = wall.tolist(), found.sign
     T = np.array(

@@ -34,7 +34,7 @@ WIDE_GAP: Final = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class CurvedSegments:
     """m slightly curved segments: ``centre + s direction + (c0 + c1 s + c2 s²) normal``.
 
     Directions go from the wall to the leg; the normal points away from the sensor.
@@ -61,28 +61,28 @@ class Segments:
     def __len__(self) -> int:
         return len(self.centre)
 
-    def take(self, which: Index) -> Segments:
-        """Segments at the indices `which`."""
-        return Segments(*(getattr(self, name)[which] for name in self.__slots__))
+    def select_segments(self, which: Index) -> CurvedSegments:
+        """Select segments by their indices `which`."""
+        return CurvedSegments(*(getattr(self, name)[which] for name in self.__slots__))
 
-    def local(self, points: Array) -> tuple[Array, Array]:
+    def local_coordinates(self, points: Array) -> tuple[Array, Array]:
         """Coordinates of points, shape (n, 2), along and away from each chord, (m, n) each."""
         t = self.direction
         s = t @ points.T - (t * self.centre).sum(axis=1)[:, None]
-        return s, self.away(points)
+        return s, self.distances_from_chords(points)
 
-    def away(self, points: Array) -> Array:
+    def distances_from_chords(self, points: Array) -> Array:
         """Distances of points, shape (n, 2), behind each chord, (m, n)."""
-        n = normals(self.direction)
+        n = normals_of_directions(self.direction)
         return np.asarray(n @ points.T - (n * self.centre).sum(axis=1)[:, None])
 
-    def inside(self, count: int) -> NDArray[np.bool_]:
-        """Which of `count` points lie within each stretch, shape (m, count)."""
+    def points_within(self, count: int) -> NDArray[np.bool_]:
+        """Which of `count` points lie within each segment's stretch, shape (m, count)."""
         index = np.arange(count)
         return np.asarray((self.first[:, None] <= index) & (index <= self.last[:, None]))
 
 
-def normals(directions: Array) -> Array:
+def normals_of_directions(directions: Array) -> Array:
     """Unit normals, shape (..., 2), on the far side of directions that go from wall to leg."""
     found = np.empty_like(directions)
     found[..., 0] = directions[..., 1]
@@ -90,7 +90,7 @@ def normals(directions: Array) -> Array:
     return found
 
 
-def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Segments:
+def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> CurvedSegments:
     """Find the long segments in a row of points, by falling score.
 
     Parameters
@@ -103,7 +103,7 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Segm
 
     Returns
     -------
-    Segments
+    CurvedSegments
         Their stretches and scores count all n points.
     """
     step = max(1, round(len(points) / THINNED))
@@ -126,11 +126,11 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Segm
     )
 
 
-def with_halves(segments: Segments, points: Array, tolerance: float) -> Segments:
-    """Add both halves of segments that a wide gap divides: two plates may lie in one line."""
-    s, d = segments.local(points)
+def add_halves_at_gaps(segments: CurvedSegments, points: Array, tolerance: float) -> CurvedSegments:
+    """Add both halves of segments with a wide gap: two plates may lie in one line."""
+    s, d = segments.local_coordinates(points)
     c0, c1, c2 = segments.curve.T[:, :, None]
-    good = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.inside(len(points))
+    good = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.points_within(len(points))
     parts = [segments]
     for k in range(len(segments)):
         on = np.flatnonzero(good[k])
@@ -138,13 +138,15 @@ def with_halves(segments: Segments, points: Array, tolerance: float) -> Segments
         if len(gaps) and gaps.max() > WIDE_GAP:
             cut = int(gaps.argmax()) + 1
             for half in (on[:cut], on[cut:]):
-                one = segments.take(np.array([k]))
+                one = segments.select_segments(np.array([k]))
                 score = np.array([float(len(half))])
                 parts.append(replace(one, first=half[:1], last=half[-1:], score=score))
-    return Segments(*(np.concatenate([getattr(p, n) for p in parts]) for n in Segments.__slots__))
+    return CurvedSegments(
+        *(np.concatenate([getattr(p, n) for p in parts]) for n in CurvedSegments.__slots__)
+    )
 
 
-def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segments:
+def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> CurvedSegments:
     """Total least-squares lines through windows of several lengths, where they fit well.
 
     A window inside a longer one that fits has nothing to add.
@@ -188,22 +190,22 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Segme
     direction[along < 0] *= -1
     nothing = np.zeros(m, dtype=np.intp)
     centre[:, 0], centre[:, 1] = mx + origin[0], mz + origin[1]
-    return Segments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
+    return CurvedSegments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
 def _stretched(
-    segments: Segments, row: Array, tolerance: float, gap_cost: float
-) -> tuple[Segments, Array]:
+    segments: CurvedSegments, row: Array, tolerance: float, gap_cost: float
+) -> tuple[CurvedSegments, Array]:
     """Give each segment the stretch of the row of the highest total gain (Kadane's algorithm).
 
     Returns the gains of all points too, shape (m, n): one on the segment, `-gap_cost` off it.
     """
     if segments.curve.any():
-        s, d = segments.local(row)
+        s, d = segments.local_coordinates(row)
         c0, c1, c2 = segments.curve.T[:, :, None]
         d -= c0 + s * (c1 + s * c2)
     else:
-        d = segments.away(row)
+        d = segments.distances_from_chords(row)
     gain = d * d
     gain *= -1 / tolerance**2
     gain += 1
@@ -220,14 +222,14 @@ def _stretched(
     return replace(segments, first=first, last=last, score=score), gain
 
 
-def _spread(segments: Segments, gain: Array, most: int) -> Segments:
+def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     """Keep the segments that explain most of what those before them left over.
 
     Lines along a curved side are many and each is the best somewhere: they must not crowd out
     a short side.
     """
     left = np.maximum(gain, 0)
-    left *= segments.inside(gain.shape[1])
+    left *= segments.points_within(gain.shape[1])
     every = np.ones(gain.shape[1])
     chosen: list[int] = []
     while len(chosen) < most:
@@ -237,23 +239,23 @@ def _spread(segments: Segments, gain: Array, most: int) -> Segments:
             break
         chosen.append(best)
         left *= left[best] <= 0
-    return segments.take(np.array(chosen, dtype=np.intp))
+    return segments.select_segments(np.array(chosen, dtype=np.intp))
 
 
-def _distinct(segments: Segments, gain: Array, most: int) -> Segments:
+def _distinct(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     """Keep the segments that explain some point better than all others."""
-    over = segments.inside(gain.shape[1]) & (gain > 0)
+    over = segments.points_within(gain.shape[1]) & (gain > 0)
     winners = (over * segments.score[:, None]).argmax(axis=0)
     winners = np.flatnonzero(np.bincount(winners, minlength=len(segments)))
     best = winners[np.argsort(-segments.score[winners], kind="stable")[:most]]
-    return segments.take(best)
+    return segments.select_segments(best)
 
 
-def _refitted(segments: Segments, row: Array, tolerance: float) -> Segments:
+def _refitted(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedSegments:
     """Least-squares parabola through the supporting points of every segment."""
-    s, d = segments.local(row)
+    s, d = segments.local_coordinates(row)
     c0, c1, c2 = segments.curve.T[:, :, None]
-    w = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.inside(len(row))
+    w = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.points_within(len(row))
     powers = np.empty((5, *s.shape))
     powers[0] = w
     for k in range(4):

@@ -13,7 +13,7 @@ from tjscan.groove.models import MODELS, TEE, GrooveModel
 
 @dataclass(frozen=True, slots=True)
 class GrooveSettings(SettingsTable):
-    """How a groove is looked for: the table [groove].
+    """Settings for reading grooves: the table [groove].
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class GrooveSettings(SettingsTable):
             raise ValueError("noise, largest_sigma and largest_rms must be positive")
 
     @property
-    def tolerance(self) -> float:
+    def support_tolerance(self) -> float:
         """Distance from a hypothesis within which points support it, in metres."""
         return TOLERANCE * self.noise
 

@@ -15,14 +15,14 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import Curve
-from tjscan.groove.hypotheses import end_of
-from tjscan.groove.models import Side
+from tjscan.groove.curves import CubicCurve
+from tjscan.groove.hypotheses import end_of_support
+from tjscan.groove.models import SideModel
 from tjscan.groove.refinement import (
     CUT,
     LEAST_NOISE,
     FittedProfile,
-    Row,
+    OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
 )
@@ -89,7 +89,7 @@ _MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeErrors:
-    """What the heights of k sides at their corners may be off by, in metres.
+    """Errors of corners in metres because k sides are not shaped as modelled.
 
     Parameters
     ----------
@@ -104,7 +104,9 @@ class ShapeErrors:
     sigma: Array
 
 
-def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> ShapeErrors:
+def estimate_shape_errors(
+    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
+) -> ShapeErrors:
     """Estimate what the sides' shapes add to the errors of their corners.
 
     Where points beside a corner leave a side together, either the surface does, and the corner
@@ -113,15 +115,15 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     fitted : FittedProfile
         k sides, whose noise is known.
-    model : tuple of Side
+    model : tuple of SideModel
         What they are like.
     """
     fitted = replace(fitted, noise=fitted.noise or estimate_noise_correlation(row, fitted))
-    slow = undulations(fitted)
-    left = departures(fitted, model)
+    slow = undulation_sigmas(fitted)
+    left = departures_beside_corners(fitted, model)
     shift = 0.5 * left
     for k, side in enumerate(model):
         if side.bead:
@@ -142,8 +144,8 @@ def shape_errors(row: Row, fitted: FittedProfile, model: tuple[Side, ...]) -> Sh
     return ShapeErrors(shift, sigma)
 
 
-def undulations(fitted: FittedProfile) -> Array:
-    """Standard deviation of the slow part of each side's residuals beyond noise, (k,), metres.
+def undulation_sigmas(fitted: FittedProfile) -> Array:
+    """Standard deviation of each side's slow undulation beyond noise, (k,), metres.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def undulations(fitted: FittedProfile) -> Array:
             continue
         start = (len(own) - count * BLOCK) // 2
         means = own[start : start + count * BLOCK].reshape(count, BLOCK).mean(axis=1)
-        free = max(count - int(fitted.parameters[k]), 1)
+        free = max(count - int(fitted.parameter_counts[k]), 1)
         variance = float((means**2).sum()) / free
         expected = sigma**2 * share
         if variance > expected * (1 + SIGNIFICANT * sqrt(2 / free)):
@@ -215,19 +217,19 @@ def _gaps(fitted: FittedProfile) -> Array:
             seen, away = on[own], np.abs(fitted.along[own] - s)
             if j:
                 seen, away = seen[::-1], away[::-1]
-            dense = end_of(seen)
+            dense = end_of_support(seen)
             found[i, j] = away[seen].min() if dense == 0 else away[:dense][seen[:dense]].min()
     return found
 
 
-def departures(fitted: FittedProfile, model: tuple[Side, ...]) -> Array:
-    """How far the points beside each corner leave its sides, shape (k - 1, 2), in metres.
+def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
+    """How far points beside each corner depart from its sides, shape (k - 1, 2), in metres.
 
     Parameters
     ----------
     fitted : FittedProfile
         k sides, whose noise is known.
-    model : tuple of Side
+    model : tuple of SideModel
         What they are like.
     """
     noise = fitted.noise
@@ -256,7 +258,7 @@ def departures(fitted: FittedProfile, model: tuple[Side, ...]) -> Array:
             if abs(outer) > abs(inner) + SIGNIFICANT * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
             found[i, j] = _median(residuals)
-            chance[i, j] = _MEDIAN * sigmas[i + j] * sqrt(min(1.0, noise.inflation / n))
+            chance[i, j] = _MEDIAN * sigmas[i + j] * sqrt(min(1.0, noise.variance_inflation / n))
     ratio = found / chance
     significant = np.abs(ratio) > SIGNIFICANT
     for k, side in enumerate(model):
@@ -267,8 +269,8 @@ def departures(fitted: FittedProfile, model: tuple[Side, ...]) -> Array:
     return np.where(significant, found, 0.0)
 
 
-def leaves(fitted: FittedProfile, k: int) -> bool:
-    """Whether points lead away from side k in a row: the surface turns there, it is no reflection.
+def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
+    """Whether points lead away from side k in a row: the surface turns there, no reflection.
 
     Parameters
     ----------
@@ -305,10 +307,10 @@ def _jumps(residuals: Array) -> bool:
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > JUMP)
 
 
-def _square(curve: Curve, s: float) -> float:
+def _square(curve: CubicCurve, s: float) -> float:
     """Sine of the angle between a side and the ray that hits it at s."""
     x, z = curve.points_at(s)
-    tx, tz = curve.tangent(s)
+    tx, tz = curve.tangent_at(s)
     return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_SQUARE)
 
 
@@ -345,9 +347,9 @@ def _pull(fitted: FittedProfile, k: int) -> float:
         shown, known = (sum(values) for values in zip(*flanks, strict=True))
         if min(known for _, known in flanks) == 0:
             continue
-        each = min(moved / sqrt(square * noise.inflation) for moved, square in flanks)
-        if each > 1 and shown > least * sqrt(known * noise.inflation):
-            least, pull = shown / sqrt(known * noise.inflation), shown / known
+        each = min(moved / sqrt(square * noise.variance_inflation) for moved, square in flanks)
+        if each > 1 and shown > least * sqrt(known * noise.variance_inflation):
+            least, pull = shown / sqrt(known * noise.variance_inflation), shown / known
     return pull
 
 

@@ -9,21 +9,23 @@ import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.noise import Correlation, correlated_sums
+from tjscan.groove.noise import NoiseCorrelation, correlated_sums
 from tjscan.groove.refinement import (
     POWERS,
     FittedProfile,
-    Row,
+    OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
-    prior_doubts,
+    prior_shape_sigmas,
+    prior_uncertainty_terms,
     prior_weights,
-    spread_of,
 )
-from tjscan.groove.shape import shape_errors
+from tjscan.groove.shape import estimate_shape_errors
 
 
-def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Array:
+def corner_covariance(
+    row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
+) -> Array:
     """Covariance of corners and of both end tangents' angles, shape (2 k, 2 k) for k sides.
 
     Parameters are those of `corner_estimates`.
@@ -31,15 +33,17 @@ def corner_covariance(row: Row, fitted: FittedProfile, model: GrooveModel) -> Ar
     return corner_estimates(row, fitted, model)[1]
 
 
-def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tuple[Array, Array]:
-    """Corners, and the covariance of them and of both end tangents' angles.
+def corner_estimates(
+    row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
+) -> tuple[Array, Array]:
+    """Corners corrected for the sides' shapes, and their covariance with both end tangents.
 
     Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
     normal there and b the derivatives of its height by its coefficients c.
 
     Parameters
     ----------
-    row : Row
+    row : OrderedProfilePoints
     fitted : FittedProfile
         k sides.
     model : GrooveModel
@@ -54,15 +58,15 @@ def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tup
         Of their coordinates and of the angles of the first and the last side's tangents.
     """
     noise = fitted.noise or estimate_noise_correlation(row, fitted)
-    spread = _coefficient_covariances(row, fitted, noise, spread_of(model.sides))
+    spread = _coefficient_covariances(row, fitted, noise, prior_shape_sigmas(model.sides))
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
     for i, place in enumerate(fitted.places):
         (a, b), (sa, sb) = fitted.curves[i : i + 2], place
-        (ax, az), (bx, bz) = a.tangent(sa), b.tangent(sb)
+        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
         # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
-        wa = 1.0 / hypot(1.0, a.height(sa)[1])
-        wb = 1.0 / hypot(1.0, b.height(sb)[1])
+        wa = 1.0 / hypot(1.0, a.height_and_slope(sa)[1])
+        wb = 1.0 / hypot(1.0, b.height_and_slope(sb)[1])
         det = ax * bz - az * bx
         jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
             [-bx * wa * p / det for p in _powers(sa)] + [ax * wb * p / det for p in _powers(sb)],
@@ -71,7 +75,7 @@ def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tup
     ends = ((0, 0, fitted.places[0][0]), (k - 1, k - 2, fitted.places[-1][1]))
     for row_, (side, corner, s) in enumerate(ends, start=2 * k - 2):
         curve = fitted.curves[side]
-        _, slope = curve.height(s)
+        _, slope = curve.height_and_slope(s)
         # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
         turned = -1.0 / (1.0 + slope * slope)
         jacobian[row_, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
@@ -81,7 +85,7 @@ def corner_estimates(row: Row, fitted: FittedProfile, model: GrooveModel) -> tup
     # Sides are fitted apart from each other.
     parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
     covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
-    errors = shape_errors(row, fitted, model.sides)
+    errors = estimate_shape_errors(row, fitted, model.sides)
     corners = fitted.corners.copy()
     for i, j in zip(*errors.sigma.nonzero(), strict=True):
         moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
@@ -96,7 +100,7 @@ def _powers(s: float) -> tuple[float, float, float, float]:
 
 
 def _coefficient_covariances(
-    row: Row, fitted: FittedProfile, noise: Correlation, spread: Array
+    row: OrderedProfilePoints, fitted: FittedProfile, noise: NoiseCorrelation, spread: Array
 ) -> Array:
     """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
 
@@ -117,8 +121,10 @@ def _coefficient_covariances(
     here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
     if fitted.straight is not None:
-        other = prior_weights(spread, bends & ~fitted.curved, fitted.sigmas, noise.inflation)
-        there, inverse = fitted.equations.solved(other)
+        other = prior_weights(
+            spread, bends & ~fitted.curved, fitted.sigmas, noise.variance_inflation
+        )
+        there, inverse = fitted.equations.solve_with_prior(other)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
@@ -130,5 +136,5 @@ def _coefficient_covariances(
 
 def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
     meat = meat.copy()
-    meat[:, (2, 3), (2, 3)] += prior_doubts(weight, spread) ** 2
+    meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
     return np.asarray(inverse @ meat @ inverse)

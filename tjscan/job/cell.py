@@ -19,8 +19,8 @@ from tjscan.core.units import pose_from_rows_mm
 from tjscan.job import CellJob, LaserSettings, PlacedSolidSettings, ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.joint.relief import joint_relief_height
-from tjscan.laser.drivers import LASER_DRIVERS, LaserContext, LaserFlange, SimulatedScene
+from tjscan.joint.relief import make_relief_height_function
+from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange, SimulatedScene
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface
@@ -183,7 +183,7 @@ def make_cell(
     rows = None if simulation is None else simulation.T_f_s_mm
     with LASER_DRIVERS.explain_missing_package(job.laser.driver):
         laser = laser_driver.make(
-            LaserContext(
+            LaserDriverInputs(
                 laser_model_of_job(job),
                 LaserFlange(
                     partial(arm_driver.truth, device),
@@ -227,7 +227,7 @@ def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
 def _surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_joint_mesh(joint)
-    return RaycastSurface(mesh.vertices, mesh.triangles, joint_relief_height(joint))
+    return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))
 
 
 def clear_path_planner_of_job(job: CellJob) -> ClearPathPlanner:

@@ -167,8 +167,10 @@ class ScanJob(CellJob):
 
     @model_validator(mode="after")
     def _groove_has_a_section(self) -> ScanJob:
-        if not self.groove.model.has_section:
-            able = ", ".join(repr(name) for name, model in MODELS.items() if model.has_section)
+        if not self.groove.model.has_section_points:
+            able = ", ".join(
+                repr(name) for name, model in MODELS.items() if model.has_section_points
+            )
             raise ConfigurationError(
                 f"{self.groove.model.name!r} has no section of five points, which a scan needs; "
                 f"choose one of {able}",

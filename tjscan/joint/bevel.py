@@ -22,8 +22,8 @@ _ROUNDS: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BevelSections:
-    """The groove of a joint in radial half-planes.
+class JointGrooveSections:
+    """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
     Parameters
     ----------
@@ -71,30 +71,32 @@ class BevelSections:
         return np.asarray(np.linalg.norm(self.p2 - self.land, axis=1))
 
 
-def bevel_sections(definition: JointDefinition, phi: ArrayLike) -> BevelSections:
-    """Sections of a joint's groove at azimuths, shape (n,), in radians."""
+def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveSections:
+    """Compute the sections of a joint's groove at azimuths, shape (n,), in radians."""
     phi = np.asarray(phi, dtype=float)
-    leg = definition.leg
-    gapped = leg.offset(definition.root_opening(phi))
-    dihedral = leg.dihedral(phi, definition.brace_radius)
-    groove_angle = definition.groove_angle(dihedral)
+    leg = definition.leg_surface
+    gapped = leg.offset_surface(definition.root_opening_at(phi))
+    dihedral = leg.dihedral_angle(phi, definition.brace_radius)
+    groove_angle = definition.groove_angle_at(dihedral)
 
     rho_inner = _bore(definition, gapped, phi)
     land_inner = _on(gapped, phi, rho_inner)
     land = _on(gapped, phi, rho_inner + definition.root_face)
     bevel = bevel_direction(gapped, phi, land[:, 0], groove_angle)
     p2 = _top(definition, phi, land, bevel)
-    apex = leg.meet(phi, land, -bevel)
+    apex = leg.ray_intersections(phi, land, -bevel)
     if definition.imperfections.root.is_open:
-        p4 = leg.meet(phi, land, -leg_normal_rz(gapped, phi, land[:, 0]))
-        return BevelSections(
+        p4 = leg.ray_intersections(phi, land, -leg_normal_rz(gapped, phi, land[:, 0]))
+        return JointGrooveSections(
             phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, land, p4
         )
     p3 = land + definition.root_bead * bevel
     # The bead's face is the base of an isosceles triangle between the bevel and the leg's
     # tangent at the apex, so it stands about square to the bisector of the groove.
-    p4 = leg.meet(phi, p3, _along(leg, phi, apex[:, 0]) - bevel)
-    return BevelSections(phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4)
+    p4 = leg.ray_intersections(phi, p3, _along(leg, phi, apex[:, 0]) - bevel)
+    return JointGrooveSections(
+        phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4
+    )
 
 
 def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Array) -> Array:
@@ -113,7 +115,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
         bevel and leg in the section normal to that edge.
     """
     tangent = gapped.tangent(phi, rho)
-    normal = gapped.normal(gapped.point(phi, rho))
+    normal = gapped.normal(gapped.points_j(phi, rho))
     outward = np.cross(tangent, normal)
     angle = groove_angle[:, None]
     up = np.cos(angle) * outward + np.sin(angle) * normal

@@ -7,7 +7,7 @@ from typing import Final, NoReturn
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.joint.bevel import BevelSections, bevel_sections
+from tjscan.joint.bevel import JointGrooveSections, groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
 
@@ -49,7 +49,7 @@ def check_buildable(definition: JointDefinition) -> None:
     _check_tubes(definition)
     _check_groove_table(definition)
     with np.errstate(divide="ignore", invalid="ignore"):
-        sections = bevel_sections(definition, CHECKED_AZIMUTHS)
+        sections = groove_sections(definition, CHECKED_AZIMUTHS)
     _check_bevel(sections)
     _check_root(definition, sections)
     _check_lengths(definition, sections)
@@ -119,7 +119,7 @@ def _check_groove_table(d: JointDefinition) -> None:
         )
 
 
-def _check_bevel(s: BevelSections) -> None:
+def _check_bevel(s: JointGrooveSections) -> None:
     sharpness = np.arctan2(s.bevel[:, 0], s.bevel[:, 1])
     i = int(np.argmin(sharpness))
     if sharpness[i] < LEAST_BEVEL_ANGLE:
@@ -131,7 +131,7 @@ def _check_bevel(s: BevelSections) -> None:
         )
 
 
-def _check_root(d: JointDefinition, s: BevelSections) -> None:
+def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
     free = float(np.min(s.bevel_length)) - d.root_bead
     if free < LEAST_FREE_BEVEL:
         most = _mm(d.root_bead + free - LEAST_FREE_BEVEL)
@@ -149,7 +149,7 @@ def _check_root(d: JointDefinition, s: BevelSections) -> None:
         )
 
 
-def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
+def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
     top = float(np.max(s.p2[:, 1])) + LEAST_TUBE_BEYOND_GROOVE
     if d.brace_length < top:
         _refuse(
@@ -157,8 +157,8 @@ def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
             f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
             f"least {_mm(top)}",
         )
-    foot = d.leg.point(s.phi, d.brace_radius) @ d.leg.axis
-    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
     least = 2 * (float(np.max(np.abs((foot, root)))) + LEAST_TUBE_BEYOND_GROOVE)
     if d.leg_length < least:
         _refuse(
@@ -167,7 +167,7 @@ def _check_lengths(d: JointDefinition, s: BevelSections) -> None:
         )
 
 
-def _check_seams(d: JointDefinition, s: BevelSections) -> None:
+def _check_seams(d: JointDefinition, s: JointGrooveSections) -> None:
     reach = float(np.max(s.p4[:, 0])) + LEAST_SEAM_TO_ROOT
     for i, seam in enumerate(d.imperfections.seams):
         y = abs(d.leg_radius * np.sin(seam.at)) - seam.width / 2

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
-from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_round_joint
+from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_around_joint
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
 
 
 @dataclass(frozen=True, slots=True)
 class JointDefinition:
-    """A tubular joint in metres and radians; `tjscan.joint.checks.check_buildable` checks it.
+    """Definition of a tubular joint: dimensions of leg, brace and groove; metres and radians.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class JointDefinition:
     imperfections: Imperfections = NO_IMPERFECTIONS
 
     @property
-    def leg(self) -> LegSurface:
-        """The leg's outer surface."""
+    def leg_surface(self) -> LegSurface:
+        """Outer surface of the leg."""
         oval = self.imperfections.leg_ovality
         if oval.ovality == 0:
             return LegSurface(self.leg_radius, self.angle)
@@ -67,7 +67,7 @@ class JointDefinition:
         """Radius of the brace's bore."""
         return self.brace_radius - self.brace_wall
 
-    def groove_angle(self, dihedral: ArrayLike) -> Array:
+    def groove_angle_at(self, dihedral: ArrayLike) -> Array:
         """Prescribed groove angle where the local dihedral angle is `dihedral`."""
         at, angle = np.transpose(self.groove_table)
         return np.asarray(np.interp(np.asarray(dihedral, dtype=float), at, angle))
@@ -93,11 +93,11 @@ class JointDefinition:
         ellipse = Ellipse(
             *semi_axes_same_circumference(self.brace_radius, oval.ovality), oval.widest
         )
-        return ellipse.radius(phi, centre)
+        return ellipse.radius_in_direction(phi, centre)
 
-    def root_opening(self, phi: Array) -> ArrayLike:
+    def root_opening_at(self, phi: Array) -> ArrayLike:
         """Distance of the land from the leg at azimuths, in metres, shape (n,) or ()."""
         more = self.imperfections.root.opening
         return (
-            self.root_gap if more == (0.0,) else self.root_gap + interpolate_round_joint(more, phi)
+            self.root_gap if more == (0.0,) else self.root_gap + interpolate_around_joint(more, phi)
         )

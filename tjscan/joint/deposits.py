@@ -8,7 +8,7 @@ import manifold3d
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections, leg_normal_rz
+from tjscan.joint.bevel import groove_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.imperfections import SeamWeldCap, TackWeld
@@ -32,23 +32,23 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     Parameters
     ----------
     span : ndarray, shape (2,)
-        First and last azimuth, as `tack_azimuth_spans` gives them.
+        First and last azimuth, as `tack_spans` gives them.
     """
     phi = np.linspace(span[0], span[1], _STATIONS)
-    s = bevel_sections(definition, phi)
+    s = groove_sections(definition, phi)
     along = np.linspace(0, tack.length, _STATIONS)
     ramp = np.clip(np.minimum(along, tack.length - along) / TACK_RAMP_LENGTH, 0, 1)
     rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE)
     on_bevel = s.p3 + rise[:, None] * s.bevel
-    rho = s.p4[:, 0] + rise / np.hypot(1, definition.leg.slope(phi, s.p4[:, 0]))
-    on_leg = np.column_stack((rho, definition.leg.height(phi, rho)))
+    rho = s.p4[:, 0] + rise / np.hypot(1, definition.leg_surface.slope(phi, s.p4[:, 0]))
+    on_leg = np.column_stack((rho, definition.leg_surface.height(phi, rho)))
     chord = on_bevel - on_leg
     outward = chord[:, ::-1] * (1, -1)
     t = np.linspace(0, 1, _FACE)[:, None, None]
     face = on_leg + t * chord + TACK_BOW * 4 * t * (1 - t) * outward
     # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
     face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]
-    into_leg = -SINK_DEPTH * leg_normal_rz(definition.leg, phi, rho)
+    into_leg = -SINK_DEPTH * leg_normal_rz(definition.leg_surface, phi, rho)
     into_brace = SINK_DEPTH * s.bevel[:, ::-1] * (-1, 1)
     up = np.array((0.0, SINK_DEPTH))
     # Under the land, then inside the brace: it fills the root opening.
@@ -96,27 +96,27 @@ def seam_cap_solid(definition: JointDefinition, seam: SeamWeldCap) -> manifold3d
 
 
 def leg_frame_matrix(definition: JointDefinition) -> Array:
-    """Up, along y and along the leg's axis as columns, and no shift, shape (3, 4)."""
+    """Matrix of the leg's frame: up, y and the leg's axis as columns, no shift, shape (3, 4)."""
     up = (-np.cos(definition.angle), 0.0, np.sin(definition.angle))
-    return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg.axis, np.zeros(3)))
+    return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg_surface.axis, np.zeros(3)))
 
 
 def _leg_radius(definition: JointDefinition, clock: Array) -> Array:
     """Distance of the leg's surface from its axis at clock angles, shape (n,)."""
-    section = getattr(definition.leg, "section", None)
+    section = getattr(definition.leg_surface, "section", None)
     if section is None:
         return np.full_like(clock, definition.leg_radius)
-    return np.asarray(section.radius(clock))
+    return np.asarray(section.radius_in_direction(clock))
 
 
 def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     """Drops of weld metal beside and in the groove, half sunk into the surface."""
     table = definition.imperfections.spatter
-    length = definition.leg.arc_length(definition.brace_radius, 0, 2 * np.pi)
+    length = definition.leg_surface.arc_length(definition.brace_radius, 0, 2 * np.pi)
     rng = np.random.default_rng(table.seed)
     count = round(table.density * length)
     phi = rng.uniform(0, 2 * np.pi, count)
-    s = bevel_sections(definition, phi)
+    s = groove_sections(definition, phi)
     place = rng.uniform(-1, 1, count)
     depth = np.linalg.norm(s.p2 - s.p3, axis=1)
     # From -1 to -0.4 on the wall, to 0.3 on the bevel, then on the leg.
@@ -125,7 +125,7 @@ def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     on_bevel = s.p2 + ((place + 0.4) / 0.7)[:, None] * (s.p3 - s.p2)
     rho = s.p4[:, 0] + (place - 0.3) / 0.7 * table.reach
     rho = np.minimum(rho, 0.98 * definition.leg_radius)
-    on_leg = np.column_stack((rho, definition.leg.height(phi, rho)))
+    on_leg = np.column_stack((rho, definition.leg_surface.height(phi, rho)))
     rz = np.where(
         (place < -0.4)[:, None], on_wall, np.where((place < 0.3)[:, None], on_bevel, on_leg)
     )

@@ -9,7 +9,7 @@ import scipy  # its parts are loaded at first use
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.tacks import tack_spans, within_spans
@@ -39,8 +39,8 @@ class ClosedPolyline:
         object.__setattr__(self, "_tree", scipy.spatial.KDTree(points))
         object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
 
-    def nearest(self, points_j: Array) -> Array:
-        """Feet of the perpendiculars from points, shape (m, 3), in frame j, in metres."""
+    def nearest_points(self, points_j: Array) -> Array:
+        """Nearest points of the line to points, shape (m, 3), in frame j, in metres."""
         points = np.asarray(points_j, dtype=float).reshape(-1, 3)
         feet = np.empty_like(points)
         open_ = np.arange(len(points))
@@ -57,10 +57,10 @@ class ClosedPolyline:
             neighbours *= 8
         return feet
 
-    def distance(self, points_j: Array) -> Array:
+    def distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from the line in metres, shape (m,)."""
         points = np.asarray(points_j, dtype=float).reshape(-1, 3)
-        return np.asarray(np.linalg.norm(points - self.nearest(points), axis=1))
+        return np.asarray(np.linalg.norm(points - self.nearest_points(points), axis=1))
 
     def _on_segments_at(self, vertices: NDArray[np.intp], points: Array) -> tuple[Array, Array]:
         """Nearest feet, and their distances, on the segments before and after vertices (m, k)."""
@@ -78,7 +78,7 @@ class ClosedPolyline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureEdges:
-    """The three edges that the paper's corners run along (Fig. 3).
+    """The groove's three feature edges, along which the corners p2, p3 and p4 run (Fig. 3).
 
     Parameters
     ----------
@@ -107,20 +107,20 @@ class FeatureEdges:
     def distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from p2, p3 and p4 in metres, shape (m, 3)."""
         edges = (self.p2, self.p3, self.p4)
-        return np.column_stack([edge.distance(points_j) for edge in edges])
+        return np.column_stack([edge.distances(points_j) for edge in edges])
 
-    def distance(self, points_j: Array) -> Array:
+    def nearest_edge_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from the nearest edge in metres, shape (m,)."""
         return np.asarray(self.distances(points_j).min(axis=1))
 
 
 def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
-    """Edges of a joint's groove, each with `n` vertices at even azimuths.
+    """Compute the feature edges of a joint's groove, each with `n` vertices at even azimuths.
 
     At the default their chords leave the true edge by less than 0.001 mm.
     """
     phi = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    sections = bevel_sections(definition, phi)
+    sections = groove_sections(definition, phi)
     corners = (sections.p2, sections.p3, sections.p4)
     p2, p3, p4 = (ClosedPolyline(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
     return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))

@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.config import StrictFileModel
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import JointFile
@@ -21,7 +21,7 @@ MM_PER_METRE = 1e3
 
 
 class JointSidecar(StrictFileModel):
-    """``NAME.json``: what the other files hold.
+    """Content of ``NAME.json`` beside a joint's mesh: units, frame and dimensions.
 
     Every length is in millimetres, every angle in degrees, every point in frame j.
     """
@@ -47,8 +47,8 @@ class JointSidecar(StrictFileModel):
         cls, definition: JointDefinition, mesh: TriangleMesh, edges: FeatureEdges
     ) -> Self:
         """Describe what was built from a definition."""
-        sections = bevel_sections(definition, edges.phi)
-        length = definition.leg.arc_length(definition.brace_radius, 0, 2 * np.pi)
+        sections = groove_sections(definition, edges.phi)
+        length = definition.leg_surface.arc_length(definition.brace_radius, 0, 2 * np.pi)
         return cls(
             name=definition.name,
             joint=JointFile.from_definition(definition),

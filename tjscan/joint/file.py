@@ -22,7 +22,7 @@ AnglePairDeg = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists
 
 
 class LegDimensions(StrictFileModel):
-    """``[leg]``: the member that runs through."""
+    """The table [leg] of a joint's file: the tube that runs through."""
 
     outer_diameter_mm: LengthMm
     wall_mm: LengthMm
@@ -30,7 +30,7 @@ class LegDimensions(StrictFileModel):
 
 
 class BraceDimensions(StrictFileModel):
-    """``[brace]``: the member that is welded on. Its length runs from where the axes cross."""
+    """The table [brace] of a joint's file: the tube that is welded on."""
 
     outer_diameter_mm: LengthMm
     wall_mm: LengthMm
@@ -39,7 +39,7 @@ class BraceDimensions(StrictFileModel):
 
 
 class GrooveDimensions(StrictFileModel):
-    """``[groove]``: the prepared brace end and the root bead."""
+    """The table [groove] of a joint's file: the prepared brace end and the root bead."""
 
     angle_deg: Annotated[tuple[AnglePairDeg, ...], Strict(False), Field(max_length=1000)]
     root_gap_mm: SmallLengthMm
@@ -57,7 +57,7 @@ class JointFile(StrictFileModel):
 
     @classmethod
     def from_definition(cls, definition: JointDefinition) -> Self:
-        """The file that defines a joint."""
+        """Convert a joint's definition to its file."""
         d = definition
         return cls(
             leg=LegDimensions(
@@ -81,7 +81,7 @@ class JointFile(StrictFileModel):
         )
 
     def definition(self, name: str) -> JointDefinition:
-        """The joint, in metres and radians.
+        """Convert the file to the joint's definition, in metres and radians.
 
         Raises
         ------

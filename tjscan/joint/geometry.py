@@ -18,7 +18,7 @@ from tjscan.core.frames import Array
 
 
 def cylindrical_to_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:
-    """Points in frame j, shape (..., 3), of cylinder coordinates that broadcast."""
+    """Convert cylinder coordinates to points in frame j, shape (..., 3)."""
     x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
     return np.stack(np.broadcast_arrays(x, y, np.asarray(z, dtype=float)), axis=-1)
 
@@ -38,7 +38,7 @@ def tangential_direction(phi: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class LegSurface:
-    """The upper side of a cylinder about the leg's axis, seen from the brace.
+    """Upper surface of a cylindrical leg, as the brace meets it.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ class LegSurface:
         """The leg's axis in frame j, shape (3,), towards the heel."""
         return np.array((np.sin(self.angle), 0.0, np.cos(self.angle)))
 
-    def offset(self, distance: ArrayLike) -> LegSurface:
-        """The surface at a distance outside this one, which may differ from azimuth to azimuth."""
+    def offset_surface(self, distance: ArrayLike) -> LegSurface:
+        """Surface at a distance outside this one, which may differ from azimuth to azimuth."""
         radius: Any = np.add(self.radius, distance)
         return LegSurface(radius, self.angle)
 
@@ -72,8 +72,8 @@ class LegSurface:
         upward = np.sqrt(self.radius**2 - y**2)
         return np.asarray((x * np.cos(self.angle) + upward) / np.sin(self.angle))
 
-    def point(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Points of the surface in frame j, shape (..., 3)."""
+    def points_j(self, phi: ArrayLike, rho: ArrayLike) -> Array:
+        """Points of the surface in frame j, shape (..., 3), at azimuths and radii."""
         return cylindrical_to_j(phi, rho, self.height(phi, rho))
 
     def slope(self, phi: ArrayLike, rho: ArrayLike) -> Array:
@@ -83,8 +83,8 @@ class LegSurface:
         falling = y * np.sin(phi) / upward
         return np.asarray((np.cos(phi) * np.cos(self.angle) - falling) / np.sin(self.angle))
 
-    def velocity(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Derivative of `point` by the azimuth, in frame j, shape (..., 3)."""
+    def azimuth_derivative(self, phi: ArrayLike, rho: ArrayLike) -> Array:
+        """Derivative of `points_j` by the azimuth, in frame j, shape (..., 3)."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
         upward = np.sqrt(self.radius**2 - y**2)
         climb = -(y * np.cos(self.angle) + x * y / upward) / np.sin(self.angle)
@@ -92,7 +92,7 @@ class LegSurface:
 
     def tangent(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Unit tangents in frame j, shape (..., 3), of the curve at constant ``rho``."""
-        v = self.velocity(phi, rho)
+        v = self.azimuth_derivative(phi, rho)
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
     def normal(self, points_j: Array) -> Array:
@@ -100,13 +100,13 @@ class LegSurface:
         across = points_j - (points_j @ self.axis)[..., None] * self.axis
         return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
-    def distance(self, points_j: Array) -> Array:
-        """How far points, shape (..., 3), are outside the surface, in metres."""
+    def signed_distances(self, points_j: Array) -> Array:
+        """Distances of points, shape (..., 3), outside the surface, in metres."""
         across = points_j - (points_j @ self.axis)[..., None] * self.axis
         return np.asarray(np.linalg.norm(across, axis=-1) - self.radius)
 
-    def dihedral(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Local dihedral angle psi in radians.
+    def dihedral_angle(self, phi: ArrayLike, rho: ArrayLike) -> Array:
+        """Local dihedral angle psi between brace and leg, in radians.
 
         It is the angle, through the air outside, between the surface and the cylinder of
         radius ``rho`` about the brace's axis.
@@ -117,7 +117,7 @@ class LegSurface:
         cosine = np.cos(phi) * np.cos(self.angle) * np.sqrt(1 - k**2 * s2) - k * s2
         return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
-    def meet(self, phi: ArrayLike, start_rz: Array, direction_rz: Array) -> Array:
+    def ray_intersections(self, phi: ArrayLike, start_rz: Array, direction_rz: Array) -> Array:
         """First points where rays in the radial half-planes meet the surface from outside.
 
         Parameters
@@ -146,6 +146,6 @@ class LegSurface:
     def arc_length(self, rho: float, start: float, stop: float) -> float:
         """Length in metres of the curve at constant ``rho`` between two azimuths."""
         length, _ = scipy.integrate.quad(
-            lambda phi: np.linalg.norm(self.velocity(phi, rho)), start, stop
+            lambda phi: np.linalg.norm(self.azimuth_derivative(phi, rho)), start, stop
         )
         return float(length)

@@ -44,7 +44,7 @@ class Ovality(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BraceMisfit(SettingsTable):
-    """The brace's axis off its nominal place.
+    """Misfit of the brace: its axis off its nominal place.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class BraceMisfit(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RootAsFitted(SettingsTable):
-    """The root as fitted up.
+    """Root gap as fitted up, which may differ from the drawing.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class SeamWeldCap(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BevelAsCut(SettingsTable):
-    """The bevel as cut.
+    """Bevel as cut, which may differ from the drawing.
 
     Parameters
     ----------
@@ -196,12 +196,12 @@ class Imperfections(SettingsTable):
     Parameters
     ----------
     leg_ovality, brace_ovality : Ovality
-    misfit : Misfit
-    root : Root
-    bevel : Bevel
-    tacks : tuple of Tack
-    seams : tuple of Seam
-    scale : Scale
+    misfit : BraceMisfit
+    root : RootAsFitted
+    bevel : BevelAsCut
+    tacks : tuple of TackWeld
+    seams : tuple of SeamWeldCap
+    scale : MillScale
     spatter : Spatter
     """
 
@@ -225,8 +225,8 @@ NO_IMPERFECTIONS: Final = Imperfections()
 """A joint as drawn."""
 
 
-def interpolate_round_joint(values: tuple[float, ...], phi: Array) -> Array:
-    """Value at azimuths, shape (n,), of values at even azimuths: a periodic cubic spline."""
+def interpolate_around_joint(values: tuple[float, ...], phi: Array) -> Array:
+    """Interpolate values at even azimuths to azimuths, shape (n,): a periodic cubic spline."""
     if len(values) == 1:
         return np.full_like(phi, values[0])
     at = np.linspace(0, 2 * np.pi, len(values) + 1)

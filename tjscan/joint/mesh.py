@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.joint.bevel import BevelSections, bevel_sections, leg_normal_rz
+from tjscan.joint.bevel import JointGrooveSections, groove_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
-from tjscan.joint.imperfections import interpolate_round_joint
+from tjscan.joint.imperfections import interpolate_around_joint
 from tjscan.joint.oval import OvalLegSurface
 from tjscan.joint.tacks import tack_spans
 
@@ -145,10 +145,10 @@ def _rod(d: JointDefinition, radius: float, length: float, error: float) -> mani
     """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
     segments = _segments(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
-    T = np.column_stack((across, tangential_direction(0.0), d.leg.axis, np.zeros(3)))
+    T = np.column_stack((across, tangential_direction(0.0), d.leg_surface.axis, np.zeros(3)))
     rod = manifold3d.Manifold.cylinder(length, radius, circular_segments=segments, center=True)
     rod = rod.rotate((0, 0, 180 / segments))
-    leg = d.leg
+    leg = d.leg_surface
     if isinstance(leg, OvalLegSurface):
         # The bore lies as deep below the surface as that of a round tube.
         semi = np.array((leg.section.long, leg.section.short)) - (d.leg_radius - radius)
@@ -178,7 +178,7 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
 
     They run down the bore, along the root and up bead, bevel and outer wall.
     """
-    sections = bevel_sections(definition, phi)
+    sections = groove_sections(definition, phi)
     top = np.full_like(phi, definition.brace_length)
     wall = definition.brace_wall_radius(phi, top)
     corners = (
@@ -197,7 +197,7 @@ def _first_of_groove(definition: JointDefinition) -> int:
     return 2 if definition.imperfections.root.is_open else 3
 
 
-def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
+def _bead(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
     """The root bead from behind the land to below p3; nothing where the root is open."""
     root = definition.imperfections.root
     if root.is_open:
@@ -206,7 +206,7 @@ def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
     face = np.array((s.p4, s.p3))
     if root.bead_height != (0.0,):
         share = np.linspace(0, 1, BOWED_STRIPS + 1)[:, None, None]
-        height = interpolate_round_joint(root.bead_height, s.phi)[:, None]
+        height = interpolate_around_joint(root.bead_height, s.phi)[:, None]
         chord = s.p3 - s.p4
         outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
         face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
@@ -216,7 +216,7 @@ def _bead(definition: JointDefinition, s: BevelSections) -> list[Array]:
     return [foot_inner, foot_outer, *face[1:-1]]
 
 
-def _bevel(definition: JointDefinition, s: BevelSections) -> Array:
+def _bevel(definition: JointDefinition, s: JointGrooveSections) -> Array:
     """Points up the bevel from p3 to p2, (k, n, 2)."""
     cut = definition.imperfections.bevel
     share = np.linspace(0, 1, BEVEL_STRIPS + 1)[:, None, None]
@@ -231,14 +231,14 @@ def _bevel(definition: JointDefinition, s: BevelSections) -> Array:
     return np.asarray(s.p3 + share * along + height * knee * outward)
 
 
-def _feet(d: JointDefinition, s: BevelSections, above: Array) -> tuple[Array, Array]:
+def _feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tuple[Array, Array]:
     """Where the bead's face, from a point above p4, and its back end inside the leg, each (n, 2).
 
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
     p4 however finely the leg is cut into faces.
     """
-    sunk = d.leg.offset(-min(SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
-    outer = sunk.meet(s.phi, above, s.p4 - above)
-    gapped = d.leg.offset(d.root_opening(s.phi))
+    sunk = d.leg_surface.offset_surface(-min(SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
+    outer = sunk.ray_intersections(s.phi, above, s.p4 - above)
+    gapped = d.leg_surface.offset_surface(d.root_opening_at(s.phi))
     back = -leg_normal_rz(gapped, s.phi, s.land_inner[:, 0])
-    return outer, sunk.meet(s.phi, s.land_inner, back)
+    return outer, sunk.ray_intersections(s.phi, s.land_inner, back)

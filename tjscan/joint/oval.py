@@ -49,13 +49,13 @@ class Ellipse:
     short: ArrayLike
     widest: float
 
-    def form(self) -> tuple[Array, Array, Array]:
-        """A, B and C of ``A u² + 2 B u v + C v² = 1``, in 1/m²."""
+    def quadratic_coefficients(self) -> tuple[Array, Array, Array]:
+        """Coefficients A, B and C of ``A u² + 2 B u v + C v² = 1``, in 1/m²."""
         a, b = np.divide(1, np.square(self.long)), np.divide(1, np.square(self.short))
         c, s = np.cos(self.widest), np.sin(self.widest)
         return a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c
 
-    def radius(self, direction: ArrayLike, centre: Array | None = None) -> Array:
+    def radius_in_direction(self, direction: ArrayLike, centre: Array | None = None) -> Array:
         """Distance from the origin to the ellipse in directions, in metres.
 
         Parameters
@@ -65,7 +65,7 @@ class Ellipse:
         centre : ndarray, shape (n, 2), optional
             Of the ellipse; the origin lies inside.
         """
-        A, B, C = self.form()
+        A, B, C = self.quadratic_coefficients()
         u, v = np.cos(direction), np.sin(direction)
         p = np.zeros((1, 2)) if centre is None else centre
         # (ρ d - p)ᵀ Q (ρ d - p) = 1
@@ -98,8 +98,8 @@ class OvalLegSurface(LegSurface):
         """The surface of a leg with an ovality, its widest diameter at a clock angle."""
         return cls(radius, angle, Ellipse(*semi_axes_same_circumference(radius, ovality), widest))
 
-    def offset(self, distance: ArrayLike) -> Self:
-        """The surface at a distance outside this one."""
+    def offset_surface(self, distance: ArrayLike) -> Self:
+        """Surface at a distance outside this one."""
         s = self.section
         wider = replace(s, long=np.add(s.long, distance), short=np.add(s.short, distance))
         radius: Any = np.add(self.radius, distance)
@@ -107,7 +107,7 @@ class OvalLegSurface(LegSurface):
 
     def _up(self, y: Array) -> tuple[Array, Array]:
         """Height over the leg's axis where the surface is at y, and its slope by y."""
-        A, B, C = self.section.form()
+        A, B, C = self.section.quadratic_coefficients()
         up = (-B * y + np.sqrt(np.square(B * y) - A * (C * y * y - 1))) / A
         return np.asarray(up), np.asarray(-(B * up + C * y) / (A * up + B * y))
 
@@ -123,7 +123,7 @@ class OvalLegSurface(LegSurface):
         climb = np.cos(phi) * np.cos(self.angle) + fall * np.sin(phi)
         return np.asarray(climb / np.sin(self.angle))
 
-    def velocity(self, phi: ArrayLike, rho: ArrayLike) -> Array:
+    def azimuth_derivative(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Derivative of `point` by the azimuth, in frame j, shape (..., 3)."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
         _, fall = self._up(y)
@@ -137,22 +137,22 @@ class OvalLegSurface(LegSurface):
 
     def normal(self, points_j: Array) -> Array:
         """Outward unit normals in frame j, shape (..., 3), at points on the surface or near it."""
-        A, B, C = self.section.form()
+        A, B, C = self.section.quadratic_coefficients()
         u, v, up = self._across(points_j)
         gradient = (A * u + B * v)[..., None] * up
         gradient = gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0)
         return np.asarray(gradient / np.linalg.norm(gradient, axis=-1, keepdims=True))
 
-    def distance(self, points_j: Array) -> Array:
-        """How far points, shape (..., 3), are outside the surface, to first order, in metres."""
-        A, B, C = self.section.form()
+    def signed_distances(self, points_j: Array) -> Array:
+        """Distances of points, shape (..., 3), outside the surface, to first order, in metres."""
+        A, B, C = self.section.quadratic_coefficients()
         u, v, _ = self._across(points_j)
         scaled = np.sqrt(A * u * u + 2 * B * u * v + C * v * v)
         return np.asarray((scaled - 1) * scaled / np.hypot(A * u + B * v, B * u + C * v))
 
-    def meet(self, phi: ArrayLike, start_rz: Array, direction_rz: Array) -> Array:
+    def ray_intersections(self, phi: ArrayLike, start_rz: Array, direction_rz: Array) -> Array:
         """Where rays in the radial half-planes first meet the surface from outside, (n, 2)."""
-        A, B, C = self.section.form()
+        A, B, C = self.section.quadratic_coefficients()
         across = np.stack((-np.cos(phi) * np.cos(self.angle), np.sin(phi)), axis=-1)
         up = np.array((np.sin(self.angle), 0.0))
         p = across * start_rz[..., :1] + up * start_rz[..., 1:]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.imperfections import MillScale
 
@@ -24,8 +24,8 @@ _RIM: Final = 0.1
 """Share of a patch's size over which its rim falls."""
 
 
-def joint_relief_height(definition: JointDefinition) -> ReliefHeight | None:
-    """Relief of a joint; None where its surfaces are smooth."""
+def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | None:
+    """Function of a joint's surface relief height; None where its surfaces are smooth."""
     scale, bevel = definition.imperfections.scale, definition.imperfections.bevel
     parts: list[ReliefHeight] = []
     if scale.thickness > 0:
@@ -47,14 +47,14 @@ def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
     waves = np.pi / scale.patch * ways / np.linalg.norm(ways, axis=1, keepdims=True)
     phases = rng.uniform(0, 2 * np.pi, _WAVES)
     limit = float(ndtri(1 - scale.coverage))
-    leg = definition.leg
+    leg = definition.leg_surface
 
     def height(points_j: Array) -> Array:
         field = np.sqrt(2 / _WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rho = np.hypot(points_j[:, 0], points_j[:, 1])
         wall = np.abs(rho - definition.brace_wall_radius(phi, points_j[:, 2])) < ON_SURFACE_DISTANCE
-        tubes = wall | (np.abs(leg.distance(points_j)) < ON_SURFACE_DISTANCE)
+        tubes = wall | (np.abs(leg.signed_distances(points_j)) < ON_SURFACE_DISTANCE)
         return np.asarray(tubes * scale.thickness * np.clip((field - limit) / _RIM + 0.5, 0, 1))
 
     return height
@@ -67,7 +67,7 @@ def _scallops(definition: JointDefinition) -> ReliefHeight:
     def height(points_j: Array) -> Array:
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rz = np.column_stack((np.hypot(points_j[:, 0], points_j[:, 1]), points_j[:, 2]))
-        s = bevel_sections(definition, phi)
+        s = groove_sections(definition, phi)
         along = s.p2 - s.p3
         length = np.linalg.norm(along, axis=1)
         up = np.sum((rz - s.p3) * along, axis=1) / length

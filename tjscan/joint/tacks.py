@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 
 
@@ -15,14 +15,14 @@ def tack_spans(definition: JointDefinition) -> Array:
     spans = np.empty((len(definition.imperfections.tacks), 2))
     for i, tack in enumerate(definition.imperfections.tacks):
         at = np.array([tack.at])
-        land = bevel_sections(definition, at).land
-        speed = float(np.linalg.norm(definition.leg.velocity(at, land[:, 0])))
+        land = groove_sections(definition, at).land
+        speed = float(np.linalg.norm(definition.leg_surface.azimuth_derivative(at, land[:, 0])))
         spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
     return spans
 
 
 def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
-    """Whether azimuths lie in one of the spans that `tack_azimuth_spans` gives, the shape of `phi`.
+    """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters
     ----------

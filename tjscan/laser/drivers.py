@@ -25,7 +25,7 @@ RANDOM_STREAM: Final = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserFlange:
-    """The flange that a laser sits on.
+    """Flange that a laser sits on: its true and its reported pose, and the arm's clock.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class LaserFlange:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedScene:
-    """What a simulated laser looks at.
+    """Surface that a simulated laser looks at, and its pose.
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ class SimulatedScene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaserContext:
-    """What a laser may be made from, besides its own settings.
+class LaserDriverInputs:
+    """What a laser's driver makes its laser from, besides its own settings.
 
     Parameters
     ----------
@@ -87,10 +87,10 @@ class LaserContext:
     recording: Callable[[], tuple[RecordedPoses, tuple[Profile, ...]]]
 
 
-LaserDriver = DriverFactory[LaserContext, LineLaser]
+LaserDriverFactory = DriverFactory[LaserDriverInputs, LineLaser]
 
 
-def _simulated(context: LaserContext, settings: NoSettings) -> SimulatedLaser:
+def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLaser:
     import numpy as np
 
     from tjscan.core.frames import inverse_pose
@@ -110,17 +110,17 @@ def _simulated(context: LaserContext, settings: NoSettings) -> SimulatedLaser:
     )
 
 
-def _replayed(context: LaserContext, settings: NoSettings) -> ReplayedLaser:
+def _replayed(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser:
     from tjscan.laser.replay import ReplayedLaser
 
     poses, profiles = context.recording()
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-SIMULATED: Final = LaserDriver(_simulated, kind=DriverKind.SIMULATED)
-REPLAYED: Final = LaserDriver(_replayed, kind=DriverKind.REPLAYED)
+SIMULATED: Final = LaserDriverFactory(_simulated, kind=DriverKind.SIMULATED)
+REPLAYED: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
-LASER_DRIVERS: Final[Registry[LaserDriver]] = Registry(
+LASER_DRIVERS: Final[Registry[LaserDriverFactory]] = Registry(
     "laser",
     {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
     key="laser.driver",

@@ -15,7 +15,7 @@ from tjscan.laser.optics import LaserRayHits
 
 
 class PointOrigin(IntEnum):
-    """Origin of the point in a column."""
+    """Where a simulated point comes from: true surface, ghost, flyer, stray, or missing."""
 
     MISSING = 0
     TRUE = 1
@@ -62,7 +62,7 @@ class FaultRandomStreams:
 
     @classmethod
     def spawn(cls, rng: np.random.Generator) -> Self:
-        """Fresh streams; `rng` itself draws nothing, it only counts its children."""
+        """Spawn fresh random streams from a generator."""
         streams = rng.spawn(5)
         # A child's child: the k-th profile's streams stay what they were without it.
         return cls(*streams, *streams[-1].spawn(1))
@@ -71,12 +71,12 @@ class FaultRandomStreams:
 def apply_faults(
     hits: LaserRayHits, model: LaserModel, streams: FaultRandomStreams
 ) -> SimulatedProfile:
-    """Points that a sensor with these faults reports of what it sees.
+    """Apply a sensor's faults to what its rays hit; gives the simulated profile.
 
     A ghost takes the place of the direct point, also of one that dropped out; a missing
     column stays empty whatever it saw; no point lies outside the range.
     """
-    cosine = np.clip(hits.cosine, 0.0, 1.0)
+    cosine = np.clip(hits.incidence_cosine, 0.0, 1.0)
     distance = np.where(hits.seen, hits.distance, np.nan)
     kind = np.where(hits.seen, PointOrigin.TRUE, PointOrigin.MISSING).astype(np.int8)
     intensity = np.where(hits.seen, cosine, 0.0)

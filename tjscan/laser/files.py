@@ -59,7 +59,7 @@ NOTED_ZERO_SHARE: Final = 0.02
 
 @dataclass(frozen=True, slots=True)
 class ProfileFormat:
-    """What a file does not state.
+    """What the user states of a profile file: unit, pitch, invalid values, scale of heights.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class ProfileFormat:
 
 @dataclass(slots=True)
 class FileProfiles:
-    """What a file holds.
+    """Profiles that were read from a file, and what could not be read.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _read_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
         raise ConfigurationError("is empty", file=file)
     if is_gocator_export(text):
         return _read_gocator(text, form)
-    first = text.numbers(text.rows[0][1])
+    first = text.parse_numbers(text.rows[0][1])
     if None in first:
         return _read_columns(file, text, form)
     if form.pitch is None and len(first) == len(POINT_COLUMNS):
@@ -228,7 +228,7 @@ _MIDDLE_TAKEN: Final = (
 
 def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
     """A profile per row, below a line of column numbers or none."""
-    first = text.numbers(text.rows[0][1])
+    first = text.parse_numbers(text.rows[0][1])
     indexed = len(first) > 2 and math.isnan(first[0] or 0.0) and is_column_numbering(first[1:])
     counted = indexed or (len(text.rows) > 1 and is_column_numbering(first))
     rows = text.rows[1:] if counted else text.rows
@@ -236,7 +236,7 @@ def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
     table, names, heights = FileProfiles(), list[str](), list[list[float]]()
     for line, row in rows:
         name = f"row {line - start + 1}"
-        values = text.numbers(row)
+        values = text.parse_numbers(row)
         if len(row) != width:
             table.bad.append(f"{name}: {len(row)} columns, the first row has {width}")
         elif None in values:
@@ -291,7 +291,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
         if len(row) != len(names):
             table.bad.append(f"{name}: {len(row)} columns, the header has {len(names)}")
             continue
-        x, z = text.number(row[x_at]), text.number(row[z_at])
+        x, z = text.parse_number(row[x_at]), text.parse_number(row[z_at])
         if x is None or z is None:
             table.bad.append(f"{name}: {row[x_at if x is None else z_at]!r} is no number")
             continue

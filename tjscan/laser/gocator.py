@@ -22,7 +22,7 @@ METRES_PER_MM = 1e-3
 
 
 def is_gocator_export(table: TextTable) -> bool:
-    """Whether a table is such an export."""
+    """Whether a table is a CSV export of a Gocator sensor."""
     return any(_title(row) in PROFILE_SECTIONS for _, row in table.rows)
 
 
@@ -43,14 +43,14 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
         title = _title(row)
         if title in PROFILE_SECTIONS:
             raw, names = PROFILE_SECTIONS[title], None
-        elif len([cell for cell in row if cell]) == 1 and table.number(row[0]) is None:
+        elif len([cell for cell in row if cell]) == 1 and table.parse_number(row[0]) is None:
             raw = None  # another section
         elif raw is not None and "axis" in (low := [cell.lower() for cell in row]):
             names = low
-            header = table.numbers(row[low.index("axis") + 1 :])
+            header = table.parse_numbers(row[low.index("axis") + 1 :])
         elif raw is not None and names is not None:
             at = names.index("axis")
-            values = table.numbers(row[at + 1 :])
+            values = table.parse_numbers(row[at + 1 :])
             axis = row[at].lower() if len(row) > at else ""
             if axis not in ("x", "z"):
                 continue

@@ -195,8 +195,8 @@ class LaserModel(SettingsTable):
         _require(0 < self.half_angle < math.pi / 2, "half_angle", "lies between 0 and 90°")
 
     @classmethod
-    def ideal(cls, **changes: Any) -> Self:
-        """Return a model without faults: all effects off except those given in `changes`."""
+    def without_faults(cls, **changes: Any) -> Self:
+        """Model without faults: all effects off except those given in `changes`."""
         zeros = dict.fromkeys(("noise", "bias", "interreflection", *_PROBABILITIES, "step"), 0.0)
         return cls(**{**zeros, **changes})
 

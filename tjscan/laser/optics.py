@@ -28,7 +28,7 @@ LEAST_GHOST_DISTANCE: Final = 0.5e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstHits:
-    """Where rays meet a surface first.
+    """First hits of rays on a surface: distances and normals.
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ class RaycastSurface:
             o3d.core.Tensor.from_numpy(t.astype(np.uint32)),
         )
 
-    def cast(self, origins: Array, directions: Array) -> FirstHits:
-        """First hits of rays.
+    def cast_rays(self, origins: Array, directions: Array) -> FirstHits:
+        """Cast rays and give their first hits.
 
         Embree finds the triangle in float32; the distance is then that to the triangle's
         plane, in float64.
@@ -112,8 +112,8 @@ class RaycastSurface:
         np.divide(height, cosine, out=distance, where=np.abs(cosine) > LEAST_PLANE_COSINE)
         return FirstHits(distance, np.where(cosine[:, None] > 0, -normals, normals))
 
-    def blocks(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
-        """Whether anything stands between points on the surface and an eye, shape (n,).
+    def is_hidden_from(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
+        """Whether points on the surface are hidden from an eye, shape (n,).
 
         Parameters
         ----------
@@ -157,8 +157,8 @@ class LaserRayHits:
     ghost: Array
 
     @property
-    def cosine(self) -> Array:
-        """Cosine of the incidence, shape (n,); zero where there is no face."""
+    def incidence_cosine(self) -> Array:
+        """Cosine of the angle of incidence, shape (n,); zero where there is no face."""
         return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
 
 
@@ -181,7 +181,7 @@ def trace_laser_rays(
 
     Parameters
     ----------
-    surface : Surface
+    surface : RaycastSurface
         In frame j.
     T_j_s : ndarray, shape (4, 4)
         Where the sensor is.
@@ -193,7 +193,7 @@ def trace_laser_rays(
     R = T_j_s[:3, :3]
     emitter = transform_points(T_j_s, (0.0, 0.0, model.emitter_z))
     rays = directions_s @ R.T
-    hits = surface.cast(np.broadcast_to(emitter, rays.shape), rays)
+    hits = surface.cast_rays(np.broadcast_to(emitter, rays.shape), rays)
     seen = _in_range(hits.distance, directions_s, model)
     ghost = np.full(len(rays), np.nan)
 
@@ -206,7 +206,7 @@ def trace_laser_rays(
         distance[index] -= surface.relief(points) / np.maximum(square, LEAST_RELIEF_COSINE)
     if model.occlusion and (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
         detector = transform_points(T_j_s, (0.0, model.detector_y, model.detector_z))
-        seen[index] = ~surface.blocks(points, hits.normals[index], detector)
+        seen[index] = ~surface.is_hidden_from(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:
         ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
         ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
@@ -229,7 +229,7 @@ def _mirror_images(
     start = RAY_START_OFFSET / np.maximum(
         np.einsum("ij,ij->i", turned, normals), LEAST_PLANE_COSINE
     )
-    second = start + surface.cast(points + start[:, None] * turned, turned).distance
+    second = start + surface.cast_rays(points + start[:, None] * turned, turned).distance
     image = hits.distance[index] + second
     return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)
 

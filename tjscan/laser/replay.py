@@ -19,7 +19,7 @@ SAME_POSE_TOLERANCE: Final = 1e-6
 
 
 class RecordedPoses:
-    """Where the flange stood at each profile of a recording, gone through forwards.
+    """Flange poses of a recording's profiles, from which a replay seeks the pose asked for.
 
     A pose that was recorded exactly is sought first, then the first one ahead within the
     tolerance. What lies between is passed over, such as the second look at the section that a
@@ -48,12 +48,12 @@ class RecordedPoses:
         return len(self._poses)
 
     @property
-    def at(self) -> int:
+    def current_view_number(self) -> int:
         """Number of the view that was last asked for; at first, of the first one."""
         return max(self._at, 0)
 
-    def check(self, *T_b_f: Array) -> None:
-        """See that these views were recorded, one after another.
+    def check_recorded(self, *T_b_f: Array) -> None:
+        """Check that views from these poses were recorded, one after another.
 
         Parameters
         ----------
@@ -69,12 +69,12 @@ class RecordedPoses:
         for T in T_b_f:
             at = self._find(T, at + 1)
 
-    def stand(self, T_b_f: Array) -> None:
-        """Go on to a view, without its profile yet; raises as `check` does."""
+    def go_to_view(self, T_b_f: Array) -> None:
+        """Go on to the view from a pose; raises as `check_recorded` does."""
         self._at, self._taken = self._find(T_b_f, self._at + 1), False
 
-    def take(self, T_b_f: Array) -> int:
-        """Number of the profile that is taken now.
+    def take_profile_number(self, T_b_f: Array) -> int:
+        """Number of the profile that was recorded from a pose; goes on in the recording.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class RecordedPoses:
 
 
 class ReplayedLaser(DeviceBase):
-    """The laser of a recording, behind the `LineLaser` protocol.
+    """A laser that replays recorded profiles, each chosen by the arm's pose.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class ReplayedLaser(DeviceBase):
         self._connected = False
 
     def capture(self) -> Profile:
-        """Give the profile that was recorded from where the arm stands.
+        """Give the profile that was recorded from the pose where the arm stands now.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class ReplayedLaser(DeviceBase):
         """
         if not self._connected:
             raise LaserFault("the recording is not open: capture inside a `with` block")
-        i = self._poses.take(self._T_b_f())
+        i = self._poses.take_profile_number(self._T_b_f())
         profile = self._profiles[i]
         return replace(profile, time=profile.time + (self._time() - self._poses.times[i]))
 

@@ -22,7 +22,7 @@ class SimulatedLaser(DeviceBase):
 
     Parameters
     ----------
-    surface : Surface
+    surface : RaycastSurface
         What stands before the sensor, in frame j.
     pose : callable
         Gives ``T_j_s``, shape (4, 4): where the sensor *truly* is at this moment.
@@ -70,10 +70,10 @@ class SimulatedLaser(DeviceBase):
         LaserFault
             Outside a ``with`` block, or if the pose is not one.
         """
-        points = self.observe()
+        points = self.capture_with_origins()
         return Profile(points.x_s, points.z_s, points.intensity, self._clock())
 
-    def observe(self) -> SimulatedProfile:
+    def capture_with_origins(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""
         if not self._connected:
             raise LaserFault("the simulated laser is not connected: capture inside a `with` block")

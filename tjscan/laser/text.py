@@ -23,7 +23,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """Rows of cells.
+    """A table of text cells, read from a file.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class TextTable:
     rows: tuple[tuple[int, list[str]], ...]
     decimal_comma: bool = False
 
-    def number(self, cell: str) -> float | None:
-        """A finite number, NaN for an empty cell or infinity, None for anything else."""
+    def parse_number(self, cell: str) -> float | None:
+        """Parse a cell: finite number, NaN if empty or infinite, None if no number."""
         if not cell:
             return math.nan
         try:
@@ -46,9 +46,9 @@ class TextTable:
             return None
         return math.nan if math.isinf(value) else value
 
-    def numbers(self, cells: list[str]) -> list[float | None]:
-        """`number` of each cell."""
-        return [self.number(cell) for cell in cells]
+    def parse_numbers(self, cells: list[str]) -> list[float | None]:
+        """Parse several cells, each as `parse_number` does."""
+        return [self.parse_number(cell) for cell in cells]
 
 
 def read_text_table(file: Path) -> TextTable:

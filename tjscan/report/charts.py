@@ -26,8 +26,8 @@ BAND: Final = 2.0
 """Half width of the bands, in standard deviations."""
 
 
-def draw_groove_view(data: ReportData) -> ReportPicture:
-    """The groove in space."""
+def draw_groove_in_space(data: ReportData) -> ReportPicture:
+    """Draw the groove in space, with its points and the joint as designed."""
     figure = new_figure(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     corners = np.array([section.points for section in data.sections]).reshape(-1, 3)
@@ -55,7 +55,7 @@ def _within(line: Array, low: Array, high: Array) -> Array:
 
 
 def draw_measure_charts(data: ReportData) -> ReportPicture:
-    """Groove angle, root width, depth and area along the groove, with their uncertainty."""
+    """Draw groove angle, root width, depth and area along the groove, with uncertainty."""
     x, label = _along(data)
     order = np.argsort(x)
     design = None
@@ -96,7 +96,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
 
 
 def draw_scan_charts(data: ReportData) -> ReportPicture | None:
-    """How the scan went: the charts of all places, a line for each; None where there are none.
+    """Draw how the scan went: charts of all stations, a line for each; None without any.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
 
 
 def draw_corner_errors(data: ReportData) -> ReportPicture | None:
-    """Distances of the corners from their designed edges; None where these are not known."""
+    """Draw distances of the corners from designed edges; None where these are not known."""
     found = [
         d
         for d in (() if data.comparison is None else data.comparison.deviations)

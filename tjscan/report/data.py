@@ -30,7 +30,7 @@ from tjscan.result.table import read_sections_csv
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationRunData:
-    """A place that was scanned from.
+    """What a report shows of one station's run: its summary and chapters.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class StationRunData:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportData:
-    """The data of a report.
+    """All that a report shows of a run: summary, sections, shape, stations, comparison.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ class ReportData:
     caveats: tuple[str, ...]
 
     @property
-    def name(self) -> str:
-        """What the run is called."""
+    def run_name(self) -> str:
+        """Name of the run: that of its directory."""
         return self.directory.resolve().name
 
     @property
@@ -136,7 +136,7 @@ def read_report_data(
     tolerance: float | None = None,
     options: StatedUnitAndFrame | None = None,
 ) -> ReportData:
-    """Read a finished run.
+    """Read what a report shows of a finished run.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def read_report_data(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
-    options : ShapeOptions, optional
+    options : StatedUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

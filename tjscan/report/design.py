@@ -49,7 +49,7 @@ def _measures(
     p2, p3, p4 = (corner for corner in corners if corner is not None)
     across = T_g_j[:3, :3]
     wall = _in_plane(across @ radial_direction(np.arctan2(p2[1], p2[0])))
-    leg = _in_plane(across @ joint.leg.normal(p4))
+    leg = _in_plane(across @ joint.leg_surface.normal(p4))
     points_g = transform_points(T_g_j, [p2, p3, p4])
     # As frame s sees it: x up the wall, z from the sensor into the joint.
     points = np.zeros((5, 3))

@@ -10,7 +10,7 @@ from tjscan.report.picture import ReportPicture, inline_figure
 
 
 def draw_deviation_map(data: ReportData) -> ReportPicture | None:
-    """Deviation unwrapped over the azimuth; None where nothing was compared in frame j."""
+    """Draw deviations unwrapped over the azimuth; None where nothing was compared in frame j."""
     comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None

@@ -18,7 +18,7 @@ UNSURE: Final = 0.2
 
 
 def report_findings(data: ReportData) -> Iterator[str]:
-    """What a reader has to know before relying on a run.
+    """Sentences that a reader of a report has to know first, the gravest first.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def _high_low(data: ReportData, order: NDArray[np.intp]) -> Array | None:
     absent = absent_corners([data.sections[k] for k in order])
     brace = np.hypot(points[:, 1, 0], points[:, 1, 1]) - data.joint.brace_radius
     nominal = replace(data.joint, imperfections=NO_IMPERFECTIONS)
-    leg = nominal.leg.distance(points[:, 3])
+    leg = nominal.leg_surface.signed_distances(points[:, 3])
     return np.where(absent[:, [0, 2]], np.nan, np.column_stack((brace, leg)))
 
 

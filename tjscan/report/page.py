@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from tjscan.core.provenance import Provenance
 from tjscan.report.charts import (
     draw_corner_errors,
-    draw_groove_view,
+    draw_groove_in_space,
     draw_measure_charts,
     draw_scan_charts,
 )
@@ -26,7 +26,7 @@ from tjscan.report.stations import (
     station_folders,
     station_rows,
 )
-from tjscan.report.tables import event_rows, measure_rows, scan_rows, scan_statistics_rows
+from tjscan.report.tables import event_rows, measure_rows, scan_fact_rows, scan_statistics_rows
 from tjscan.result.directory import JOINT, job_label_of_run
 
 TEMPLATE: Final = "report.html.jinja"
@@ -34,8 +34,8 @@ ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest poin
 """What brought what was measured onto its reference."""
 
 
-def render_page(data: ReportData) -> str:
-    """Render the whole page, its pictures inlined.
+def render_report_page(data: ReportData) -> str:
+    """Render the report's HTML page, its pictures inlined.
 
     Everything that comes from files (names, reasons, events) is escaped.
 
@@ -50,7 +50,7 @@ def render_page(data: ReportData) -> str:
         files("tjscan.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
     )
     pictures = {
-        "view": draw_groove_view(data),
+        "view": draw_groove_in_space(data),
         "deviation": draw_deviation_map(data),
         "corners": draw_corner_errors(data),
         "measures": draw_measure_charts(data),
@@ -63,10 +63,10 @@ def render_page(data: ReportData) -> str:
     folders = (data.directory, *station_folders(data.directory, stitching).values())
     comparison = data.comparison
     return template.render(
-        name=data.name,
+        name=data.run_name,
         summary=data.summary,
         coverage=describe_coverage(data),
-        scan_rows=list(scan_rows(data)),
+        scan_rows=list(scan_fact_rows(data)),
         findings=list(report_findings(data)),
         pictures=pictures,
         comparison=comparison,

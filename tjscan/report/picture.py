@@ -15,7 +15,7 @@ DPI: Final = 110
 
 @dataclass(frozen=True, slots=True)
 class ReportPicture:
-    """A picture with its caption.
+    """A picture of the report: its data, title and caption.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class ReportPicture:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure.
+    """Make an empty figure.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def inline_figure(figure: Any, title: str, caption: str) -> ReportPicture:
-    """Draw a figure and inline it.
+    """Turn a figure into a picture that stands inside the HTML page.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove, fit_profile
+from tjscan.groove.find import find_groove, fit_groove_to_profile
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
@@ -28,7 +28,7 @@ ALONG: Final = 40
 
 
 def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
-    """Profiles with their fits; None where no recording is there."""
+    """Draw profiles with their fitted sides; None where no recording is there."""
     chosen = _chosen(data)
     if not chosen:
         return None
@@ -76,7 +76,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        row, fitted = fit_profile(profile, settings)
+        row, fitted = fit_groove_to_profile(profile, settings)
         points = find_groove(profile, settings).points_s[1:4, [0, 2]]
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)

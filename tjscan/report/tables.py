@@ -18,8 +18,8 @@ MOST_EVENTS: Final = 200
 """Events that are listed; a run with more has other troubles."""
 
 
-def scan_rows(data: ReportData) -> Iterator[tuple[str, str]]:
-    """What was scanned, in pairs of name and value."""
+def scan_fact_rows(data: ReportData) -> Iterator[tuple[str, str]]:
+    """Rows of name and value: joint, groove, coverage, sections and how the scan ended."""
     summary = data.summary
     if data.joint is not None:
         yield "joint as designed", _joint(data.joint)
@@ -84,7 +84,7 @@ def scan_statistics_rows(data: ReportData) -> list[tuple[str, ...]]:
 
 
 def event_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
-    """When, where, what and how, of what was out of the ordinary."""
+    """Rows of the run's events: when, where, what and how."""
     rows = [
         (f"{event.time:%H:%M:%S}", place.name, event.name, event.detail)
         for place in data.places

@@ -8,7 +8,7 @@ from typing import Final
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.report.data import read_report_data
-from tjscan.report.page import render_page
+from tjscan.report.page import render_report_page
 
 REPORT: Final = "report.html"
 
@@ -29,7 +29,7 @@ def write_run_report(
         What to compare it with, in place of the joint that the run names.
     tolerance : float, optional
         Of that comparison, metres.
-    options : ShapeOptions, optional
+    options : StatedUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises
@@ -41,7 +41,7 @@ def write_run_report(
     RecordingError
         If a recording is damaged, or the report can't be written.
     """
-    page = render_page(read_report_data(directory, reference, tolerance, options))
+    page = render_report_page(read_report_data(directory, reference, tolerance, options))
     with write_files_atomically(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT

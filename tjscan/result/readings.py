@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, find_groove, fit_profile
+from tjscan.groove.find import GrooveSettings, find_groove, fit_groove_to_profile
 from tjscan.groove.models import TEE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
@@ -80,7 +80,7 @@ def read_grooves(
                 section = find_groove(profile, settings)
                 yield ProfileReading(name, profile, section.points_s, section)
             else:
-                _, fitted = fit_profile(profile, settings)
+                _, fitted = fit_groove_to_profile(profile, settings)
                 xz = fitted.corners
                 yield ProfileReading(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
@@ -103,7 +103,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
         From the first side to the last, each as far as its points reach; empty where none fit.
     """
     try:
-        _, fitted = fit_profile(profile, settings)
+        _, fitted = fit_groove_to_profile(profile, settings)
     except GrooveNotFound:
         return []
     sides = []

@@ -29,11 +29,11 @@ def joint_wireframe(joint: JointDefinition) -> list[Array]:
     edges = feature_edges(joint, n=360)
     lines = [np.vstack((e.points_j, e.points_j[:1])) for e in (edges.p2, edges.p3, edges.p4)]
     turn = np.linspace(0, 2 * np.pi, 181)
-    foot = joint.leg.height(turn, joint.brace_radius)
+    foot = joint.leg_surface.height(turn, joint.brace_radius)
     top = min(joint.brace_length, float(foot.max()) + 0.5 * joint.brace_radius)
     lines.append(cylindrical_to_j(turn, joint.brace_radius, np.full_like(turn, top)))
     for phi in np.linspace(0, 2 * np.pi, GENERATRICES, endpoint=False):
-        start = float(joint.leg.height(phi, joint.brace_radius))
+        start = float(joint.leg_surface.height(phi, joint.brace_radius))
         lines.append(cylindrical_to_j(np.full(2, phi), joint.brace_radius, np.array((start, top))))
     return lines + _leg_lines(joint)
 
@@ -41,7 +41,7 @@ def joint_wireframe(joint: JointDefinition) -> list[Array]:
 def _leg_lines(joint: JointDefinition) -> list[Array]:
     """Rings and generatrices of the leg, as long as the brace is wide on either side."""
     turn = np.linspace(0, 2 * np.pi, 181)
-    axis, side = joint.leg.axis, np.array((0.0, 1.0, 0.0))
+    axis, side = joint.leg_surface.axis, np.array((0.0, 1.0, 0.0))
     up = np.cross(axis, side)
     ring = joint.leg_radius * (np.outer(np.cos(turn), side) + np.outer(np.sin(turn), up))
     reach = min(joint.leg_length / 2, 2 * joint.brace_radius)

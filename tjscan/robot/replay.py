@@ -56,11 +56,11 @@ class ReplayedArm(DeviceBase):
         """Recorded state at the view that was last asked for; at first, at the first one."""
         if not self._connected:
             raise ArmFault("the recording is not open: use it inside a 'with' block")
-        return self._states[self._poses.at]
+        return self._states[self._poses.current_view_number]
 
     def check_moves(self, *T_b_f: Array) -> None:
-        """Check that the recording holds these views. See `RecordedPoses.check`."""
-        self._poses.check(*T_b_f)
+        """Check that the recording holds these views. See `RecordedPoses.check_recorded`."""
+        self._poses.check_recorded(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Go on to the recorded view with this pose.
@@ -71,7 +71,7 @@ class ReplayedArm(DeviceBase):
             If none of those ahead was recorded from there.
         """
         self.state()  # open?
-        self._poses.stand(T_b_f)
+        self._poses.go_to_view(T_b_f)
         return self.state()
 
     def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:

@@ -27,7 +27,7 @@ from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.directory import make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
-from tjscan.scanning.section import View
+from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.topics import open_scan_recording
 
@@ -88,12 +88,12 @@ class RunContext:
         """Pose of the sensor on the flange; raises as `sensor_mount_of_job` does."""
         return sensor_mount_of_job(self.job, self.job_file)
 
-    def make_cell(self, left: View | None = None) -> Cell:
+    def make_cell(self, left: ProfileView | None = None) -> Cell:
         """Make the cell (arm and laser) that the job names; connect nothing.
 
         Parameters
         ----------
-        left : View, optional
+        left : ProfileView, optional
             Where an interrupted scan left the arm.
 
         Raises

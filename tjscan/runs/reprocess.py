@@ -27,7 +27,7 @@ from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.result import ScanResult
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.tacks import with_tack_named
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
@@ -169,7 +169,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections))
-    result = ScanResult(sections, views, stop, detail, recorded.counts)
+    result = ScanResult(sections, views, stop, detail, recorded.retry_counts)
     return ReprocessedStation(out, write_job_results(context, out, result), lost)
 
 
@@ -204,14 +204,14 @@ def _check_place(section: ScannedSection, before: RecordedSection, far: float) -
         )
 
 
-def _seen(view: View, T_f_s: Array) -> View:
+def _seen(view: ProfileView, T_f_s: Array) -> ProfileView:
     """A view by the calibration that holds now."""
     return replace(view, T_b_s=view.T_b_f @ T_f_s)
 
 
 def _end(recorded: RecordedScan, found: int) -> tuple[StopReason, str]:
     """Why the scan ended, and that this is another reading of it."""
-    known = (reason for reason in StopReason if recorded.stop.startswith(reason))
+    known = (reason for reason in StopReason if recorded.stop_reason.startswith(reason))
     stop = next(known, StopReason.CUT)
     again = f"{found} of {len(recorded.sections)} sections read again"
-    return stop, f"{recorded.stop or StopReason.CUT.value}; {again}"
+    return stop, f"{recorded.stop_reason or StopReason.CUT.value}; {again}"

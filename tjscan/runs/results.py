@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
 from tjscan.core.frames import Array, rotation_angle_between, transform_points
-from tjscan.groove.measured import MeasuredSection, measure
+from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
@@ -48,7 +48,7 @@ def sections_in_result_frame(
 ) -> tuple[MeasuredSection, ...]:
     """Transform every finished section into the frame of the result."""
     return tuple(
-        measure(
+        section_to_result_frame(
             scan.groove,
             frame.T_r_b @ scan.view.T_b_s,
             frame.letter,

@@ -22,7 +22,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     sources : mapping of str to str
         Each station's run directory, seen from that of the result, by the station's name.
     """
-    brace, leg, angle, offset = stitched.shape.array
+    brace, leg, angle, offset = stitched.shape.as_array
     spread = stitched.shape_sigma
     first = stitched.stations[0]
     middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)

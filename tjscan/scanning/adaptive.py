@@ -56,7 +56,7 @@ class AdaptiveStepSettings(SettingsTable):
 
 
 def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
-    """Take the longest step over which nothing changes by more than is allowed.
+    """Rule that takes the longest step over which nothing changes by more than is allowed.
 
     Angle and area are smooth random functions of the groove's length, measured with the sections'
     own errors: noise is not taken for change, and what nobody can foresee shortens the step.

@@ -84,7 +84,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
         if not _is_pose(T):
             raise SetPointRefused(f"its {name} is no pose")
     p_b = to.T_b_t[:3, 3]
-    starts = (step.start_b, step.last.T_b_t[:3, 3])
+    starts = (step.groove_origin_b, step.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
     if not away <= FARTHEST * step.length:  # a length that is no number allows none
         raise SetPointRefused(
@@ -124,7 +124,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
         With reason "implausible": too near or too far, aside, or turned.
     """
     length, direction_b = step.length, step.direction_b
-    gone = found.T_b_g[:3, 3] - step.start_b
+    gone = found.T_b_g[:3, 3] - step.groove_origin_b
     ahead = float(gone @ direction_b)
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     if not (AHEAD[0] * length < ahead < AHEAD[1] * length and aside < _most_aside(length)):
@@ -216,14 +216,14 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     """
     if step.predicted is None:
         return
-    step_b = unit_vector(found.T_b_g[:3, 3] - step.start_b)
+    step_b = unit_vector(found.T_b_g[:3, 3] - step.groove_origin_b)
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
     same = (
         SAME
         + SAME_TURNED * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
     )
-    allowed = np.maximum(same, doubt(found.groove, step.predicted.groove))
+    allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())
         raise GrooveNotFound(
@@ -233,8 +233,8 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
         )
 
 
-def doubt(one: GrooveSection, other: GrooveSection) -> Array:
-    """Metres by which p2, p3 and p4 of two readings hardly ever differ by chance, shape (3,).
+def largest_chance_differences(one: GrooveSection, other: GrooveSection) -> Array:
+    """Largest differences of p2, p3, p4 between two readings by chance, shape (3,), metres.
 
     Of corners that are buried, as under a tack weld, these are many.
     """

@@ -23,7 +23,7 @@ SIGMAS: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class CorrectionCriterion(SettingsTable):
-    """The table [scan.skip]: how far a view may be off the ideal one and still be the section's.
+    """Criterion, table [scan.skip], for when a view is good enough to skip the correction.
 
     A correction changes how the sensor looks at a section, not where the section lies: its points
     are points of the groove's edges from either view. The tolerances keep the view good.
@@ -69,7 +69,7 @@ class CorrectionCriterion(SettingsTable):
 
 
 def view_deviation(taken: ScannedSection, ideal: SetPoint) -> Array:
-    """How far a view is from the ideal one.
+    """Deviation of a view from the ideal one: position and rotation vector in frame t.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class ScanEvent(StrEnum):
-    """Their names in journals and recordings."""
+    """Names of the events of a scan, in journals and recordings."""
 
     TAKEN_AGAIN = "taken again"
     MERGED = "merged"

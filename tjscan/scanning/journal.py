@@ -7,13 +7,13 @@ from typing import Protocol
 
 from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 class Journal(Protocol):
-    """Receives everything at once, in the order in which it happens."""
+    """Receives every profile, section and event of a scan at once, in the order they happen."""
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Note that a profile was taken, before it is read."""
         ...
 
@@ -46,7 +46,7 @@ class CombinedJournal:
     def __init__(self, *journals: Journal) -> None:
         self._journals = journals
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Pass a profile on."""
         for journal in self._journals:
             journal.record_view(view)
@@ -62,8 +62,8 @@ class CombinedJournal:
             journal.record_event(name, detail)
 
 
-class ScanLog:
-    """A journal that keeps what a scan has found so far, and passes it on.
+class ScanResultsJournal:
+    """Journal that keeps a scan's sections, views and counts, and passes all on to another.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class ScanLog:
     ----------
     sections : list of ScannedSection
         The finished sections in order.
-    views : list of View
+    views : list of ProfileView
         Every profile taken, in order.
     counts : RetryCounts
         How often each kind of retry was made.
@@ -83,11 +83,13 @@ class ScanLog:
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self.sections: list[ScannedSection] = []
-        self.views: list[View] = []
+        self.views: list[ProfileView] = []
         self.counts = RetryCounts()
 
-    def restore(self, done: RecordedScan, sections: Iterable[ScannedSection]) -> None:
-        """Continue from what was recorded before, which is in the journal already.
+    def restore_from_recording(
+        self, done: RecordedScan, sections: Iterable[ScannedSection]
+    ) -> None:
+        """Restore sections, views and counts from what was recorded before.
 
         Parameters
         ----------
@@ -97,9 +99,9 @@ class ScanLog:
             Its finished sections, read once more.
         """
         self.sections, self.views = list(sections), list(done.views)
-        self.counts = done.counts
+        self.retry_counts = done.retry_counts
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Keep a profile and pass it on."""
         self.views.append(view)
         self._journal.record_view(view)

@@ -10,7 +10,7 @@ from tjscan.scanning.smooth import tube_fit_predictor
 
 
 def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
-    """The predictor that a plan names."""
+    """Predictor of set-points that a plan names."""
     if plan.prediction == SMOOTH:
         return tube_fit_predictor(plan)
     return paper_predictor(CASES[plan.prediction], plan.direction)

@@ -44,7 +44,7 @@ class ScanPlan(SettingsTable):
         When a prediction view may be the section's, and no correction is made; see `skip`.
     adaptive : AdaptiveStepSettings, optional
         What may change from section to section: it says how long the steps are, not `step`.
-    first, second : PoseTable, optional
+    first, second : PoseSettings, optional
         The taught poses of the flange in frame b; each station has its own.
     """
 
@@ -65,8 +65,8 @@ class ScanPlan(SettingsTable):
     second: PoseSettings | None = None
 
     @property
-    def skip(self) -> CorrectionCriterion | None:
-        """When no correction is made; None where each is, as in the paper."""
+    def correction_criterion(self) -> CorrectionCriterion | None:
+        """Criterion for skipping corrections; None where each is made, as in the paper."""
         enabled = self.criterion.enabled
         if enabled is None:
             enabled = self.prediction == SMOOTH

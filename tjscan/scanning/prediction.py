@@ -14,7 +14,7 @@ from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 @dataclass(frozen=True, slots=True)
 class PredictionCase:
-    """How the motion between the last two sections is carried on.
+    """One of the paper's cases: how the motion between the last two sections is extrapolated.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def predicted_target_pose(
 
 
 def paper_predictor(prediction: PredictionCase, direction: ScanDirection) -> SetPointPredictor:
-    """A case of the paper as a predictor: frame t stays where it sits in the sensor.
+    """Predictor of set-points by a case of the paper.
 
     Parameters
     ----------

@@ -16,10 +16,10 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import ScanLog
+from tjscan.scanning.journal import ScanResultsJournal
 from tjscan.scanning.merge import merge_repeated_profiles
 from tjscan.scanning.retries import MERGED, MISSING
-from tjscan.scanning.section import Substep, View
+from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stopping import StopRequest
 
@@ -29,7 +29,7 @@ MOVED: Final = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanSetup:
-    """What a scan is made with.
+    """Equipment of a scan: arm, laser, pose of the sensor on the flange, and groove reader.
 
     Parameters
     ----------
@@ -59,20 +59,20 @@ class ProfileTaker:
     ----------
     setup : ScanSetup
         Arm and laser.
-    log : ScanLog
+    log : ScanResultsJournal
         Receives every view and event.
     stop : StopRequest
         Lets nothing begin once everything is to stop.
     """
 
-    def __init__(self, setup: ScanSetup, log: ScanLog, stop: StopRequest) -> None:
+    def __init__(self, setup: ScanSetup, log: ScanResultsJournal, stop: StopRequest) -> None:
         self._setup, self._log, self._stop = setup, log, stop
         self._frozen = FrozenProfileCheck()
 
-    def remember_views(self, views: Iterable[View]) -> None:
-        """Recognise profiles that were taken before."""
+    def remember_views(self, views: Iterable[ProfileView]) -> None:
+        """Remember views of a recording, so that their profiles are recognised as frozen."""
         for view in views:
-            self._frozen.add(view)
+            self._frozen.remember_view(view)
 
     def move_joint_to_pose(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a path in joint space."""
@@ -105,8 +105,8 @@ class ProfileTaker:
                 self._log.record_event(ScanEvent.STRAIGHT, str(error))
         return self.move_linear(T_b_f)
 
-    def take_view(self, index: int, substep: Substep, state: ArmState) -> View:
-        """Take a profile that shows what is before the sensor now.
+    def take_view(self, index: int, substep: Substep, state: ArmState) -> ProfileView:
+        """Take a profile with the arm at rest; again while it is missing, late or frozen.
 
         Parameters
         ----------
@@ -121,22 +121,24 @@ class ProfileTaker:
         ------
         LaserFault
             If more than `MISSING` profiles in a row are missing, late or frozen.
-        Interrupted
+        ScanInterrupted
             If everything is to stop at once.
         """
         profile = self._capture(index, substep, state)
         T_b_s = state.T_b_f @ self._setup.T_f_s
-        view = View(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._frozen.add(view)
+        view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._frozen.remember_view(view)
         self._log.record_view(view)
         return view
 
-    def merge_views(self, views: Sequence[View], state: ArmState) -> View | None:
-        """Merge `MERGED` profiles of one place; None where they do not hold different points.
+    def take_and_merge_views(
+        self, views: Sequence[ProfileView], state: ArmState
+    ) -> ProfileView | None:
+        """Take `MERGED` profiles of one place and merge them; None where they all are the same.
 
         Parameters
         ----------
-        views : sequence of View
+        views : sequence of ProfileView
             Those taken there already, one at least; the others are taken now.
         state : ArmState
             Where the arm came to rest.
@@ -156,7 +158,7 @@ class ProfileTaker:
             self._stop.raise_if_stop_now()
             try:
                 profile = self._setup.laser.capture()
-                self._frozen.check(profile, state)
+                self._frozen.check_profile(profile, state)
                 return profile
             except LaserFault as error:
                 missed += 1
@@ -170,17 +172,17 @@ class ProfileTaker:
 
 
 class FrozenProfileCheck:
-    """Recognises profiles that were taken before, by their bits, and profiles that come late."""
+    """Recognises profiles that are frozen (same bits as before) or late."""
 
     def __init__(self) -> None:
         self._places: dict[bytes, Array] = {}
 
-    def add(self, view: View) -> None:
+    def remember_view(self, view: ProfileView) -> None:
         """Remember a profile and where it was taken; all profiles without a point are alike."""
         if view.profile.valid.any():
             self._places.setdefault(_digest(view.profile), view.T_b_f)
 
-    def check(self, profile: Profile, state: ArmState) -> None:
+    def check_profile(self, profile: Profile, state: ArmState) -> None:
         """Refuse a profile that is late or frozen.
 
         Parameters

@@ -55,7 +55,7 @@ def plan_is_fulfilled(stop: StopReason, plan: ScanPlan) -> bool:
 def reason_to_stop(
     plan: ScanPlan, sections: Sequence[ScannedSection], step: float
 ) -> StopReason | None:
-    """Why the scan is done; None while there is more to do.
+    """Reason why the scan is done; None while there is more to do.
 
     Parameters
     ----------

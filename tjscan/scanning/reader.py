@@ -11,9 +11,9 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.reader import read_header
 from tjscan.recording.writer import recording_files
 from tjscan.scanning.recorded import RecordedEvent, RecordedScan, RecordedSection
-from tjscan.scanning.section import View
-from tjscan.scanning.topics import read_entries as read_newest
-from tjscan.scanning.topics_0_1 import read_entries_0_1
+from tjscan.scanning.section import ProfileView
+from tjscan.scanning.topics import read_file_entries as read_newest
+from tjscan.scanning.topics_0_1 import read_file_entries_0_1
 
 
 def read_recorded_scan(directory: Path) -> RecordedScan:
@@ -28,14 +28,14 @@ def read_recorded_scan(directory: Path) -> RecordedScan:
         ends where it was cut.
     """
     started: datetime | None = None
-    views: list[View] = []
+    views: list[ProfileView] = []
     sections: dict[int, RecordedSection] = {}
     events: list[RecordedEvent] = []
     for file in recording_files(directory):
-        for time, entry in read_entries(file):
+        for time, entry in read_recording_entries(file):
             started = started or time
             match entry:
-                case View():
+                case ProfileView():
                     views.append(entry)
                 case RecordedSection():
                     sections[entry.view.index] = entry
@@ -44,17 +44,21 @@ def read_recorded_scan(directory: Path) -> RecordedScan:
     return RecordedScan(started, tuple(views), MappingProxyType(sections), tuple(events))
 
 
-def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
-    """Yield time and content of each view, section and event; see `read_recorded_scan`."""
+def read_recording_entries(
+    file: Path,
+) -> Iterator[tuple[datetime, ProfileView | RecordedSection | RecordedEvent]]:
+    """Yield time and content of each view, section and event of a recording, any version."""
     head = read_header(file)
-    return read_entries_0_1(file) if head is not None and head.format == 1 else read_newest(file)
+    return (
+        read_file_entries_0_1(file) if head is not None and head.format == 1 else read_newest(file)
+    )
 
 
-def read_views(path: Path) -> Iterator[View]:
+def read_views(path: Path) -> Iterator[ProfileView]:
     """Yield every view of a run directory, or of one file; raises as `read_recorded_scan` does."""
     for file in recording_files(path) if path.is_dir() else (path,):
-        for _, entry in read_entries(file):
-            if isinstance(entry, View):
+        for _, entry in read_recording_entries(file):
+            if isinstance(entry, ProfileView):
                 yield entry
 
 

@@ -11,13 +11,13 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import RetryCounts, ScanEvent
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.tacks import with_tack_named
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """Something out of the ordinary.
+    """An event of a scan, read from its recording.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class RecordedSection:
 
     Parameters
     ----------
-    view : View
+    view : ProfileView
         The view that it was read in.
     T_s_t : ndarray, shape (4, 4)
         Frame t in the sensor.
@@ -56,7 +56,7 @@ class RecordedSection:
         Distance of an open root's edge from the leg, metres; NaN where the root is not open.
     """
 
-    view: View
+    view: ProfileView
     T_s_t: Array
     T_b_g: Array
     points_b: Array
@@ -74,7 +74,7 @@ class RecordedScan:
     ----------
     started : datetime or None
         When its first message was written, UTC; None where there is none.
-    views : tuple of View
+    views : tuple of ProfileView
         Every profile taken, in order.
     sections : mapping of int to RecordedSection
         The finished sections by their number, in order.
@@ -83,21 +83,21 @@ class RecordedScan:
     """
 
     started: datetime | None
-    views: tuple[View, ...]
+    views: tuple[ProfileView, ...]
     sections: Mapping[int, RecordedSection]
     events: tuple[RecordedEvent, ...]
 
     @property
-    def counts(self) -> RetryCounts:
-        """How often each remedy was tried."""
+    def retry_counts(self) -> RetryCounts:
+        """How often each kind of retry was made."""
         counts = RetryCounts()
         for event in self.events:
             counts = counts.with_one_more(event.name)
         return counts
 
     @property
-    def stop(self) -> str:
-        """Why the scan ended; empty where it did not."""
+    def stop_reason(self) -> str:
+        """Reason why the scan ended; empty where it did not."""
         last = self.events[-1] if self.events else None
         return last.detail if last is not None and last.name == ScanEvent.STOP else ""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,7 +17,7 @@ class ScanResult:
     ----------
     sections : tuple of ScannedSection
         The finished sections in order, the two taught ones first.
-    views : tuple of View
+    views : tuple of ProfileView
         Every profile taken, in order.
     stop : StopReason
         Why it ended.
@@ -28,7 +28,7 @@ class ScanResult:
     """
 
     sections: tuple[ScannedSection, ...]
-    views: tuple[View, ...]
+    views: tuple[ProfileView, ...]
     stop: StopReason
     detail: str
     counts: RetryCounts

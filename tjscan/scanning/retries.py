@@ -50,7 +50,7 @@ long, and what hides the groove may lie all over one."""
 
 @dataclass(frozen=True, slots=True)
 class StepRetry:
-    """Another step, where a step led to no section.
+    """Retry with another step after a step that led to no section.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class StepRetry:
     from_last_section: bool = False
 
     def describe(self, error: TjscanError) -> str:
-        """What is done, and why the step before failed, in a sentence."""
+        """Describe in a sentence what is retried, and why."""
         then = "then " if self.from_last_section else ""
         return f"{then}{1e3 * self.length:.1f} mm: {error}"
 
@@ -129,7 +129,7 @@ class ViewAdjustment:
     work_angle: float = 0.0
 
     def adjusted_set_point(self, to: SetPoint, direction: ScanDirection) -> SetPoint:
-        """The set-point from which the groove is seen so.
+        """Set-point with its view adjusted.
 
         Parameters
         ----------

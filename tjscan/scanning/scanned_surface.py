@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 class ScannedSurfaceObstacle:
-    """A journal that adds the surface through the sections' points to what the arm keeps clear of.
+    """Journal that makes the scanned surface an obstacle that the arm keeps clear of.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class ScannedSurfaceObstacle:
         self._points_b = [section.points_b for section in sections]
         self._update()
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Pass over profiles: their false points are no surface."""
 
     def record_section(self, section: ScannedSection) -> None:
-        """Keep clear of the strip from the last section to this one."""
+        """Add the strip from the last section to this one to the obstacle."""
         self._points_b.append(section.points_b)
         self._update()
 

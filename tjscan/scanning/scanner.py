@@ -24,13 +24,13 @@ from tjscan.scanning.checks import (
     check_section_one_step_ahead,
     check_section_orientation,
     check_set_point,
-    doubt,
+    largest_chance_differences,
     measures_are_plausible,
 )
 from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import Journal, ScanLog
+from tjscan.scanning.journal import Journal, ScanResultsJournal
 from tjscan.scanning.method import predictor_for_plan, step_rule_for_plan
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
@@ -51,7 +51,7 @@ from tjscan.scanning.retries import (
     max_profiles_per_pose,
     step_retries,
 )
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.tacks import root_is_seen, with_tack_named
@@ -90,7 +90,7 @@ class Scanner:
         self._predict = predictor or predictor_for_plan(plan)
         self._step_length = step_rule or step_rule_for_plan(plan)
         self._stop = stop or StopRequest()
-        self._log = ScanLog(journal)
+        self._log = ScanResultsJournal(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
@@ -138,7 +138,7 @@ class Scanner:
         ArmFault, LaserFault, Interrupted
             As `run` does.
         """
-        self._log.restore(done, sections)
+        self._log.restore_from_recording(done, sections)
         self._taker.remember_views(done.views)
         moved = self._check_last_section(self._taker.move_joint_to_pose(sections[-1].view.T_b_f))
         last = len(sections) - 1
@@ -234,7 +234,7 @@ class Scanner:
         self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, step: StepRequest
     ) -> bool:
         """Whether the prediction view may be the section's: near the ideal, clear, plausible."""
-        criterion = self._plan.skip
+        criterion = self._plan.correction_criterion
         if criterion is None:
             return False
         sigma = view_deviation_sigmas(predicted.groove, ahead, step.length, self._plan.direction)
@@ -299,7 +299,7 @@ class Scanner:
         LaserFault
             If no profile comes.
         """
-        views: list[View] = []
+        views: list[ProfileView] = []
         rootless: list[ScannedSection] = []
         while True:
             views.append(self._taker.take_view(index, substep, state))
@@ -318,7 +318,7 @@ class Scanner:
         # From a prediction view without the root a correction follows, which may show it.
         worth_merging = substep is not Substep.PREDICTION if rootless else lost.reason != FEW
         if worth_merging and not once:
-            merged = self._taker.merge_views(views, state)
+            merged = self._taker.take_and_merge_views(views, state)
         if merged is not None:
             what = f"section {index}, {substep}, {MERGED} profiles: {why}"
             self._log.record_event(ScanEvent.MERGED, what)
@@ -330,7 +330,9 @@ class Scanner:
             return rootless[-1]
         raise lost
 
-    def _read(self, view: View, T_s_t: Array | None, step: StepRequest | None) -> ScannedSection:
+    def _read(
+        self, view: ProfileView, T_s_t: Array | None, step: StepRequest | None
+    ) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.
 
         Without T_s_t frame t lies where the plan wants it for this groove.
@@ -376,7 +378,7 @@ class Scanner:
         except GrooveNotFound as error:
             raise JointMoved(f"the last section is not there any more: {error}") from None
         apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
-        known = doubt(now.groove, last.groove) < tolerance
+        known = largest_chance_differences(now.groove, last.groove) < tolerance
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise JointMoved(

@@ -11,7 +11,7 @@ from tjscan.laser.profile import Profile
 
 
 class Substep(StrEnum):
-    """What a profile is taken for."""
+    """Substep that a profile is taken for: teaching, prediction or correction."""
 
     TAUGHT = "taught"
     PREDICTION = "prediction"
@@ -20,8 +20,8 @@ class Substep(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One profile and where it was taken from.
+class ProfileView:
+    """A profile, and the poses of flange and sensor it was taken from.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ScannedSection:
 
     Parameters
     ----------
-    view : View
+    view : ProfileView
         The profile and where it was taken from.
     groove : GrooveSection
         The five points and measures, in the sensor frame.
@@ -66,7 +66,7 @@ class ScannedSection:
         The target frame in the sensor, eq. (14), metres.
     """
 
-    view: View
+    view: ProfileView
     groove: GrooveSection
     T_s_t: Array
 

@@ -28,7 +28,7 @@ LARGEST_TURN: Final = radians(100)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPoint:
-    """Where frame t shall lie, and where it sits in the sensor.
+    """Pose of frame t that the sensor shall be moved to, and frame t's place in the sensor.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class SetPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepRequest:
-    """One step, as it was meant.
+    """One step as it was planned: from which section, where to, how long.
 
     Parameters
     ----------
@@ -86,14 +86,16 @@ class StepRequest:
         It starts from frame t or from the groove, whichever fits its length better: of a section
         that was taught, frame t lies beside the groove.
         """
-        steps = np.stack((self.p_b_ahead - self.last.T_b_t[:3, 3], self.p_b_ahead - self.start_b))
+        steps = np.stack(
+            (self.p_b_ahead - self.last.T_b_t[:3, 3], self.p_b_ahead - self.groove_origin_b)
+        )
         lengths = np.linalg.norm(steps, axis=1)
         best = int(np.abs(lengths - self.length).argmin())
         return np.asarray(steps[best] / lengths[best])
 
     @property
-    def start_b(self) -> Array:
-        """The groove's origin that it starts from, shape (3,), metres."""
+    def groove_origin_b(self) -> Array:
+        """Groove origin of the section that the step starts from, shape (3,), metres."""
         return self.last.T_b_g[:3, 3]
 
     @property

@@ -93,7 +93,7 @@ def _settle(
         If they don't come to rest.
     """
     for _ in range(ROUNDS):
-        found = ahead.newton_refined(section, R_b_s)
+        found = ahead.after_newton_step(section, R_b_s)
         T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
         T_s_t = plan.target_pose_in_sensor(work_angle)
         R_s_t = T_s_t[:3, :3]
@@ -120,15 +120,19 @@ def _slack(
     plan: ScanPlan, covariance: Array, track: RecentSections, step: float
 ) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""
-    if plan.skip is None:
+    if plan.correction_criterion is None:
         return 0.0, 0.0
     turns = -1.0 if plan.direction is ScanDirection.COUNTERCLOCKWISE else 1.0
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
     return (
-        max(0.0, plan.skip.work_angle - SURE * hypot(sqrt(max(about, 0.0)), 0.5 * opening)),
-        max(0.0, plan.skip.rotation - SURE * hypot(sqrt(aside), origin / step)),
+        max(
+            0.0,
+            plan.correction_criterion.work_angle
+            - SURE * hypot(sqrt(max(about, 0.0)), 0.5 * opening),
+        ),
+        max(0.0, plan.correction_criterion.rotation - SURE * hypot(sqrt(aside), origin / step)),
     )
 
 

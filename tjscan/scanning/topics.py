@@ -50,7 +50,7 @@ from tjscan.recording.topic import (
 from tjscan.recording.writer import NO_ATTACHMENTS, RecordingWriter
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.recorded import RecordedEvent, RecordedSection
-from tjscan.scanning.section import ScannedSection, Substep, View
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 MOST_SECTIONS: Final = 1_000_000
 CORNERS: Final = 5
@@ -65,7 +65,7 @@ _LEVELS: Final[Mapping[str, Log.Level.ValueType]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionRecord:
-    """What is written of a finished section; it was read in the view before it.
+    """Message that records a finished section.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class SectionRecord:
     root_opening: float = nan
 
 
-def _from_view(view: View) -> dict[str, Any]:
+def _from_view(view: ProfileView) -> dict[str, Any]:
     return {
         "index": view.index,
         "substep": str(view.substep),
@@ -100,9 +100,9 @@ def _from_view(view: View) -> dict[str, Any]:
     }
 
 
-def _to_view(fields: dict[str, Any]) -> View:
+def _to_view(fields: dict[str, Any]) -> ProfileView:
     (arm_time,) = to_finite_floats((fields["arm_time"],))
-    return View(
+    return ProfileView(
         index=parse_section_number(fields["index"]),
         substep=Substep(fields["substep"]),
         T_b_f=pose_from_list(fields["T_b_f"]),
@@ -220,7 +220,7 @@ class RecordingJournal:
             frames = {("b", name): T for name, T in fixed.items()}
             recording.write(self._now, (TRANSFORMS, frame_transforms_message(self._now, frames)))
 
-    def record_view(self, view: View) -> None:
+    def record_view(self, view: ProfileView) -> None:
         """Write where the arm stood and the raw profile, before anybody tries to read it."""
         if self._arm_start is None:  # a real arm's clock began when it was switched on
             self._arm_start = view.time
@@ -295,16 +295,18 @@ def open_scan_recording(
         yield RecordingJournal(recording, joint_names, fixed)
 
 
-def read_entries(file: Path) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
-    """Yield time and content of each view, section and event of a file.
+def read_file_entries(
+    file: Path,
+) -> Iterator[tuple[datetime, ProfileView | RecordedSection | RecordedEvent]]:
+    """Yield time and content of each view, section and event of one file.
 
     Raises
     ------
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    view: View | None = None
-    pending: View | None = None
+    view: ProfileView | None = None
+    pending: ProfileView | None = None
     for entry in read_messages(file, READ):
         when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
         try:

@@ -18,7 +18,7 @@ from tjscan.recording.json_numbers import to_finite_floats
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.scanning.recorded import RecordedEvent, RecordedSection
-from tjscan.scanning.section import Substep, View
+from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.topics import parse_section_number
 
 UNNORMALISED: Final = 1e-6
@@ -35,9 +35,9 @@ SECTION: Final = _old("/section", "tjscan.Section")
 EVENT: Final = _old("/event", "tjscan.Event")
 
 
-def read_entries_0_1(
+def read_file_entries_0_1(
     file: Path,
-) -> Iterator[tuple[datetime, View | RecordedSection | RecordedEvent]]:
+) -> Iterator[tuple[datetime, ProfileView | RecordedSection | RecordedEvent]]:
     """Yield time and content of each view, section and event of a file of version 0.1.0.
 
     Raises
@@ -46,7 +46,7 @@ def read_entries_0_1(
         As `read_messages` does.
     """
     flange: dict[str, Any] = {}
-    view: View | None = None
+    view: ProfileView | None = None
     for entry in read_messages(file, (FLANGE, PROFILE, SECTION, EVENT)):
         when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
         try:
@@ -65,14 +65,14 @@ def read_entries_0_1(
             ) from error
 
 
-def _view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
+def _view(flange: dict[str, Any], profile: dict[str, Any]) -> ProfileView:
     table = np.frombuffer(b64decode(profile["data"])).reshape(-1, len(profile["fields"]))
     columns = {field["name"]: table[:, i] for i, field in enumerate(profile["fields"])}
     index = parse_section_number(profile["index"])
     if index != flange["index"]:
         raise ValueError(f"a profile of section {index} after a pose of section {flange['index']}")
     (time,) = to_finite_floats((profile["arm_time"],))
-    return View(
+    return ProfileView(
         index=index,
         substep=Substep(profile["substep"]),
         T_b_f=_pose(flange["pose"]),
@@ -83,7 +83,7 @@ def _view(flange: dict[str, Any], profile: dict[str, Any]) -> View:
     )
 
 
-def _section(view: View | None, message: dict[str, Any]) -> RecordedSection:
+def _section(view: ProfileView | None, message: dict[str, Any]) -> RecordedSection:
     if view is None or view.index != message["index"]:
         raise ValueError("a section without its view")
     T_b_g, T_b_t = (_pose(message[name]) for name in ("T_b_g", "T_b_t"))

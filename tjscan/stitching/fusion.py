@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose, rot_z, transform_points
 from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
-from tjscan.groove.measured import MeasuredSection, measure
+from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
 from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.joint.tubes.walls import ArmRepeatability
@@ -74,7 +74,9 @@ def sections_in_joint_frame(
     sections = []
     for scan in station.sections:
         T_j_s = T_j_b @ scan.view.T_b_s
-        section = measure(scan.groove, T_j_s, "j", index=scan.view.index, station=station.name)
+        section = section_to_result_frame(
+            scan.groove, T_j_s, "j", index=scan.view.index, station=station.name
+        )
         corners = section.points[CORNERS]
         flange = transform_points(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + point_covariance_from_pose(covariance, corners)

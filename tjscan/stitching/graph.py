@@ -66,7 +66,7 @@ def solve_station_poses(
     k = len(frames)
     by_frame = [_whitener(frame.covariance) for frame in frames]
     by_overlap = [_whitener(edge.covariance) for edge in registrations]
-    origin = np.mean([frame.shape.array for frame in frames], axis=0)
+    origin = np.mean([frame.shape.as_array for frame in frames], axis=0)
 
     def residuals(x: Array) -> Array:
         T, shape = (
@@ -77,7 +77,7 @@ def solve_station_poses(
             # The station takes its own frame for j: it finds j at the identity.
             W
             @ np.concatenate(
-                (pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.array)
+                (pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.as_array)
             )
             for W, T_own, frame in zip(by_frame, T, frames, strict=True)
         ]

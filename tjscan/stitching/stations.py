@@ -16,7 +16,7 @@ from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
 from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import ScannedSection, View
+from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import wall_points_of_views
 
@@ -65,7 +65,7 @@ class Station:
         return not own.isdisjoint(_fingerprint(one.view) for one in other.all_sections)
 
 
-def _fingerprint(view: View) -> bytes:
+def _fingerprint(view: ProfileView) -> bytes:
     """Bytes that no other view has."""
     return view.T_b_f.tobytes() + view.profile.x_s.tobytes() + view.profile.z_s.tobytes()
 
@@ -74,7 +74,7 @@ def station_from_recording(
     name: str,
     T_w_b: Array,
     sections: Sequence[ScannedSection],
-    views: Sequence[View],
+    views: Sequence[ProfileView],
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
     """Make a station from a scan's recording.
@@ -87,7 +87,7 @@ def station_from_recording(
         Where the arm's base was meant to stand.
     sections : sequence of ScannedSection
         Finished sections in the order of the scan.
-    views : sequence of View
+    views : sequence of ProfileView
         All views; those that made no section are read once more.
     read : callable
         Reads the groove in a profile.

@@ -212,7 +212,7 @@ def register_overlaps(
     settings : StitchSettings
         Gives the arms' repeatability.
     """
-    shape = TubeDimensions(*np.mean([one.frame.shape.array for one in fits], axis=0).tolist())
+    shape = TubeDimensions(*np.mean([one.frame.shape.as_array for one in fits], axis=0).tolist())
 
     def seen(k: int, T: Array) -> UnrolledViews:
         """What a station saw, its own frame j moved by T."""

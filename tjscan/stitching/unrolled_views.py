@@ -173,7 +173,7 @@ def _unrolled(
     walls = []
     for column, (chosen, off, along) in (
         (6, (on_brace, rho[:, on_brace] - shape.brace_radius, height[0, on_brace])),
-        (8, (on_leg, surface.distance(points[:, on_leg]), rho[0, on_leg])),
+        (8, (on_leg, surface.signed_distances(points[:, on_leg]), rho[0, on_leg])),
     ):
         centred = along - along.mean()
         response = np.stack(
@@ -194,7 +194,7 @@ def _corner_covariance(
     rho = np.minimum(rho, WIDEST * shape.leg_radius)
     out = np.column_stack((np.cos(phi), np.sin(phi), np.zeros(3)))
     side = np.column_stack((-np.sin(phi), np.cos(phi), np.zeros(3)))
-    climb = surface.velocity(phi, rho)[:, 2] / rho
+    climb = surface.azimuth_derivative(phi, rho)[:, 2] / rho
     up = np.array((0.0, 0.0, 1.0)) - surface.slope(phi, rho)[:, None] * out - climb[:, None] * side
     gradient = np.stack((out, up), axis=1) @ T_j_s[:3, [0, 2]]  # (3, 2, 2)
     spread = np.zeros((6, 6))

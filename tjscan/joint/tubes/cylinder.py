@@ -33,8 +33,8 @@ class Cylinder:
             self, "axis", readonly_copy(unit_vector(np.asarray(self.axis, dtype=float)))
         )
 
-    def distance(self, points: Array) -> Array:
-        """How far points, shape (..., 3), lie outside it, in metres."""
+    def signed_distances(self, points: Array) -> Array:
+        """Distances of points, shape (..., 3), outside the cylinder, in metres."""
         return np.asarray(np.linalg.norm(self._across(points), axis=-1) - self.radius)
 
     def normals(self, points: Array) -> Array:
@@ -42,12 +42,12 @@ class Cylinder:
         across = self._across(points)
         return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
-    def moved(self, T: Array) -> Cylinder:
+    def transformed(self, T: Array) -> Cylinder:
         """The same cylinder in the outer frame of `T`, shape (4, 4)."""
         return Cylinder(transform_points(T, self.point), T[:3, :3] @ self.axis, self.radius)
 
-    def beside(self, points: Array) -> Cylinder:
-        """The same cylinder, its `point` beside the middle of points, shape (n, 3)."""
+    def recentred_beside(self, points: Array) -> Cylinder:
+        """The same cylinder with its `point` beside the middle of points, shape (n, 3)."""
         along = (points.mean(axis=0) - self.point) @ self.axis
         return Cylinder(self.point + along * self.axis, self.axis, self.radius)
 

@@ -66,11 +66,11 @@ def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     (*centre, radius), *_ = np.linalg.lstsq(system, p.T.ravel(), rcond=None)
     if radius < 0:  # the normals pointed inwards
         radius = -radius
-    return Cylinder(np.array(centre) @ plane, axis, float(radius)).beside(points)
+    return Cylinder(np.array(centre) @ plane, axis, float(radius)).recentred_beside(points)
 
 
 def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder, bool]:
-    """Least squares with Cauchy's loss, which converges from farther away than Tukey's.
+    """Fit a cylinder by least squares with Cauchy's loss, which converges from far away.
 
     Parameters
     ----------
@@ -90,10 +90,10 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
     """
     if len(points) < FEWEST:
         return start, False
-    tube = start.beside(points)
+    tube = start.recentred_beside(points)
 
     def distance(step: Array) -> Array:
-        return tube.boxplus(step).distance(points)
+        return tube.boxplus(step).signed_distances(points)
 
     def jacobian(step: Array) -> Array:
         return tube.boxplus(step).jacobian(points)
@@ -107,11 +107,11 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
         x_scale=(0.1, 0.1, 1.0, 1.0, 0.1),
         max_nfev=40,
     )
-    return tube.boxplus(found.x).beside(points), bool(found.success)
+    return tube.boxplus(found.x).recentred_beside(points), bool(found.success)
 
 
 def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
-    """Least squares with Tukey's kernel, whose width follows the points' own spread.
+    """Refine a cylinder by least squares with Tukey's kernel.
 
     However the search began, it ends at the same cylinder: a wall holds far more points than
     ghosts and corners bring near it.
@@ -125,7 +125,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
     """
     reach = START
     for _ in range(MOST_ROUNDS):
-        off = tube.distance(points)
+        off = tube.signed_distances(points)
         near = np.abs(off) < reach
         if near.sum() <= 5:
             return tube
@@ -138,4 +138,4 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         if np.abs(step).max() < STILL:
             break
         reach = REACH * sigma
-    return tube.beside(points[near])
+    return tube.recentred_beside(points[near])

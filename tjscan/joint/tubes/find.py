@@ -49,8 +49,8 @@ MOST_RADIUS: Final = 5.0
 """Metres."""
 
 
-def find_tubes(points: Array, *, seed: int = 0) -> FittedTubes:
-    """Find brace and leg in a cloud.
+def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
+    """Find brace and leg in a point cloud.
 
     Parameters
     ----------
@@ -83,10 +83,10 @@ def find_tubes(points: Array, *, seed: int = 0) -> FittedTubes:
     thin = points[np.unique(KDTree(points).query(voxels)[1])]
     rng = np.random.default_rng(seed)
     first = _best(thin, thin, rng, None)
-    rest = thin[np.abs(first.distance(thin)) > 2 * ON_TUBE]
+    rest = thin[np.abs(first.signed_distances(thin)) > 2 * ON_TUBE]
     second = _best(rest, thin, rng, first)
     # Each again on the points that are its own.
-    apart = np.abs(np.stack((first.distance(thin), second.distance(thin))))
+    apart = np.abs(np.stack((first.signed_distances(thin), second.signed_distances(thin))))
     first, _ = fit_cylinder(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)], SCALE)
     second, _ = fit_cylinder(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)], SCALE)
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
@@ -120,10 +120,10 @@ def _best(
     best, most = None, 0
     for trial in np.argsort(-votes, kind="stable")[:REFINED]:
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
-        near = points[np.abs(rough.distance(points)) < 2 * REACH * rough.radius]
+        near = points[np.abs(rough.signed_distances(points)) < 2 * REACH * rough.radius]
         refined, held = fit_cylinder(rough, near, SCALE)
         held = held and (other is None or bool(_cross(refined.axis, other)))
-        supporters = int((np.abs(refined.distance(points)) < ON_TUBE).sum()) if held else 0
+        supporters = int((np.abs(refined.signed_distances(points)) < ON_TUBE).sum()) if held else 0
         if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
             best, most = refined, supporters
     if best is None or most < LEAST_SHARE * len(everything):
@@ -174,7 +174,7 @@ def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTub
     """Both tubes with the covariance that independent points give."""
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):
-        off = tube.distance(points)
+        off = tube.signed_distances(points)
         on = np.abs(off) < ON_TUBE
         jacobian = tube.jacobian(points[on])
         square = float(off[on] @ off[on])

@@ -29,7 +29,7 @@ FEWEST_VIEWS: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTubes:
-    """Brace and leg.
+    """Brace and leg as fitted cylinders, with their covariance.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def fit_tubes_to_walls(
     ----------
     walls : WallPoints
         What was seen.
-    repeatability : Repeatability
+    repeatability : ArmRepeatability
         Of the arm that carried the laser.
     brace, leg : Cylinder
         Where to start.
@@ -78,7 +78,7 @@ def fit_tubes_to_walls(
         raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
     common = repeatability.covariance
     brace, leg = (
-        tube.beside(walls.points[walls.on_brace == is_brace])
+        tube.recentred_beside(walls.points[walls.on_brace == is_brace])
         for tube, is_brace in ((brace, True), (leg, False))
     )
     weights = np.ones(len(walls))
@@ -115,7 +115,7 @@ def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, A
         (leg, ~walls.on_brace, slice(5, 10)),
     ):
         points = walls.points[chosen]
-        distance[chosen], normals[chosen] = tube.distance(points), tube.normals(points)
+        distance[chosen], normals[chosen] = tube.signed_distances(points), tube.normals(points)
         jacobian[chosen, columns] = tube.jacobian(points)
     levers = walls.points - walls.pivots[walls.view]
     return distance, jacobian, np.column_stack((normals, np.cross(levers, normals)))

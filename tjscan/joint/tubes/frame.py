@@ -23,7 +23,7 @@ LEAST_AXES_ANGLE: Final = radians(15.0)
 
 @dataclass(frozen=True, slots=True)
 class TubeDimensions:
-    """What two tubes are to each other.
+    """Dimensions of a pair of tubes: radii, angle between the axes, and their offset.
 
     Parameters
     ----------
@@ -41,20 +41,20 @@ class TubeDimensions:
     offset: float
 
     @property
-    def array(self) -> Array:
-        """The four numbers, shape (4,)."""
+    def as_array(self) -> Array:
+        """The four numbers as an array, shape (4,)."""
         return np.array((self.brace_radius, self.leg_radius, self.angle, self.offset))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFrame:
-    """Frame j as fitted tubes define it.
+    """Frame j as fitted tubes define it: its pose and covariance.
 
     Parameters
     ----------
     T : ndarray, shape (4, 4)
         Frame j in the frame of the tubes.
-    shape : JointShape
+    shape : TubeDimensions
         Radii, angle and offset of the tubes.
     covariance : ndarray, shape (10, 10)
         Of the pose, as translation and rotation vector in j (metres, radians), then of the
@@ -75,7 +75,7 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
 
     Parameters
     ----------
-    tubes : Tubes
+    tubes : FittedTubes
         Brace and leg; the brace's `point` lies on the brace's side of the leg.
     towards : ndarray, shape (3,)
         For an upright brace: x points along the leg to the side that this vector points to. Half
@@ -95,7 +95,9 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
         T_moved, there = joint_pose_from_cylinders(
             tubes.brace.boxplus(moved[:5]), tubes.leg.boxplus(moved[5:]), T[:3, 0]
         )
-        return np.concatenate((pose_vector.pose_to_vector(inverse_pose(T) @ T_moved), there.array))
+        return np.concatenate(
+            (pose_vector.pose_to_vector(inverse_pose(T) @ T_moved), there.as_array)
+        )
 
     jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
     return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T)
@@ -104,7 +106,7 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
 def joint_pose_from_cylinders(
     brace: Cylinder, leg: Cylinder, towards: Array
 ) -> tuple[Array, TubeDimensions]:
-    """Frame j of two cylinders.
+    """Pose of frame j, and the tubes' dimensions, from two cylinders.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def joint_pose_from_cylinders(
     -------
     T : ndarray, shape (4, 4)
         Pose of frame j in the frame of the cylinders.
-    shape : JointShape
+    shape : TubeDimensions
         Radii, angle and offset of the tubes.
     """
     cosine = float(brace.axis @ leg.axis)

@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, readonly_copy
 
 @dataclass(frozen=True, slots=True)
 class ArmRepeatability:
-    """How exactly an arm reports where it stands; all points of a view share that error.
+    """Errors of the flange's pose that an arm reports; all points of a view share them.
 
     The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
 
@@ -28,13 +28,13 @@ class ArmRepeatability:
 
     @property
     def covariance(self) -> Array:
-        """Of translation and rotation vector of the flange, shape (6, 6)."""
+        """Covariance of translation and rotation vector of the flange, shape (6, 6)."""
         return np.diag(np.repeat(np.square([self.position, self.angle]) / 3, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallPoints:
-    """Points on brace and leg, seen in views whose poses are not quite what the arm reports.
+    """Points on the walls of brace and leg, by view, with their standard deviations.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from tjscan.core.config import StrictFileModel
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
@@ -107,7 +107,7 @@ def _with_room(joint: JointFile, room_mm: float) -> JointFile:
 
 def _extent(d: JointDefinition) -> tuple[float, float]:
     """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
-    s = bevel_sections(d, CHECKED_AZIMUTHS)
-    foot = d.leg.point(s.phi, d.brace_radius) @ d.leg.axis
-    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg.axis
+    s = groove_sections(d, CHECKED_AZIMUTHS)
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
     return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points, unit_vector
-from tjscan.joint.bevel import bevel_sections
+from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.scanning.plan import ScanPlan
@@ -82,9 +82,9 @@ def ideal_sensor_pose(
         T_j_s, in metres.
     """
     phi = np.array([azimuth])
-    tangent = joint.leg.tangent(phi, joint.brace_radius)[0]
-    sections = bevel_sections(joint, phi)
-    origin = joint.leg.point(phi, joint.brace_radius)[0]
+    tangent = joint.leg_surface.tangent(phi, joint.brace_radius)[0]
+    sections = groove_sections(joint, phi)
+    origin = joint.leg_surface.points_j(phi, joint.brace_radius)[0]
     x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
     y = unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
@@ -99,7 +99,9 @@ def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: A
     around = tangential_direction(azimuth)
     outward = np.array([around[1], -around[0], 0.0])
     up = bevel[0] * outward + np.array([0.0, 0.0, bevel[1]])
-    leg = np.cross(tangent, joint.leg.normal(joint.leg.point(azimuth, joint.brace_radius)))
+    leg = np.cross(
+        tangent, joint.leg_surface.normal(joint.leg_surface.points_j(azimuth, joint.brace_radius))
+    )
     gamma_1 = np.arctan2(up @ y, up @ z)
     gamma_2 = np.arctan2(-(leg @ y), leg @ z)
     return float(0.5 * (gamma_1 - gamma_2))
@@ -121,7 +123,9 @@ def azimuth_further_along(
     direction : ScanDirection
         Which way round.
     """
-    speed = np.linalg.norm(joint.leg.velocity(AZIMUTHS, joint.brace_radius), axis=1)
+    speed = np.linalg.norm(
+        joint.leg_surface.azimuth_derivative(AZIMUTHS, joint.brace_radius), axis=1
+    )
     length = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(AZIMUTHS))))
     signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
     return float(np.interp(np.interp(azimuth, AZIMUTHS, length) + signed, length, AZIMUTHS))
@@ -240,7 +244,7 @@ def plan_with_centred_groove(
 
 def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
-    sections = bevel_sections(joint, [azimuth])
+    sections = groove_sections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
     T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
     return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))

@@ -66,7 +66,7 @@ _FREE: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalWalls:
-    """Both tubes beside the last section, for one or many sets of parameters (...).
+    """Walls of brace and leg beside the last section, by point, normal, axis and curvature.
 
     A wall is told by its point next to p2 or p4, its normal, its axis and its curvature: this
     stays well defined where the tube is so large, or so little seen, that its middle is anywhere.
@@ -110,8 +110,8 @@ class LocalWalls:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedTubes:
-    """What is believed of the tubes: most likely parameters, and how sure they are.
+class LocalTubeFit:
+    """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class FittedTubes:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
-        """The walls for parameters of shape (..., 10), the most likely ones where left out."""
+        """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""
         return _walls(self.bases, self.theta if thetas is None else thetas)
 
     def seam_curvature(self) -> float:
@@ -162,7 +162,7 @@ class FittedTubes:
         return float(np.linalg.norm(bent - (bent @ t) * t) / np.linalg.norm(along))
 
     def leave_one_out_residuals(self) -> tuple[Array, Array]:
-        """How far each of `residuals` is from what the others make expected, shape (6, n).
+        """Residuals of each section against what the others predict, shape (6, n).
 
         Also the standard deviations that this should have.
         """
@@ -171,7 +171,7 @@ class FittedTubes:
         return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
     def expected_residuals_at(self, at: float) -> tuple[Array, Array, Array]:
-        """What the tubes will leave at a place along the groove (metres).
+        """Residuals expected at a place further along the groove, and their uncertainty.
 
         Returns
         -------
@@ -192,7 +192,7 @@ class FittedTubes:
         )
 
 
-def fit_tubes_to_sections(track: RecentSections) -> FittedTubes:
+def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     """Most likely tubes for two or more sections, by Levenberg–Marquardt from several starts.
 
     Parameters
@@ -219,7 +219,7 @@ def fit_tubes_to_sections(track: RecentSections) -> FittedTubes:
     return seam
 
 
-def _fit(track: RecentSections, sigmas: Array) -> FittedTubes:
+def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     bases = _bases(track)
     between = track.along[:, None] - track.along
     whiten = np.array(
@@ -244,7 +244,7 @@ def _fit(track: RecentSections, sigmas: Array) -> FittedTubes:
     around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
     lefts = _residuals(_walls(bases, around), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE, 0, -1)
-    return FittedTubes(
+    return LocalTubeFit(
         bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
     )
 

@@ -12,7 +12,7 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array, cross, inverse_pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
 from tjscan.scanning.correction import correction_target_pose
-from tjscan.scanning.seam.fit import FittedTubes, LocalWalls
+from tjscan.scanning.seam.fit import LocalTubeFit, LocalWalls
 from tjscan.scanning.seam.track import RecentSections
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
@@ -25,7 +25,7 @@ _DIFFERENCE: Final = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSection:
-    """What is expected of the next section.
+    """Model of the next section, with which the predictor solves for where it will lie.
 
     A section is given by its origin in b (metres) and the angles of wall and leg in the laser
     plane (radians), shape (5,).
@@ -34,14 +34,14 @@ class ExpectedSection:
     ----------
     T_b_g : ndarray, shape (4, 4)
         Frame g of the last section.
-    seam : FittedTubes
+    seam : LocalTubeFit
         The tubes.
     step : float
         Distance of the origins, d_st, metres.
     shape : ndarray, shape (3,)
         Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
     residuals : ndarray, shape (4,)
-        What the tubes leave, see `FittedTubes.expected_residuals_at`.
+        What the tubes leave, see `LocalTubeFit.expected_residuals_at`.
     shape_sigmas, residual_sigmas : ndarray
         Standard deviations of both.
     residual_jacobian : ndarray, shape (4, 10)
@@ -49,7 +49,7 @@ class ExpectedSection:
     """
 
     T_b_g: Array
-    seam: FittedTubes
+    seam: LocalTubeFit
     step: float
     shape: Array
     shape_sigmas: Array
@@ -59,7 +59,7 @@ class ExpectedSection:
 
     @classmethod
     def from_track(
-        cls, track: RecentSections, seam: FittedTubes, T_b_g: Array, step: float
+        cls, track: RecentSections, seam: LocalTubeFit, T_b_g: Array, step: float
     ) -> ExpectedSection:
         """Expect the section a step beyond the last one of a track.
 
@@ -67,7 +67,7 @@ class ExpectedSection:
         ----------
         track : RecentSections
             The sections so far.
-        seam : FittedTubes
+        seam : LocalTubeFit
             The tubes that fit them.
         T_b_g : ndarray, shape (4, 4)
             Frame g of the last section, metres.
@@ -103,8 +103,8 @@ class ExpectedSection:
             (track.origins[-1] + self.step * t, np.arctan2(flat[:, 2], flat[:, 0]))
         )
 
-    def newton_refined(self, section: Array, R_b_s: Array) -> Array:
-        """A section one Newton step nearer to what a plane of this orientation cuts, shape (5,).
+    def after_newton_step(self, section: Array, R_b_s: Array) -> Array:
+        """Section after one Newton step towards what a plane of this orientation cuts, shape (5,).
 
         Parameters
         ----------
