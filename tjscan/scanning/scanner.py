@@ -199,7 +199,7 @@ class Scanner:
             if plan_is_fulfilled(StopReason.UNREACHABLE, self._plan):
                 raise
             lost = error
-        for retry in step_retries(d_st, past_tacks=isinstance(lost, NotRead)):
+        for retry in step_retries(d_st, past_tacks=isinstance(lost, GrooveNotFound)):
             self._log.record_event(retry.event, retry.describe(lost))
             try:
                 if retry.from_last_section:
