@@ -9,13 +9,15 @@ from __future__ import annotations
 import gc
 import math
 import sys
-import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 import numpy as np
+from _stopwatch import Stopwatch
 from _table import Row, main
 from _views import Stage, View, bound, hits_of, profile_of, view
 
@@ -87,13 +89,10 @@ class Tally:
     errors: list[Array]
     areas: list[float]
     normalised: list[Array]
-    seconds: list[float]
     refused: int = 0
 
-    def add(self, v: View, profile: Profile, truth: GrooveSection, *, timed: bool = False) -> None:
-        """Read a profile and compare."""
-        section, seconds = read(profile, 3 if timed else 1)
-        self.seconds.append(seconds)
+    def add(self, v: View, section: GrooveSection | None, truth: GrooveSection) -> None:
+        """Compare what was read with the truth."""
         if section is None:
             self.refused += 1
             return
@@ -104,26 +103,21 @@ class Tally:
         self.normalised.append(np.einsum("ki,kij,kj->k", off, spread, off) / 2)
 
 
-def read(profile: Profile, times: int) -> tuple[GrooveSection | None, float]:
-    """The section, and the shortest time it took: other work on the machine only adds to it."""
-    shortest, section = math.inf, None
-    for _ in range(times):
-        start = time.process_time()
-        try:
-            section = find_groove(profile)
-        except GrooveNotFound:
-            section = None
-        shortest = min(shortest, time.process_time() - start)
-    return section, shortest
+def read(profile: Profile) -> GrooveSection | None:
+    """The section; None where it is refused."""
+    try:
+        return find_groove(profile)
+    except GrooveNotFound:
+        return None
 
 
 def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
     model = LaserModel.without_faults(noise=sigma)
-    tally, bounds = Tally([], [], [], []), []
+    tally, bounds = Tally([], [], []), []
     for k, (v, hits) in enumerate(views(stages, POSES, model, 1)):
         truth, limit = section_from_points(v.five), bound(hits, v, model)
         for r in range(REPEATS):
-            tally.add(v, profile_of(hits, model, REPEATS * k + r), truth)
+            tally.add(v, read(profile_of(hits, model, REPEATS * k + r)), truth)
             bounds.append(limit)
     name = f"noise {1e3 * sigma:g} mm"
     rows = [Row(f"{name}: refused", tally.refused, 0)]
@@ -140,18 +134,19 @@ def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
 
 
 def reflections(stages: list[Stage]) -> list[Row]:
-    tally = Tally([], [], [], [])
+    tally, watch = Tally([], [], []), Stopwatch()
     gc.disable()
     for k, (v, hits) in enumerate(views(stages, REFLECTIVE_POSES, REFLECTIVE, 2)):
         truth = section_from_points(v.five)
         for r in range(REPEATS):
             profile = profile_of(hits, REFLECTIVE, REPEATS * k + r)
-            tally.add(v, profile, truth, timed=r == 0)
+            with watch if r == 0 else nullcontext():
+                section = read(profile)
+            tally.add(v, section, truth)
         gc.collect(0)
     gc.enable()
     errors = 1e3 * np.array(tally.errors)
     total = REFLECTIVE_POSES * REPEATS
-    timed = 1e3 * np.array(tally.seconds[::REPEATS])
     wrong = np.count_nonzero(errors.max(axis=1) > 1)
     areas = 100 * np.array(tally.areas)
     worst = float(np.percentile(errors, 95, axis=0).max())
@@ -161,8 +156,8 @@ def reflections(stages: list[Stage]) -> list[Row]:
         Row("reflections: wrong by more than 1 mm", 100 * wrong / total, 0.1, "%"),
         Row("reflections: area, mean error", abs(float(areas.mean())), 0.5, "%"),
         Row("reflections: area, mean absolute error", float(np.abs(areas).mean()), 0.5, "%"),
-        Row("reflections: time, median", float(np.median(timed)), 2.0, "ms"),
-        Row("reflections: time, 99 %", float(np.percentile(timed, 99)), 6.0, "ms"),
+        watch.row("reflections: time, median", median, 2),
+        watch.row("reflections: time, 99 %", lambda taken: float(np.percentile(taken, 99)), 6),
     ]
 
 
@@ -174,11 +169,11 @@ def no_groove(stages: list[Stage]) -> list[Row]:
         for k in range(EMPTY_VIEWS):
             stage, shift = stages[k % len(stages)], np.array([away, 0.0, 0.0])
             v = view(stage, rng.uniform(0, 2 * np.pi), pull=PULL, turn=np.zeros(3), shift=shift)
-            section, _ = read(profile_of(hits_of(stage, v, REFLECTIVE), REFLECTIVE, k), 1)
+            section = read(profile_of(hits_of(stage, v, REFLECTIVE), REFLECTIVE, k))
             read_, total = read_ + (section is not None), total + 1
     for k in range(EMPTY_VIEWS):
         for draw in (plane, edge, valley, pipe, dust, empty):
-            section, _ = read(draw(np.random.default_rng(k)), 1)
+            section = read(draw(np.random.default_rng(k)))
             read_, total = read_ + (section is not None), total + 1
     return [Row(f"no groove: read of {total}", read_, 0)]
 

@@ -15,7 +15,6 @@ import math
 import os
 import statistics
 import sys
-import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
@@ -27,6 +26,7 @@ from typing import Final
 import numpy as np
 from _sections import EMITTER_Z, Array, look_at
 from _steel import GROOVES, MM, NO_GROOVE, RHO, Fault, Groove, draw, noise, shoot
+from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
@@ -285,46 +285,17 @@ def _butt_corners(profile: Profile) -> Array | None:
 # --- time
 
 
-def reference_task() -> float:
-    """Seconds that a fixed piece of work takes: what a millisecond of reading is held against.
-
-    Small arrays and plain Python in about the reader's proportions.
-    """
-    x = np.linspace(-1.0, 1.0, 640)
-    start = time.process_time()
-    total = 0.0
-    for k in range(24):
-        basis = x[:, None] ** np.arange(4)
-        total += float(np.linalg.solve(basis.T @ basis, basis.T @ np.cos(k * x))[0])
-        total += float(np.sort(np.abs(x - total % 1))[320])
-        for i in range(60):
-            total += math.hypot(i, k) * 1e-6
-    return time.process_time() - start
-
-
-REFERENCE: Final = 1.0e-3
-"""Seconds that the reference task takes where 2 ms a profile is asked for."""
-
-
 def time_rows(count: int) -> list[Row]:
-    """CPU time of one reading, in milliseconds of a machine with `REFERENCE`."""
+    """Times of one reading."""
     faults = [f for f in GROOVES if f.name in ("sound", "ghosts before and behind", "mill scale")]
-    taken, reference = [], []
+    watch = Stopwatch()
     for k in range(count):
         profile = profile_of(shoot(faults[k % len(faults)], k).points)
-        reference.append(reference_task())
-        best = math.inf
-        for _ in range(2):
-            start = time.process_time()
-            with suppress(GrooveNotFound):
-                find_groove(profile)
-            best = min(best, time.process_time() - start)
-        taken.append(best)
-    slower = statistics.median(reference) / REFERENCE
-    own = 1e3 * np.array(taken) / slower
+        with watch, suppress(GrooveNotFound):
+            find_groove(profile)
     return [
-        Row("time per profile, median", float(np.median(own)), 2.0, "ms"),
-        Row("time per profile, 99 %", float(np.percentile(own, 99)), 8.0, "ms"),
+        watch.row("time per profile, median", statistics.median, 2),
+        watch.row("time per profile, 99 %", lambda seconds: float(np.percentile(seconds, 99)), 8),
     ]
 
 

@@ -36,9 +36,6 @@ from tjscan.laser.profile import Profile
 FEWEST: Final = 4
 """Fewest points on a side."""
 
-LEAST_LEAD: Final = 3.0
-"""By how many points a reading has to be better than any other."""
-
 PARTLY: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
