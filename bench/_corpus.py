@@ -41,7 +41,7 @@ from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.readings import read_grooves
+from tjscan.result.readings import measure_grooves
 from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
@@ -171,7 +171,7 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
 
     def groove(file: Path) -> None:
         table = read_profiles(file, form)
-        list(read_grooves(table.profiles, DEFAULT))
+        list(measure_grooves(table.profiles, DEFAULT))
 
     yield Reader("groove", "groove.csv", (lines,), groove, 0.15)
 

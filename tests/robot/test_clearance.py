@@ -23,7 +23,7 @@ from tjscan.robot.collision import SEEN, CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import MODELS, Kinematics
 from tjscan.robot.margins import ClearanceMargins
-from tjscan.robot.path import joint_waypoints, linear_waypoints
+from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.runs.context import RunContext
@@ -102,8 +102,8 @@ class Spy(DeviceBase):
     def stop(self) -> None:
         self.arm.stop()
 
-    def clear_stop(self) -> None:
-        self.arm.clear_stop()
+    def accept_moves_again(self) -> None:
+        self.arm.accept_moves_again()
 
 
 def spied(
@@ -298,7 +298,7 @@ def test_no_leg_of_a_detour_begins_after_a_stop() -> None:
         assert len(spy.told) == 1
         with pytest.raises(ArmFault, match="taken back"):
             arm.move_joint_to_pose(aside(0.1))
-        arm.clear_stop()
+        arm.accept_moves_again()
         arm.move_joint_to_pose(aside(0.1))
 
 
@@ -496,5 +496,5 @@ def test_a_solid_that_is_none_is_refused(solid: dict[str, object], message: str)
 
 
 def test_waypoints_begin_and_end_where_they_should() -> None:
-    path = joint_waypoints(HOME, HOME + 0.3)
+    path = interpolate_joints(HOME, HOME + 0.3)
     np.testing.assert_array_equal(path[[0, -1]], [HOME, HOME + 0.3])

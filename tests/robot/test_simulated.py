@@ -165,7 +165,7 @@ def test_a_stop_between_two_moves_holds_until_it_is_taken_back(realtime: bool) -
                 move(ahead())
         np.testing.assert_array_equal(arm.state().q, WELL)
         assert arm.state().time == 0
-        arm.clear_stop()
+        arm.accept_moves_again()
         arm.move_linear(ahead(0.002))
     with arm:  # the stop on leaving is taken back by entering
         arm.move_linear(ahead(0.001))

@@ -234,7 +234,7 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
         with pytest.raises(ArmFault, match="taken back"):
             arm.move_joint_to_pose(beside_home())
         np.testing.assert_array_equal(arm.state().q, stands.q)
-        arm.clear_stop()
+        arm.accept_moves_again()
         np.testing.assert_allclose(arm.move_joint_to_pose(beside_home()).q, HOME, atol=1e-5)
     assert client_processes() == []
 

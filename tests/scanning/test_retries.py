@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from tjscan.groove.find import find_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.checks import check_section_orientation
-from tjscan.scanning.events import RetryCounts
+from tjscan.scanning.events import RetryCounts, ScanEvent
+from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
 from tjscan.scanning.merge import AGREEING, merge_repeated_profiles
 from tjscan.scanning.progress import StopReason, step_lengths
+from tjscan.scanning.recorded import RecordedEvent, RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING
 from tjscan.scanning.section import Substep
@@ -246,3 +249,13 @@ def test_a_groove_seen_from_behind_is_refused() -> None:
     for axis in (rot_y(np.pi), np.diag((1.0, -1.0, -1.0))):
         with pytest.raises(GrooveNotFound, match="not above"):
             check_section_orientation(replace(groove, T_s_g=pose(axis) @ groove.T_s_g))
+
+
+def test_what_was_counted_before_a_cut_counts_on() -> None:
+    event = RecordedEvent(datetime.now(UTC), ScanEvent.MERGED, "section 1")
+    done = RecordedScan(None, (), {}, (event,))
+    log = ScanResultsJournal(CombinedJournal())
+    log.restore_from_recording(done, ())
+    log.record_event(ScanEvent.MERGED, "section 2")
+    assert done.retry_counts.merged == 1
+    assert log.counts.merged == 2

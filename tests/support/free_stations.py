@@ -89,7 +89,7 @@ class FreeArm(DeviceBase):
     def stop(self) -> None:
         pass
 
-    def clear_stop(self) -> None:
+    def accept_moves_again(self) -> None:
         pass
 
 

@@ -37,12 +37,12 @@ def groove(
         print_readings,
         suggest_height_sign,
     )
-    from tjscan.result.readings import read_grooves
+    from tjscan.result.readings import measure_grooves
 
     check_plot_path(plot)
     settings = groove_settings_for_file(file, reading)
     table = read_profiles_of_file(file, form)
-    readings = list(read_grooves(table.profiles, settings))
+    readings = list(measure_grooves(table.profiles, settings))
     print_readings(readings, table.bad, json=json)
     if plot is not None:
         draw_readings_png(plot, readings, settings)

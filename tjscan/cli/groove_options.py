@@ -102,7 +102,7 @@ def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> Fil
     from tjscan.cli.groove_output import print_bad_rows
     from tjscan.laser.files import read_profiles
     from tjscan.result.directory import JOB
-    from tjscan.scanning.reader import read_profiles as read_recorded
+    from tjscan.scanning.reader import load_profiles_of_run as read_recorded
 
     o = options or ProfileFileOptions()
     is_run = (file / JOB).is_file()

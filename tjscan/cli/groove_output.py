@@ -16,8 +16,8 @@ from tjscan.laser.files import flip_heights
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import (
     ProfileReading,
+    measure_grooves,
     measures_with_sigmas,
-    read_grooves,
     reading_to_dict,
 )
 
@@ -61,7 +61,7 @@ def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSetting
     """Print on stderr if profiles without a groove show one once their heights change sign."""
     few = dict(islice(profiles.items(), TRIED_TURNED))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
-    found = sum(reading.refusal is None for reading in read_grooves(turned, settings))
+    found = sum(reading.refusal is None for reading in measure_grooves(turned, settings))
     if 2 * found > len(turned):
         print_message(
             f"{found} of {len(turned)} profiles show a groove with heights the other way round: "

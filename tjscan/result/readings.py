@@ -62,7 +62,7 @@ class ProfileReading:
         return tuple(f"p{i}" not in absent for i in range(1, len(self.points_s) + 1))
 
 
-def read_grooves(
+def measure_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings
 ) -> Iterator[ProfileReading]:
     """Read the groove in every profile; where none is found, the reading says why.

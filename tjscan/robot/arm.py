@@ -106,11 +106,11 @@ class Arm(Protocol):
         """Bring the arm to rest now, from any thread, and let it begin no move any more.
 
         The move under way raises ArmFault in its own thread; so does every later one, until the
-        stop is taken back by `clear_stop`, or by connecting again.
+        stop is taken back by `accept_moves_again`, or by connecting again.
         """
         ...
 
-    def clear_stop(self) -> None:
+    def accept_moves_again(self) -> None:
         """Take commands again after a stop, once the move that was stopped has ended.
 
         Not from within a move's own thread while it moves: this waits for it.

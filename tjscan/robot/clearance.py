@@ -12,7 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.collision import BodyPair, CollisionModel
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.margins import ClearanceMargins
-from tjscan.robot.path import joint_waypoints, linear_waypoints
+from tjscan.robot.path import interpolate_joints, linear_waypoints
 
 RESOLUTION: Final = 1e-3
 """Metres that bodies may come nearer between two looks at a path: by half of it, at most, they
@@ -94,7 +94,7 @@ class ClearPathPlanner:
         Parameters and errors are otherwise those of `joint_angles_after_linear_move`.
         """
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
-        path = joint_waypoints(q, goal)
+        path = interpolate_joints(q, goal)
         self._check_singular(path[[0, -1]], T_b_f)
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])

@@ -187,10 +187,10 @@ class CollisionCheckedArm:
         self._latch.stop()
         self._arm.stop()
 
-    def clear_stop(self) -> None:
+    def accept_moves_again(self) -> None:
         """Take commands again after a stop, once all segments of the move have ended."""
         self._latch.clear_stop()
-        self._arm.clear_stop()
+        self._arm.accept_moves_again()
 
     def plan_clear_path(
         self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None

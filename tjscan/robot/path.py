@@ -55,7 +55,7 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
 
 def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
     """Timed path of all joints in proportion, `q` to `goal`, each of shape (n,), in radians."""
-    waypoints = joint_waypoints(q, goal)
+    waypoints = interpolate_joints(q, goal)
     points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
     return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
@@ -100,7 +100,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
     return np.array(waypoints), poses_b_f[:, :3, 3]
 
 
-def joint_waypoints(q: Array, goal: Array) -> Array:
+def interpolate_joints(q: Array, goal: Array) -> Array:
     """Joint angles evenly spaced from `q` to `goal`, shape (m, n), in radians."""
     pieces = max(FEWEST, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
     return np.linspace(q, goal, pieces + 1)

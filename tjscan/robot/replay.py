@@ -81,5 +81,5 @@ class ReplayedArm(DeviceBase):
     def stop(self) -> None:
         """Do nothing: a replayed arm does not move."""
 
-    def clear_stop(self) -> None:
+    def accept_moves_again(self) -> None:
         """Do nothing: a replayed arm was not stopped."""

@@ -134,8 +134,8 @@ class SimulatedArm(DeviceBase):
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
         self._latch.stop()
 
-    def clear_stop(self) -> None:
-        """Take commands again after a stop. See `Arm.clear_stop`."""
+    def accept_moves_again(self) -> None:
+        """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
     def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:

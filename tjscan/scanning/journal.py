@@ -99,7 +99,7 @@ class ScanResultsJournal:
             Its finished sections, read once more.
         """
         self.sections, self.views = list(sections), list(done.views)
-        self.retry_counts = done.retry_counts
+        self.counts = done.retry_counts
 
     def record_view(self, view: ProfileView) -> None:
         """Keep a profile and pass it on."""

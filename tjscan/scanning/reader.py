@@ -62,7 +62,7 @@ def read_views(path: Path) -> Iterator[ProfileView]:
                 yield entry
 
 
-def read_profiles(directory: Path) -> dict[str, Profile]:
+def load_profiles_of_run(directory: Path) -> dict[str, Profile]:
     """Every profile of a run directory, by section and substep; see `read_recorded_scan`."""
     return {
         f"profile {number}: section {view.index}, {view.substep}": view.profile

@@ -125,8 +125,8 @@ class UrArm(DeviceBase):
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
         self._latch.stop()
 
-    def clear_stop(self) -> None:
-        """Take commands again after a stop. See `Arm.clear_stop`."""
+    def accept_moves_again(self) -> None:
+        """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
     @property
