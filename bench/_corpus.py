@@ -52,7 +52,7 @@ from tjscan.runs.scan import run_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.topics import open_scan_recording
+from tjscan.scanning.topics import record_scan
 from tjscan.study.file import read_study_file
 from tjscan.study.grid import trials_of_study
 from tjscan.study.row import StudyRow
@@ -140,7 +140,7 @@ def _measured(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with open_scan_recording(
+    with record_scan(
         file, JobSnapshot('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')
     ) as recording:
         for scan in scans:

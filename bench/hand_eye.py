@@ -25,7 +25,7 @@ from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.operator import SilentOperator
+from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.session import CalibrationPlan, current_progress, suggest_next_line_pose
@@ -317,7 +317,7 @@ def end_to_end() -> list[Row]:
     with TemporaryDirectory() as folder:
         job = read_calibration_job(EXAMPLES / "calibrate.toml")
         start_calibration(
-            job, EXAMPLES / "calibrate.toml", Path(folder) / "found", SilentOperator()
+            job, EXAMPLES / "calibrate.toml", Path(folder) / "found", DefaultAnswerOperator()
         )
         file = Path(folder) / "found" / "calibration.toml"
         position, rotation = rms([error(read_calibration(file).T_f_s)])

@@ -37,7 +37,7 @@ from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in_cell
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.topics import RecordingJournal, open_scan_recording
+from tjscan.scanning.topics import RecordingJournal, record_scan
 
 WORKERS: Final = 2
 HANG: Final = 5.0
@@ -265,7 +265,7 @@ def _overhead(times: int, sections: int) -> Row:
         cell = RunContext(job, file).make_cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
-            with open_scan_recording(Path(name) / "scan.mcap") as recording:
+            with record_scan(Path(name) / "scan.mcap") as recording:
                 timed = _Timed(recording)
                 scan_in_cell(cell, job, timed)
                 ending = perf_counter()

@@ -6,7 +6,7 @@ from calibration_stage import NOISE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.circle_fit import fit_circle
+from tjscan.calibration.circle_fit import fit_dominant_circle
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
@@ -102,7 +102,7 @@ def arc(radius: float, centre: Array, half: float) -> tuple[Array, Array]:
 )
 @settings(max_examples=25, deadline=None)
 def test_an_exact_circle_comes_back(radius: float, x: float, z: float, half: float) -> None:
-    fit = fit_circle(Profile(*arc(radius, np.array((x, z)), half)), NOISE)
+    fit = fit_dominant_circle(Profile(*arc(radius, np.array((x, z)), half)), NOISE)
     np.testing.assert_allclose((*fit.centre_s, fit.radius), (x, 0, z, radius), atol=1e-9)
 
 
@@ -113,7 +113,7 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
     x[:120], z[:120] = np.linspace(-0.05, -0.02, 120), 0.27
     flying = rng.random(COLUMNS) < 0.15
     z[flying] -= rng.uniform(0.002, 0.02, flying.sum())
-    fit = fit_circle(noisy(x, z, seed), NOISE)
+    fit = fit_dominant_circle(noisy(x, z, seed), NOISE)
     assert not fit.inlier[:120].any()
     away = np.array((fit.centre_s[0], fit.centre_s[2], fit.radius)) - (0.004, 0.25, 0.025)
     assert away @ np.linalg.solve(fit.covariance, away) < 20  # chi-square, 3 degrees: p = 2e-4
@@ -121,4 +121,4 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
 
 def test_a_straight_line_is_no_circle() -> None:
     with pytest.raises(CalibrationRefused, match="no arc seen"):
-        fit_circle(noisy(*board(0.1)), NOISE, largest=0.1)
+        fit_dominant_circle(noisy(*board(0.1)), NOISE, largest=0.1)

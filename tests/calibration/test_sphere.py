@@ -5,7 +5,7 @@ import pytest
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.circle_fit import fit_circle
+from tjscan.calibration.circle_fit import fit_dominant_circle
 from tjscan.calibration.hand_eye import ArcSample, calibrate_on_sphere
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
@@ -46,7 +46,9 @@ def arcs(rng: np.random.Generator, count: int = 15, tilt: float = 35.0) -> list[
         R = Rotation.from_euler("xyz", np.add(turn, (180, 0, 0)), degrees=True).as_matrix()
         seen_at = rng.uniform((-0.01, -0.018, 0.22), (0.01, 0.018, 0.27))
         T_b_f = pose(R, BALL_B - R @ seen_at) @ inverse_pose(T_F_S)
-        found.append(ArcSample(f"arc {i + 1}", T_b_f, fit_circle(see_ball(T_b_f, rng), NOISE)))
+        found.append(
+            ArcSample(f"arc {i + 1}", T_b_f, fit_dominant_circle(see_ball(T_b_f, rng), NOISE))
+        )
     return found
 
 

@@ -89,7 +89,7 @@ class Watcher:
     def report(self, message: str) -> None:
         self.told.append(message)
 
-    def show_progress(self, progress: CalibrationProgress) -> None:
+    def show_uncertainty(self, progress: CalibrationProgress) -> None:
         self.progress.append(progress)
 
 
@@ -132,7 +132,7 @@ class Knocked:
 class Clumsy:
     """The cell's probe, that slips by 3 mm at some touches."""
 
-    operator_instruction = "Touch"
+    touch_question = "Touch"
 
     def __init__(self, probe: SimulatedTouchProbe, slips: int) -> None:
         self._probe, self._slips = probe, slips
@@ -401,7 +401,7 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
     class JoggingHand:
         """Reads the pose that the hand left the arm in."""
 
-        operator_instruction = JoggedProbe(stage.cell.arm).operator_instruction
+        touch_question = JoggedProbe(stage.cell.arm).touch_question
 
         def touch(self, place_b: Array) -> Array:
             T_b_f = JoggedProbe(stage.cell.arm).touch(place_b)

@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf_text
-from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.path import joint_path, linear_path
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
@@ -53,7 +53,7 @@ def moved(shift: Array, turn: list[float]) -> Array:
     return pose(R, T_b_f[:3, 3] + shift)
 
 
-def assert_within(path: JointPath, limits: MotionLimits) -> None:
+def assert_within(path: JointTrajectory, limits: MotionLimits) -> None:
     """Differentiate the sampled path and compare with the limits."""
     if path.duration < SHORTEST:
         return

@@ -25,7 +25,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.writer import RecordingWriter
 from tjscan.scanning.reader import read_recorded_scan, read_views
 from tjscan.scanning.section import ProfileView, Substep
-from tjscan.scanning.topics import PROFILE, TOPICS, open_scan_recording
+from tjscan.scanning.topics import PROFILE, TOPICS, record_scan
 
 ROUNDING = 1e-12
 """Of a pose that is written as a quaternion, and multiplied a few times."""
@@ -53,7 +53,7 @@ def view(index: int, intensity: bool = True) -> ProfileView:
 
 def record(file: Path, count: int) -> list[ProfileView]:
     views = [view(i, intensity=i % 2 == 0) for i in range(count)]
-    with open_scan_recording(file) as journal:
+    with record_scan(file) as journal:
         for v in views:
             journal.record_view(v)
         journal.record_event("stop", "enough")
@@ -98,7 +98,7 @@ def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> Non
 @pytest.mark.parametrize("days", [0, 40])
 def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
     began = time.time()
-    with open_scan_recording(tmp_path / "scan.mcap") as journal:
+    with record_scan(tmp_path / "scan.mcap") as journal:
         for i in range(3):
             journal.record_view(replace(view(i), time=86400.0 * days + i))
     stamps = [1e-9 * log_time for topic, _, log_time, _ in contents(tmp_path) if topic == "/view"]

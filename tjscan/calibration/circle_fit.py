@@ -70,7 +70,9 @@ class CircleFit:
         return int(self.inlier.sum())
 
 
-def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS) -> CircleFit:
+def fit_dominant_circle(
+    profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS
+) -> CircleFit:
     """Fit the circle that most points of a profile lie on.
 
     Parameters

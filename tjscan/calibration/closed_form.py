@@ -193,11 +193,13 @@ def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolut
     found = [_Solution(R, *sensor_position(lines, plane, R)) for R in both]
     best, other = sorted(found, key=lambda solution: solution.residual)
     if best.residual > SIGN_RESIDUAL_RATIO * other.residual:
-        best = max(found, key=lambda solution: share_on_same_side(lines, plane, solution.p_f_s))
+        best = max(
+            found, key=lambda solution: sensor_on_flange_side_share(lines, plane, solution.p_f_s)
+        )
     return ClosedFormSolution(pose(best.R_f_s, best.p_f_s), singular, best.residual)
 
 
-def share_on_same_side(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> float:
+def sensor_on_flange_side_share(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> float:
     """Share of the lines for which sensor and flange stand on the same side of the plane.
 
     Parameters

@@ -12,7 +12,7 @@ from tjscan.calibration.circle_fit import CircleFit
 from tjscan.calibration.closed_form import (
     ClosedFormSolution,
     rotation_equations,
-    share_on_same_side,
+    sensor_on_flange_side_share,
     solve_closed_form,
     stack_lines,
 )
@@ -368,7 +368,10 @@ def _find_plane(
             PlaneModel.from_line_fits(T_b_f, fits, target, noise), T_f_s, np.zeros(3), every
         )
         behind = (
-            share_on_same_side(lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]) < 0.5
+            sensor_on_flange_side_share(
+                lines, target.boxplus(estimate.target), estimate.T_f_s[:3, 3]
+            )
+            < 0.5
         )
         found.append((behind, estimate.chi2, target, estimate))
     _, _, target, estimate = min(found, key=lambda one: one[:2])

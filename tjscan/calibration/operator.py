@@ -44,12 +44,12 @@ class Operator(Protocol):
         """Receive a message about what happened."""
         ...
 
-    def show_progress(self, progress: CalibrationProgress) -> None:
+    def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show how far the calibration has come, after each line."""
         ...
 
 
-class SilentOperator:
+class DefaultAnswerOperator:
     """Operator without a person: takes every question's default and shows nothing."""
 
     present = False
@@ -61,5 +61,5 @@ class SilentOperator:
     def report(self, message: str) -> None:
         """Ignore a message."""
 
-    def show_progress(self, progress: CalibrationProgress) -> None:
+    def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show no progress."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from tjscan.calibration.circle_fit import fit_circle
+from tjscan.calibration.circle_fit import fit_dominant_circle
 from tjscan.calibration.hand_eye import ArcSample, LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
@@ -81,7 +81,9 @@ def fit_arc_samples(
     refused : dict of str to CalibrationRefused
         By name, why each of the others shows none.
     """
-    return _sort(profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_circle(s.profile, noise)))
+    return _sort(
+        profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_dominant_circle(s.profile, noise))
+    )
 
 
 def _sort(

@@ -13,7 +13,7 @@ class TouchProbe(Protocol):
     """Touches the board with the arm's probe tip."""
 
     @property
-    def operator_instruction(self) -> str:
+    def touch_question(self) -> str:
         """Question to the operator before each touch; yes means that `touch` may go on."""
         ...
 
@@ -46,7 +46,7 @@ class JoggedProbe:
     arm: Arm
 
     @property
-    def operator_instruction(self) -> str:
+    def touch_question(self) -> str:
         """Question that asks the operator to jog the tip onto the board and say yes."""
         return "Jog the probe tip until it just touches the board, then say yes"
 

@@ -44,7 +44,7 @@ class SimulatedTouchProbe:
     rng: np.random.Generator
 
     @property
-    def operator_instruction(self) -> str:
+    def touch_question(self) -> str:
         """Question to the operator before the arm itself moves to touch."""
         return "Move the probe tip down onto the board"
 

@@ -11,7 +11,7 @@ from tjscan.calibration.closed_form import (
     LineBundle,
     rotation_candidates,
     rotation_equations,
-    share_on_same_side,
+    sensor_on_flange_side_share,
 )
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.sphere_model import SphereModel
@@ -53,7 +53,7 @@ def plane_calibration_starts(lines: LineBundle, count: int) -> list[tuple[Array,
     for g, k in zip(*np.unravel_index(order, cost.shape[:2]), strict=True):
         plane = PluckerPlane(u[g], solution[g, k, 3])
         # A sensor and a flange on different sides of the board are a mirror image.
-        if share_on_same_side(lines, plane, solution[g, k, :3]) > 0.5:
+        if sensor_on_flange_side_share(lines, plane, solution[g, k, :3]) > 0.5:
             found.append((pose(both[g, k], solution[g, k, :3]), plane))
         if len(found) == count:
             break

@@ -145,7 +145,7 @@ class CalibrationWizard:
             progress = current_progress(self.task, self.measurements, target)
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
-                self.operator.show_progress(progress)
+                self.operator.show_uncertainty(progress)
             if self.measurements.verification_profile is not None or not self._wants_more(progress):
                 if progress.result is None:
                     raise progress.refusal or CalibrationRefused("no lines", "none were taken")
@@ -200,9 +200,7 @@ class CalibrationWizard:
 
     def _touch(self, k: int, place_b: Array) -> None:
         x, y, z = 1e3 * place_b
-        question = (
-            f"{self.probe.operator_instruction}: place {k + 1} of {self.task.touches}, about "
-        )
+        question = f"{self.probe.touch_question}: place {k + 1} of {self.task.touches}, about "
         T_b_f = None
         if self.operator.confirm(
             Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)

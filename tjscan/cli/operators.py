@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.operator import Operator, Question, SilentOperator
+from tjscan.calibration.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.console import print_message
 from tjscan.core.errors import ConfigurationError
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from tjscan.calibration.session import CalibrationProgress
 
 
-class PrintOnlyOperator(SilentOperator):
+class PrintOnlyOperator(DefaultAnswerOperator):
     """Operator without a person: prints what happens, and answers with each question's default."""
 
     def report(self, message: str) -> None:
         """Print a message about what happened."""
         print_message(message)
 
-    def show_progress(self, progress: CalibrationProgress) -> None:
+    def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Print the uncertainty of the calibration so far."""
         sure, lines = progress.uncertainty, len(progress.samples)
         how = f"standard uncertainty {1e3 * sure.position:.3f} mm, {np.degrees(sure.rotation):.4f}°"

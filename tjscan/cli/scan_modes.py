@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
-from tjscan.calibration.operator import SilentOperator
+from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
@@ -88,7 +88,7 @@ def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
 def _station_operator(job: ScanJob) -> stations.StationOperator:
     """Who confirms that the arm stands at its station: a simulated one is there at once."""
     if job.arm.driver == "simulated":
-        return SilentOperator()
+        return DefaultAnswerOperator()
     return TerminalOperator("scan one station at a time, with --station")
 
 
@@ -96,7 +96,7 @@ def _end_scan(summary: ScanSummary, directory: Path, stop: StopRequest, *, json:
     """Print what was scanned, and exit with 130 or 1 where that is not all."""
     print_scan_summary(summary, directory, json=json)
     if not summary.complete:
-        raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
+        raise SystemExit(INTERRUPTED if stop.ends_after_section else 1)
 
 
 def _end_stations(
@@ -111,7 +111,7 @@ def _end_stations(
     short = [one.name for one in scans if not one.is_complete]
     if short:
         print_message(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
-        raise SystemExit(INTERRUPTED if stop.stop_after_section else 1)
+        raise SystemExit(INTERRUPTED if stop.ends_after_section else 1)
 
 
 def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:

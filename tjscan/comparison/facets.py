@@ -98,7 +98,7 @@ class MeshFacets:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
-    def signed_distances(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
+    def paired_signed_distances(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Signed distances of points from one triangle each.
 
         Parameters
@@ -135,7 +135,7 @@ class MeshFacets:
         ids : ndarray of int, shape (k,)
             One triangle for each point.
         """
-        signed, feature = self.signed_distances(points, ids)
+        signed, feature = self.paired_signed_distances(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
         out = np.flatnonzero(feature != INSIDE_TRIANGLE)
         if out.size:

@@ -98,13 +98,13 @@ class MeshDistance:
 
     def _walk(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
-        signed, feature = self.facets.signed_distances(points, ids)
+        signed, feature = self.facets.paired_signed_distances(points, ids)
         open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
         for _ in range(MOST_WALKS):
             if not open_.size:
                 break
             rows, near = self.facets.triangles_around_features(feature[open_])
-            there, on = self.facets.signed_distances(points[open_[rows]], near)
+            there, on = self.facets.paired_signed_distances(points[open_[rows]], near)
             # The nearest of each row comes first.
             order = np.lexsort((np.abs(there), rows))
             best = order[np.searchsorted(rows, np.arange(len(open_)))]

@@ -110,8 +110,8 @@ def _parabola(
     tolerance: float,
 ) -> CubicCurve | None:
     """The parabola over the neighbours' ends that explains most points; None if none does."""
-    start = before.points_at(before.parameter_of_point(*points[0].tolist()))
-    end = after.points_at(after.parameter_of_point(*points[-1].tolist()))
+    start = before.points_at(before.position_along_chord(*points[0].tolist()))
+    end = after.points_at(after.position_along_chord(*points[-1].tolist()))
     length = hypot(end[0] - start[0], end[1] - start[1])
     if length < tolerance:
         return None

@@ -60,7 +60,7 @@ class CubicCurve(NamedTuple):
         scale = 1 / hypot(1.0, slope)
         return (self.tx + slope * self.tz) * scale, (self.tz - slope * self.tx) * scale
 
-    def parameter_of_point(self, x: float, z: float) -> float:
+    def position_along_chord(self, x: float, z: float) -> float:
         """Parameter s of a point, along the chord."""
         return (x - self.cx) * self.tx + (z - self.cz) * self.tz
 

@@ -159,7 +159,7 @@ def correlated_sums(noise: NoiseCorrelation, basis: Array, owner: Index, columns
     return np.asarray(sums)
 
 
-def correlated_squares(
+def correlated_variance(
     noise: NoiseCorrelation, shares: Array, owner: Index, columns: Index
 ) -> Array:
     """``h R hᵀ`` for each side, h being the shares of its points; arguments as above."""

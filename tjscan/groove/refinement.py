@@ -19,7 +19,7 @@ from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.models import SideModel
 from tjscan.groove.noise import (
     NoiseCorrelation,
-    correlated_squares,
+    correlated_variance,
     estimate_correlation,
     noise_share_in_fit,
 )
@@ -383,7 +383,7 @@ def corners_between_sides(
     """
     places, corners = [], []
     for (a, b), (x, z) in zip(pairwise(sides), near.tolist(), strict=True):
-        place = intersect_curves(a, b, a.parameter_of_point(x, z))
+        place = intersect_curves(a, b, a.position_along_chord(x, z))
         if place is None:
             return None
         places.append(place)
@@ -449,7 +449,7 @@ def _evidence(
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
     variance = noise_variances(fitted, noise)
-    variance = variance * correlated_squares(noise, share, owner, row.columns[keep])
+    variance = variance * correlated_variance(noise, share, owner, row.columns[keep])
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * _UNIT**2

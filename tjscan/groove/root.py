@@ -187,7 +187,7 @@ def _without_root(
     last = max(end_of_support(on_bevel[:turn]) - 1, 0)
     while last + 1 < turn and on_bevel[last + 1] and not on_leg[last + 1]:
         last += 1
-    s_last = bevel.parameter_of_point(*row.points[last].tolist())
+    s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
     height = np.sqrt(_height_variances(row, found))
     p2 = covariance[:2, :2]
@@ -200,7 +200,7 @@ def _without_root(
         hidden = abs(int(row.columns[under] - row.columns[last]))
         s3 = s_last + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
-        s4 = leg.parameter_of_point(*p3.tolist())
+        s4 = leg.position_along_chord(*p3.tolist())
         along = step * hidden / sqrt(12)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
@@ -209,7 +209,7 @@ def _without_root(
         places = (fitted.places[0][0], s4)
         return TeeCorners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
-    s_first = leg.parameter_of_point(*row.points[min(first, len(row.points) - 1)].tolist())
+    s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
     reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)

@@ -92,10 +92,10 @@ def seam_cap_solid(definition: JointDefinition, seam: SeamWeldCap) -> manifold3d
     section = manifold3d.CrossSection([np.array(ring + back[::-1])], manifold3d.FillRule.NonZero)
     length = definition.leg_length
     prism = manifold3d.Manifold.extrude(section, length).translate((0, 0, -length / 2))
-    return prism.transform(leg_frame_matrix(definition))
+    return prism.transform(leg_axes_matrix(definition))
 
 
-def leg_frame_matrix(definition: JointDefinition) -> Array:
+def leg_axes_matrix(definition: JointDefinition) -> Array:
     """Matrix of the leg's frame: up, y and the leg's axis as columns, no shift, shape (3, 4)."""
     up = (-np.cos(definition.angle), 0.0, np.sin(definition.angle))
     return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg_surface.axis, np.zeros(3)))

@@ -39,7 +39,7 @@ class RecordingHeader:
     format: int = FORMAT_VERSION
 
     @classmethod
-    def for_version_0_1(cls) -> Self:
+    def default_for_version_0_1(cls) -> Self:
         """Header of recordings of version 0.1.0, which hold none themselves."""
         return cls("0.1.0", 1)
 

@@ -98,7 +98,7 @@ def read_header(file: Path) -> RecordingHeader | None:
         made = made or isinstance(record, McapHeader)
         if isinstance(record, Metadata) and record.name == HEADER_RECORD:
             return RecordingHeader.from_metadata(record.metadata)
-    return RecordingHeader.for_version_0_1() if made else None
+    return RecordingHeader.default_for_version_0_1() if made else None
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:

@@ -59,7 +59,7 @@ class MotionLimits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointPath:
+class JointTrajectory:
     """A timed path in joint space, rest to rest.
 
     Between the waypoints runs a cubic spline. Its parameter u goes from 0 to 1 with a
@@ -102,7 +102,7 @@ class JointPath:
 
 def fastest_joint_path(
     q: Array, points_b: Array, velocity: Array, limits: MotionLimits
-) -> JointPath:
+) -> JointTrajectory:
     """Time a path as fast as the limits allow, with a trapezoid of speed.
 
     With path speed v = du/dt and path acceleration a, a joint has speed q' v and acceleration
@@ -128,7 +128,7 @@ def fastest_joint_path(
         float((first / (limits.joint_speed * velocity)).max()), float(first_p / limits.tcp_speed)
     )
     if slowness == 0:
-        return JointPath(q, 0.0, 0.0)
+        return JointTrajectory(q, 0.0, 0.0)
     fastest = 1 / slowness
     G, C = (
         max(float(d.max() / limits.joint_acceleration), float(d_p / limits.tcp_acceleration))
@@ -139,7 +139,7 @@ def fastest_joint_path(
     best = sqrt(2 / (G * (2 * B + 1 + sqrt(8 * B + 1))))
     v = min(fastest, best)
     ramp = v * G / (1 - C * v**2)
-    return JointPath(q, 1 / v + ramp, ramp)
+    return JointTrajectory(q, 1 / v + ramp, ramp)
 
 
 def _spline(values: Array) -> CubicSpline:

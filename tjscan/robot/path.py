@@ -11,7 +11,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
-from tjscan.robot.motion import JointPath, MotionLimits, fastest_joint_path
+from tjscan.robot.motion import JointTrajectory, MotionLimits, fastest_joint_path
 
 SPACING: Final = 5e-3
 """Metres between the waypoints of a line; the spline between them strays by micrometres."""
@@ -30,7 +30,9 @@ JUMP: Final = radians(20)
 configuration because it ran into its limit."""
 
 
-def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits) -> JointPath:
+def linear_path(
+    kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits
+) -> JointTrajectory:
     """Timed path of the flange's origin on a straight line, turning evenly about one axis.
 
     Parameters
@@ -53,7 +55,9 @@ def linear_path(kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLi
     return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
 
-def joint_path(kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits) -> JointPath:
+def joint_path(
+    kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits
+) -> JointTrajectory:
     """Timed path of all joints in proportion, `q` to `goal`, each of shape (n,), in radians."""
     waypoints = interpolate_joints(q, goal)
     points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])

@@ -16,7 +16,7 @@ from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, pose, readonly_copy
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 
@@ -138,14 +138,14 @@ class SimulatedArm(DeviceBase):
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
-    def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
+    def _linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
         return linear_path(self.kinematics, q, T_b_f, self.limits)
 
-    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointPath:
+    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
-    def _move(self, plan: Callable[[Array], JointPath]) -> ArmState:
+    def _move(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
         self._need_connection()
         with self._latch.hold_for_move():
             q, start = self._now
@@ -163,7 +163,7 @@ class SimulatedArm(DeviceBase):
             )
         return self.state()
 
-    def _wait(self, path: JointPath, start: float) -> float:
+    def _wait(self, path: JointTrajectory, start: float) -> float:
         """Let a move take its time, and return the seconds of it that passed."""
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:

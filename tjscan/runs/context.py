@@ -29,7 +29,7 @@ from tjscan.runs.directory import make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.topics import open_scan_recording
+from tjscan.scanning.topics import record_scan
 
 
 def do_nothing_when_finished(directory: Path) -> None:
@@ -126,7 +126,7 @@ class RunContext:
         """Record into a run directory while the block runs; gives the journal that writes it."""
         arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
-        with open_scan_recording(
+        with record_scan(
             next_recording_file(directory),
             self.job_snapshot(directory),
             joint_names=arm.joint_names,

@@ -16,7 +16,14 @@ from tjscan.core.files import DRAFT_PREFIX, lock_directory, write_files_atomical
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
-from tjscan.result.directory import CALIBRATION, JOB, JOINT, URDF, job_label, job_label_of_run
+from tjscan.result.directory import (
+    CALIBRATION,
+    JOB,
+    JOINT,
+    URDF,
+    job_label_of_run,
+    job_name_and_hash,
+)
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
@@ -71,7 +78,7 @@ def make_run_directory(
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
         text = _text(job, draft)
-        name = job_label(_first_name(job_file), text.encode())
+        name = job_name_and_hash(_first_name(job_file), text.encode())
         head = Provenance.for_file_written_now(name, "w" if job.station else "b").comment_lines("#")
         (draft / JOB).write_text(head + text, encoding="utf-8")
 

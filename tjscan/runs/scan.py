@@ -90,7 +90,7 @@ def scan_in_cell(
             first, second = job.start_poses
             return scanner.run(first.T, second.T)
         except TjscanError as error:
-            if stop.stop_now:
+            if stop.must_stop_now:
                 journal.record_event(
                     ScanEvent.INTERRUPTED, f"by the operator: {message_with_notes(error)}"
                 )

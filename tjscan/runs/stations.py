@@ -139,7 +139,7 @@ def resume_stations(
             found = _found(directory, name)
             if found.is_complete:
                 continue
-            if context.stop.stop_after_section or not _stands(job, found, operator):
+            if context.stop.ends_after_section or not _stands(job, found, operator):
                 break
             with (
                 _saying_how_to_go_on(directory, name),

@@ -155,7 +155,7 @@ class Scanner:
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end(stop)
             self._stop.raise_if_stop_now()
-            if self._stop.stop_after_section:
+            if self._stop.ends_after_section:
                 self._log.record_event(
                     ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}"
                 )

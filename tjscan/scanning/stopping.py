@@ -16,12 +16,12 @@ class StopRequest:
         self._halt: Callable[[], None] | None = None
 
     @property
-    def stop_after_section(self) -> bool:
+    def ends_after_section(self) -> bool:
         """Whether the scan shall end after the section under way."""
         return self._wanted
 
     @property
-    def stop_now(self) -> bool:
+    def must_stop_now(self) -> bool:
         """Whether nothing shall move any more."""
         return self._at_once
 

@@ -269,7 +269,7 @@ class RecordingJournal:
 
 
 @contextmanager
-def open_scan_recording(
+def record_scan(
     file: Path,
     origin: JobSnapshot | None = None,
     *,

@@ -19,7 +19,7 @@ from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointPath, MotionLimits
+from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
@@ -135,23 +135,23 @@ class UrArm(DeviceBase):
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
-    def _linear_path(self, q: Array, T_b_f: Array) -> JointPath:
+    def _linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
         return linear_path(self.kinematics, q, T_b_f, self.limits)
 
-    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointPath:
+    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         return joint_path(self.kinematics, q, goal, self.limits)
 
     def _linear_command(
-        self, session: ControllerSession, path: JointPath, T_b_f: Array
+        self, session: ControllerSession, path: JointTrajectory, T_b_f: Array
     ) -> MoveCommand:
         return linear_command(session, self.kinematics, path, T_b_f)
 
     def _move(
         self,
         T_b_f: Array,
-        plan: Callable[[Array, Array], JointPath],
-        order: Callable[[ControllerSession, JointPath, Array], MoveCommand],
+        plan: Callable[[Array, Array], JointTrajectory],
+        order: Callable[[ControllerSession, JointTrajectory, Array], MoveCommand],
     ) -> ArmState:
         session = self._connected
         with self._latch.hold_for_move():

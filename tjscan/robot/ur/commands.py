@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.core.errors import TargetRefused
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointPath
+from tjscan.robot.motion import JointTrajectory
 from tjscan.robot.ur.session import ControllerSession
 
 NO_LENGTH: Final = 1e-6
@@ -50,7 +50,7 @@ class MoveCommand:
 
 
 def linear_command(
-    session: ControllerSession, kinematics: Kinematics, path: JointPath, T_b_f: Array
+    session: ControllerSession, kinematics: Kinematics, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """Command that moves the flange on a straight line along a path that ends at a pose.
 
@@ -66,7 +66,7 @@ def linear_command(
     return MoveCommand("move_linear", session.active_tcp_pose(T_b_f), *_bounds(path, length))
 
 
-def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> MoveCommand:
+def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Array) -> MoveCommand:
     """Command that moves in joint space along a path that ends at a pose.
 
     The controller knows how its arm differs from the drawing; ours is the configuration.
@@ -92,7 +92,7 @@ def joint_command(session: ControllerSession, path: JointPath, T_b_f: Array) -> 
 
 
 def _turn_command(
-    session: ControllerSession, kinematics: Kinematics, path: JointPath, T_b_f: Array
+    session: ControllerSession, kinematics: Kinematics, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
@@ -104,7 +104,7 @@ def _turn_command(
     return joint_command(session, path, T_b_f)
 
 
-def _bounds(path: JointPath, length: float) -> tuple[float, float]:
+def _bounds(path: JointTrajectory, length: float) -> tuple[float, float]:
     """Speed and acceleration along a path of this length that take as long as it does."""
     speed = length / (path.duration - path.ramp)
     return speed, speed / path.ramp

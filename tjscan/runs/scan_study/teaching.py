@@ -166,7 +166,7 @@ def taught_sensor_poses(
     return first_view, second_view
 
 
-def azimuths_at_arc_shares(
+def azimuths_at_plan_shares(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
 ) -> list[float]:
     """Azimuths at shares (0 to 1) of the arc that a plan scans.
@@ -206,7 +206,7 @@ def joint_pose_for_carried_base(
     ndarray, shape (4, 4)
         T_b_j: at home the arm looks at the middle of the arc.
     """
-    (middle,) = azimuths_at_arc_shares(joint, azimuth, plan, [0.5])
+    (middle,) = azimuths_at_plan_shares(joint, azimuth, plan, [0.5])
     return T_b_s_home @ inverse_pose(ideal_sensor_pose(joint, middle, plan))
 
 
@@ -231,7 +231,7 @@ def plan_with_centred_groove(
     corners = np.concatenate(
         [
             _corners_s(joint, phi, plan)
-            for phi in azimuths_at_arc_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
+            for phi in azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
         ]
     )
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
