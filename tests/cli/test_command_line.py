@@ -177,7 +177,7 @@ def test_groove_reads_a_run_again(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "readings.png"
-    assert tjscan("groove", run, "--json", "--plot", picture) == 0
+    assert tjscan("groove", run, "--json", "--plot", picture, pictures=True) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["readings"]) == 8
     assert all(reading["found"] for reading in told["readings"])

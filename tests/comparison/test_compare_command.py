@@ -117,7 +117,7 @@ def test_icp_from_a_true_pose_stays_there(run: Path, capsys: pytest.CaptureFixtu
 
 def test_the_picture_is_drawn_where_azimuths_are(run: Path, tmp_path: Path) -> None:
     picture = tmp_path / "map.png"
-    assert tjscan("compare", run, CAD, "--plot", picture) == 0
+    assert tjscan("compare", run, CAD, "--plot", picture, pictures=True) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert tjscan("compare", run, CAD, "--plot", tmp_path / "map.docx") == 2
 
@@ -139,7 +139,7 @@ def test_a_picture_that_cant_be_written_is_refused_before_anything_is_computed(
 def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(run: Path, tmp_path: Path) -> None:
     odd = tmp_path / r"$\frac$ & <b>"
     shutil.copytree(run, odd)
-    assert tjscan("compare", odd, CAD, "--plot", tmp_path / "map.png") == 0
+    assert tjscan("compare", odd, CAD, "--plot", tmp_path / "map.png", pictures=True) == 0
 
 
 def write_xyz(file: Path, points: Array) -> None:

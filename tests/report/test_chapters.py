@@ -31,7 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("runs") / "exact"
     keys = {**FAULTLESS, "scan.sections": 4}
     options = [word for key, value in keys.items() for word in (f"--{key}", value)]
-    assert tjscan("scan", PAPER, "--out", directory, *options) == 0
+    assert tjscan("scan", PAPER, "--out", directory, *options, pictures=True) == 0
     return directory
 
 

@@ -70,7 +70,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("runs") / "exact"
     keys = {**FAULTLESS, "scan.sections": 6}
     options = [word for key, value in keys.items() for word in (f"--{key}", value)]
-    assert tjscan("scan", PAPER, "--out", directory, *options) == 0
+    assert tjscan("scan", PAPER, "--out", directory, *options, pictures=True) == 0
     return directory
 
 
@@ -198,7 +198,7 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     again = tmp_path / "again"
     shutil.copytree(run, again)
     (again / "report.html").unlink()
-    assert tjscan("report", again, "--reference", CAD, "--tolerance-mm", "0.5") == 0
+    assert tjscan("report", again, "--reference", CAD, "--tolerance-mm", "0.5", pictures=True) == 0
     text = Page((again / "report.html").read_text(encoding="utf-8")).text
     assert "within tolerance" in text
     assert "tolerance of 0.5 mm" in text

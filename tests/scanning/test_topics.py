@@ -109,7 +109,7 @@ def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, da
 def test_a_profile_without_its_view_is_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "scan.mcap", TOPICS) as recording:
         recording.write(0, (PROFILE, PointCloud()))
-    with pytest.raises(RecordingError, match="a profile without a view"):
+    with pytest.raises(RecordingError, match="no message on /view before it"):
         read_recorded_scan(tmp_path)
 
 

@@ -132,7 +132,7 @@ def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: 
 
 def test_the_command_writes_tables_pictures_and_a_report(study: Path, tmp_path: Path) -> None:
     out = tmp_path / "s"
-    assert tjscan("study", study, "--out", out, "--workers", 1) == 0
+    assert tjscan("study", study, "--out", out, "--workers", 1, pictures=True) == 0
     names = {file.name for file in out.iterdir()}
     assert names >= {"study.csv", "study.parquet", "report.md", "steps.png", "effort.png"}
     table = pq.read_table(out / "study.parquet")
