@@ -34,7 +34,8 @@ def test_two_runs_become_one_groove(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "stitched"
-    assert tjscan("stitch", runs / "right", runs / "left", "--out", out, "--json") == 0
+    runs_in_order = (runs / "right", runs / "left")
+    assert tjscan("stitch", *runs_in_order, "--out", out, "--json", pictures=True) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["summary"]["frame"] == "j"
     assert [one["name"] for one in told["summary"]["stations"]] == ["left", "right"]
