@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 import numpy as np
 import trimesh
@@ -131,10 +131,10 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
             key="laser.driver",
         )
     if job.laser.driver_kind is DriverKind.REAL:
-        cell = make_cell(job, T_f_s, _no_scene)
+        cell = make_cell(job, T_f_s, _refuse_board_without_simulation)
         return cell, JoggedProbe(cell.arm)
     if simulation is None:
-        raise ConfigurationError("a simulated board needs the table [simulation]")
+        _refuse_board_without_simulation()
     truth = simulation.board or SimulatedBoardSettings(
         position=board.position, euler_zyx=board.euler_zyx
     )
@@ -151,7 +151,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     return cell, probe
 
 
-def _no_scene() -> SimulatedScene:
+def _refuse_board_without_simulation() -> NoReturn:
     raise ConfigurationError("a simulated board needs the table [simulation]")
 
 
