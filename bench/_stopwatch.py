@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from statistics import median
 from time import perf_counter
-from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
@@ -36,12 +35,7 @@ class Stopwatch:
         self._start = perf_counter()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Note what the block took, and time the reference task again."""
         self.seconds.append(perf_counter() - self._start)
         self._time_reference()

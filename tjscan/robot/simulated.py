@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from itertools import chain, repeat
-from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
@@ -90,12 +89,7 @@ class SimulatedArm(DeviceBase):
         self._connected = True
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop, and take no more commands."""
         self.stop()
         self._connected = False

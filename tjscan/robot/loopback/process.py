@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Final, Self
 
 from tjscan.core.errors import ArmNotConnected, ArmNotResponding
@@ -55,12 +54,7 @@ class LoopbackProcess:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._end()
 
     def schedule_fault(self, line: str) -> None:

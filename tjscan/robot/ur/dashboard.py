@@ -6,7 +6,6 @@ Spoken directly, for it has to work when the client library hangs.
 from __future__ import annotations
 
 import socket
-from types import TracebackType
 from typing import Final, Self
 
 from tjscan.core.errors import ArmFault, ArmNotConnected, ArmNotResponding
@@ -57,12 +56,7 @@ class DashboardClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def ask(self, line: str) -> str:
