@@ -54,8 +54,8 @@ class DeviationDistances:
         What was measured, in the reference's frame, metres.
     distances : ndarray, shape (n,)
         Metres.
-    within : float or None
-        Share of absolute distances within the tolerance.
+    tolerance : float or None
+        Metres.
     """
 
     kind: str
@@ -63,11 +63,23 @@ class DeviationDistances:
     signed: bool
     points: Array
     distances: Array
-    within: float | None = None
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", readonly_copy(self.points))
         object.__setattr__(self, "distances", readonly_copy(self.distances))
+
+    @property
+    def known(self) -> Array:
+        """Distances that are known, shape (k,), metres: a corner that is absent has none."""
+        return self.distances[~np.isnan(self.distances)]
+
+    @property
+    def within(self) -> float | None:
+        """Share of absolute distances within the tolerance; None where there is none."""
+        if self.tolerance is None:
+            return None
+        return float(np.mean(np.abs(self.known) <= self.tolerance))
 
     @property
     def statistics(self) -> DistanceStatistics:
@@ -221,9 +233,9 @@ def _deviations(
     def deviation(
         kind: str, meaning: str, signed: bool, points: Array, d: Array
     ) -> DeviationDistances:
-        known = d[~np.isnan(d)]
-        within = None if tolerance is None else float(np.mean(np.abs(known) <= tolerance))
-        return DeviationDistances(kind, meaning, signed, points.reshape(-1, 3), d.ravel(), within)
+        return DeviationDistances(
+            kind, meaning, signed, points.reshape(-1, 3), d.ravel(), tolerance
+        )
 
     points, corners = measured.points, measured.corners
     if surface is not None and points is not None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from tjscan.comparison.maps import deviation_map_figure
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure
@@ -37,7 +35,7 @@ def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
         rows.append(
             (
                 deviation.kind,
-                str(int(np.count_nonzero(~np.isnan(deviation.distances)))),
+                str(len(deviation.known)),
                 *(f"{number:.3f}" for number in numbers),
                 within,
             )

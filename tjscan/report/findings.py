@@ -96,11 +96,10 @@ def _compared(data: ReportData) -> Iterator[str]:
     for deviation in comparison.deviations:
         if comparison.tolerance is None or not deviation.kind.startswith("corners"):
             continue
-        known = deviation.distances[~np.isnan(deviation.distances)]
-        over = int((known > comparison.tolerance).sum())
+        over = int((deviation.known > comparison.tolerance).sum())
         if over:
             yield (
-                f"{over} of {len(known)} corners lie farther than "
+                f"{over} of {len(deviation.known)} corners lie farther than "
                 f"{1e3 * comparison.tolerance:g} mm from {comparison.reference.name}."
             )
     yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in comparison.warnings)
