@@ -15,6 +15,7 @@ from tjscan.groove.fit import (
     fit_groove_to_profile,
 )
 from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
+from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints
 from tjscan.groove.root import TeeCorners, find_tee_corners
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.settings import DEFAULT, GrooveSettings
@@ -24,7 +25,13 @@ from tjscan.laser.profile import Profile
 LEAST_DEPTH: Final = 4e-3
 """Depth of the shallowest groove that is read, in metres."""
 
-__all__ = ["DEFAULT", "GrooveSettings", "find_groove", "fit_groove_to_profile"]
+__all__ = [
+    "DEFAULT",
+    "GrooveSettings",
+    "find_groove",
+    "find_groove_with_fit",
+    "fit_groove_to_profile",
+]
 
 
 def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveSection:
@@ -44,6 +51,16 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
         uncertain.
     ValueError
         If the model has no such section.
+    """
+    return find_groove_with_fit(profile, settings)[0]
+
+
+def find_groove_with_fit(
+    profile: Profile, settings: GrooveSettings = DEFAULT
+) -> tuple[GrooveSection, OrderedProfilePoints, FittedProfile]:
+    """Read the groove's section off a profile; give also the points and sides it rests on.
+
+    Parameters and errors are those of `find_groove`.
     """
     if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
@@ -70,7 +87,7 @@ def find_groove(profile: Profile, settings: GrooveSettings = DEFAULT) -> GrooveS
             "already welded, or there is none",
             row.points,
         )
-    return section
+    return section, row, found.fitted
 
 
 def _section(found: GrooveCandidate, corners: TeeCorners) -> GrooveSection:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove, fit_groove_to_profile
+from tjscan.groove.find import find_groove_with_fit
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
@@ -76,8 +76,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        row, fitted = fit_groove_to_profile(profile, settings)
-        points = find_groove(profile, settings).points_s[1:4, [0, 2]]
+        section, row, fitted = find_groove_with_fit(profile, settings)
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
@@ -95,7 +94,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
         line = np.array([curve.points_at(float(s)) for s in np.linspace(first, last, ALONG)])
         axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
-    for number, point in enumerate(points, start=2):
+    for number, point in enumerate(section.points_s[1:4, [0, 2]], start=2):
         if f"p{number}" in absent:
             continue
         z, x = _zx(point[None])
