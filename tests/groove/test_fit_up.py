@@ -154,7 +154,7 @@ def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
     assert off[known].max(initial=0.0) < 1 * MM
 
 
-@pytest.mark.parametrize("pull", [0.4, 0.8])
+@pytest.mark.parametrize("pull", [0.2, 0.4, 0.8])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_notch_that_light_pulls_in_is_stated_to_be_unknown(pull: float, seed: int) -> None:
     groove = Groove(root=0.006)
