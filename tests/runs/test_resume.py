@@ -94,6 +94,20 @@ def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) 
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
 
 
+def test_a_finished_scan_measures_nothing_more_and_its_results_are_written(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = cut(whole, tmp_path / "run", 1.0)
+    before = (run / "scan.mcap").read_bytes()
+    assert tjscan("scan", "--resume", run) == 0
+    assert "nothing is left to scan" in " ".join(capsys.readouterr().err.split())
+    assert recording_files(run) == [run / "scan.mcap"]
+    assert (run / "scan.mcap").read_bytes() == before
+    np.testing.assert_array_equal(corners(run), corners(whole))
+    again, then = (json.loads((d / "summary.json").read_text("utf-8")) for d in (run, whole))
+    assert {key for key in then if again[key] != then[key]} <= {"provenance"}
+
+
 @pytest.mark.parametrize("recorded", [None, 0, 5, 100], ids=str)
 def test_a_scan_that_was_killed_as_it_began_to_record_begins_again(
     whole: Path, tmp_path: Path, recorded: int | None

@@ -211,7 +211,5 @@ def _seen(view: ProfileView, T_f_s: Array) -> ProfileView:
 
 def _end(recorded: RecordedScan, found: int) -> tuple[StopReason, str]:
     """Why the scan ended, and that this is another reading of it."""
-    known = (reason for reason in StopReason if recorded.stop_reason.startswith(reason))
-    stop = next(known, StopReason.CUT)
     again = f"{found} of {len(recorded.sections)} sections read again"
-    return stop, f"{recorded.stop_reason or StopReason.CUT.value}; {again}"
+    return recorded.stop, f"{recorded.stop_reason or StopReason.CUT.value}; {again}"

@@ -27,6 +27,7 @@ from tjscan.runs.results import write_scan_results
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup
+from tjscan.scanning.progress import plan_is_fulfilled
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
@@ -135,6 +136,8 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
 def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
     """Resume an interrupted scan after its last finished section.
 
+    Of a scan that did what its job asks for only the results are written, from its recording.
+
     Parameters
     ----------
     context : RunContext
@@ -160,6 +163,15 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory)
             changed = changes_since_recording(directory, done, context.job_snapshot(directory))
+        if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
+            context.journal.record_event(
+                "complete", "nothing is left to scan; the results are written from the recording"
+            )
+            sections = done.reread_sections(groove_reader_of_job(context.job))
+            result = ScanResult(
+                sections, done.views, done.stop, done.stop_reason, done.retry_counts
+            )
+            return write_job_results(context, directory, result)
         cell = context.make_cell(left=done.views[-1] if done and done.views else None)
         with context.open_recording(directory) as journal:
             for key, what in changed:

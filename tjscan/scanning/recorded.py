@@ -11,6 +11,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import RetryCounts, ScanEvent
+from tjscan.scanning.progress import StopReason
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.tacks import with_tack_named
 
@@ -100,6 +101,12 @@ class RecordedScan:
         """Reason why the scan ended; empty where it did not."""
         last = self.events[-1] if self.events else None
         return last.detail if last is not None and last.name == ScanEvent.STOP else ""
+
+    @property
+    def stop(self) -> StopReason:
+        """Why the scan ended; `StopReason.CUT` where it did not."""
+        known = (reason for reason in StopReason if self.stop_reason.startswith(reason))
+        return next(known, StopReason.CUT)
 
     def reread_sections(
         self, read: Callable[[Profile], GrooveSection]
