@@ -140,6 +140,22 @@ def test_what_is_simulated_needs_its_world(
         RunContext(read_scan_job(file, overrides), file).make_cell()
 
 
+@pytest.mark.parametrize(
+    "overrides", [{"laser.driver": "points"}, {"laser.points": {"host": "10.0.0.2"}}], ids=str
+)
+def test_a_driver_of_another_package_with_the_name_of_a_key_is_refused(
+    overrides: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = {**LASER_DRIVERS._places, "points": LASER_DRIVERS._places["simulated"]}
+    monkeypatch.setitem(vars(LASER_DRIVERS), "_places", places)
+    assert read_scan_job(PAPER, {"laser.points": 320}).laser.points == 320
+    with pytest.raises(
+        ConfigurationError, match=r"'points'.*a key of the table \[laser\]"
+    ) as caught:
+        read_scan_job(PAPER, overrides)
+    assert caught.value.key == "laser.driver"
+
+
 @pytest.mark.usefixtures("acme")
 class TestDriverOfAnotherPackage:
     """Its table is checked like our own."""

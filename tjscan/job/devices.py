@@ -102,9 +102,16 @@ class DeviceSettings(SettingsTable):
     def _read(cls, data: Any, read: Callable[[Any], Self]) -> Self:
         if not isinstance(data, dict):
             return read(data)
-        if isinstance(driver := data.get("driver"), str):
+        driver, keys = data.get("driver"), super().file_key_types()
+        for name in cls.registry.names:
+            if name in keys and (driver == name or isinstance(data.get(name), dict)):
+                raise ConfigurationError(
+                    f"a package registers the driver {name!r}, and that is a key of the table "
+                    f"[{cls.registry.kind}]: it has to register it by another name",
+                    key=cls.registry.key,
+                )
+        if isinstance(driver, str):
             cls.registry.load(driver)  # before its table is taken for an unknown key
-        keys = super().file_key_types()
         names = [name for name in cls.registry.names if name in data and name not in keys]
         own = {name: cls._settings(name, data[name]) for name in names}
         table = read({key: value for key, value in data.items() if key not in own})
