@@ -31,26 +31,12 @@ def teach(
     json
         Print the pose as JSON on stdout.
     """
-    from json import dumps
-
-    from tjscan.cli.console import print_message
     from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.teach_output import print_taught_pose
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
-    from tjscan.result.readings import measures_with_sigmas
     from tjscan.runs.teach import teach_pose
 
     with add_file_to_errors(job):
         here = read_scan_job(job, parse_overrides(overrides)).job_at_station(station)
-    taught = teach_pose(here, job, which)
-    pose = {"position_mm": taught.position_mm, "euler_zyx_deg": taught.euler_zyx_deg}
-    if json:
-        print(dumps({"which": which, **pose}, indent=2))
-    seen = ", ".join(
-        f"{name} {value:.2f}" for name, value, _ in measures_with_sigmas(taught.groove)
-    )
-    print_message(f"the laser sees a groove there: {seen}")
-    print_message(
-        f"{job}: {'.'.join(taught.key)} is now {list(taught.position_mm)} mm, "
-        f"{list(taught.euler_zyx_deg)}°"
-    )
+    print_taught_pose(teach_pose(here, job, which), job, which, json=json)
