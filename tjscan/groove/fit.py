@@ -31,6 +31,7 @@ from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segm
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.shape import points_lead_away_from_side, undulation_sigmas
 from tjscan.groove.uncertainty import corner_estimates
+from tjscan.groove.without_root import least_loss_without_root
 from tjscan.laser.profile import Profile
 
 FEWEST: Final = 4
@@ -59,6 +60,10 @@ ninety points of a profile are independent."""
 
 LEFT_OUT: Final = (0.3, 0.45, 1.0)
 """Share of the points that a fit may leave unexplained for each budget and need no other one."""
+
+REFIT_GAIN: Final = 6.0
+"""More points than this, beyond those that its sides explain as they are, no refit of a fit
+explains."""
 
 STUCK: Final = 3.0
 """Points this near a side, in tolerances, are of its surface or of what sticks to it, as scale."""
@@ -188,7 +193,7 @@ def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandid
         segments = find_segments(row.points, settings.support_tolerance, budget)
         for forms in stages:
             for form in forms:
-                if len(form.sides) <= len(model.sides):
+                if len(form.sides) <= len(model.sides) and not search.rules_out(form):
                     own = replace(settings, model=form)
                     search.add(form, _hypotheses(row, segments, own, budget))
             if forms is others:
@@ -234,6 +239,16 @@ class _Search:
             if one.cost <= hypotheses[0].cost + RIVAL_MARGIN:
                 self._refine(model, one)
 
+    def rules_out(self, form: GrooveModel) -> bool:
+        """Whether a form without the face at the root explains too little to be looked for."""
+        sound = [c for c in self.found if c.objection is None and c.model.has_root_bead]
+        if not sound or form.has_root_bead:
+            return False
+        best = min(sound, key=lambda c: c.cost).fitted
+        saved = SIDE_COST + DETACHED * np.count_nonzero(~has_points_beside_corners(best))
+        loss = least_loss_without_root(self._row, best, self._settings.support_tolerance)
+        return bool(loss > saved + REFIT_GAIN)
+
     def derive(self) -> None:
         """Try what other forms the fits so far suggest."""
         tolerance = self._settings.support_tolerance
@@ -241,6 +256,10 @@ class _Search:
         while self._derived < len(self.found):
             one = self.found[self._derived]
             self._derived += 1
+            as_fitted = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
+            if one.model.has_root_bead:
+                again = fit_bead(self._row, as_fitted, one.model, tolerance)
+                self._refine(one.model, None if again is as_fitted else again)
             for form in (model, *model.alternatives):
                 if len(form.sides) != len(one.model.sides) + 1:
                     continue
@@ -248,8 +267,7 @@ class _Search:
                 if form.has_root_bead and (
                     not one.model.has_root_bead or one.objection is not None
                 ):
-                    open_ = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
-                    self._refine(form, add_root_bead(self._row, open_, tolerance))
+                    self._refine(form, add_root_bead(self._row, as_fitted, tolerance))
                 if one.model is model:
                     divided = _divided(model, form)
                     self._refine(
