@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import LaserRayHits
+
+if TYPE_CHECKING:
+    from tjscan.laser.optics import LaserRayHits
 
 
 class PointOrigin(IntEnum):

@@ -1,0 +1,145 @@
+"""A V butt joint between two plates of a ship's hull, as its file and a job describe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import tan
+from pathlib import Path
+from typing import Annotated, Final
+
+from annotated_types import Ge, Gt, Le, Len
+
+from tjscan.core.config import read_toml, validate_table
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
+
+METRES: Final = FileUnit("m")
+
+NARROWEST_GAP: Final = -1e-6
+"""Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HullTack(SettingsTable):
+    """A tack weld in the root.
+
+    Parameters
+    ----------
+    at : float
+        Of its middle along the joint, in metres.
+    length : float
+        Along the joint, in metres; its ends slope down over as much as it is high.
+    height : float
+        Over the groove's bottom, in metres.
+    """
+
+    at: Annotated[float, Ge(0.0), Le(1000.0), METRES]
+    length: Annotated[float, Ge(2.0), Le(500.0), MM] = 0.03
+    height: Annotated[float, Gt(0.0), Le(40.0), MM] = 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeldBead(SettingsTable):
+    """What a pass adds to the cross-section: a face that is a parabola from toe to toe.
+
+    Parameters
+    ----------
+    level : float
+        Height of its toes over the groove's bottom, in metres: the depth of the groove puts
+        them on the hull.
+    crown : float
+        How far its middle rises over (or sags below) its toes, in metres.
+    left, right : float
+        Where its toes lie, as shares of half the groove's width at its level; -1 to 1 reaches
+        from bevel to bevel, more laps over the hull.
+    """
+
+    level: Annotated[float, Ge(0.0), Le(60.0), MM]
+    crown: Annotated[float, Ge(-5.0), Le(10.0), MM] = 0.0
+    left: Annotated[float, Ge(-2.0), Le(2.0)] = -1.0
+    right: Annotated[float, Ge(-2.0), Le(2.0)] = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.left < self.right:
+            raise ValueError("left must be smaller than right")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HullJoint(SettingsTable):
+    """A V butt joint in a hull: groove, misfit, tacks, course, and what each pass leaves in it.
+
+    Parameters
+    ----------
+    width : float
+        Between the two top edges, in metres.
+    depth : float
+        Of the groove from the hull's outside, in metres: the plates' thickness.
+    opening_angle : float
+        Between the bevels, in radians.
+    root_face : float
+        Height of the square edge below each bevel, in metres.
+    backing : bool
+        Whether a strip closes the root gap; without, nothing is seen through it.
+    high_low : float
+        Height of the right plate over the left one, out of the hull, in metres.
+    length : float
+        Along the joint, in metres.
+    radius : float or None
+        Of the joint's line in the hull's surface, in metres, positive where it bends to the
+        right of who goes along it; None where it is straight.
+    tacks : tuple of HullTack
+    beads : tuple of WeldBead
+        What pass 1, 2 … lays down.
+    ripple : float
+        Standard deviation of the beads' height along the joint, in metres.
+    """
+
+    width: Annotated[float, Ge(4.0), Le(120.0), MM] = 0.030
+    depth: Annotated[float, Ge(3.0), Le(60.0), MM] = 0.020
+    opening_angle: Annotated[float, Ge(30.0), Le(100.0), DEG] = 1.0471975511965976
+    root_face: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
+    backing: bool = True
+    high_low: Annotated[float, Ge(-10.0), Le(10.0), MM] = 0.0
+    length: Annotated[float, Gt(0.0), Le(1000.0), METRES] = 2.0
+    radius: Annotated[float | None, METRES] = None
+    tacks: Annotated[tuple[HullTack, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE] = ()
+    beads: Annotated[tuple[WeldBead, ...], Len(0, 50), LIST_OR_WORD_IN_FILE] = ()
+    ripple: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.root_face < self.depth:
+            raise ValueError("root_face_mm leaves no bevel: it must be smaller than depth_mm")
+        if self.root_gap < NARROWEST_GAP:
+            raise ValueError(
+                f"bevels of {1e3 * (self.depth - self.root_face):.4g} mm depth at this opening "
+                f"angle are {1e3 * (self.width - self.root_gap):.4g} mm wide: make width_mm at "
+                "least that, or the angle smaller"
+            )
+        if self.radius is not None and not abs(self.radius) >= 1.0:
+            raise ValueError("radius_m is 1 or more, below zero where the joint bends to the left")
+
+    @property
+    def root_gap(self) -> float:
+        """Between the plates at the root, in metres."""
+        return self.width - 2 * (self.depth - self.root_face) * tan(self.opening_angle / 2)
+
+    @property
+    def groove_area(self) -> float:
+        """Of the empty groove below the line between its top edges, in m²."""
+        bevelled = self.depth - self.root_face
+        return 0.5 * (self.width + self.root_gap) * bevelled + self.root_gap * self.root_face
+
+    @property
+    def curvature(self) -> float:
+        """Of the joint's line in the hull's surface, in 1/m, positive to the right."""
+        return 0.0 if self.radius is None else 1.0 / self.radius
+
+
+def read_hull_joint(path: Path) -> HullJoint:
+    """Read a hull joint's TOML file: millimetres, degrees and metres, as its keys say.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or such a joint can't be.
+    """
+    return validate_table(HullJoint, read_toml(path), path)
