@@ -14,6 +14,7 @@ from tjscan.core.errors import (
     LaserFault,
     ScanInterrupted,
     TjscanError,
+    VehicleFault,
     message_with_notes,
 )
 from tjscan.core.version import VERSION
@@ -73,6 +74,7 @@ EXIT_CODES: dict[type[TjscanError], int] = {
     ConfigurationError: 2,
     ArmFault: 4,
     LaserFault: 4,
+    VehicleFault: 4,
     ScanInterrupted: 130,
 }
 """What each branch of the error tree ends with; 1 for the rest."""

@@ -188,6 +188,28 @@ class PoseNotReached(ArmFault):
         super().__init__(f"the arm did not arrive where it was sent: {detail}")
 
 
+class VehicleFault(TjscanError):
+    """The vehicle can't do, or did not do, what it was asked."""
+
+
+class VehicleLinkLost(VehicleFault):
+    """Nothing is heard of the vehicle: it is not connected, or the link to it broke."""
+
+
+class VehicleStopped(VehicleFault):
+    """The vehicle was stopped, and takes no command until that is taken back."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the vehicle was stopped, and takes no command until that is taken back. See that the "
+            "way is clear, then start again."
+        )
+
+
+class DriveFault(VehicleFault):
+    """A drive of the vehicle reports a fault, and the vehicle stands."""
+
+
 class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 

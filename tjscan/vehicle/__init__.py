@@ -1,0 +1,1 @@
+"""What a vehicle is, what it truly does on the steel, and its drivers."""

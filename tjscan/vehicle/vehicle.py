@@ -1,0 +1,136 @@
+"""The protocol that every vehicle, real or simulated, fulfils."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final, Protocol, Self
+
+from tjscan.core.devices import DeviceIdentity, EventListener
+
+DEAD_MAN: Final = 0.5
+"""Seconds after its last command at which a vehicle stops by itself."""
+
+CORNERS: Final = ("front left", "front right", "rear left", "rear right")
+"""Where the proximity sensors are, in the order of `VehicleState.proximity`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Velocity of a vehicle along its surface, in frame v: x forward, y right, z into the surface.
+
+    Parameters
+    ----------
+    speed : float
+        Along x, m/s.
+    turn_rate : float
+        About z, rad/s: clockwise for somebody who looks at the surface from outside.
+    sideways : float, optional
+        Along y, m/s; nothing for a vehicle on tracks.
+    """
+
+    speed: float
+    turn_rate: float
+    sideways: float = 0.0
+
+
+REST: Final = Twist(0.0, 0.0)
+"""The twist of a vehicle that stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What a vehicle reports of itself.
+
+    Parameters
+    ----------
+    time : float
+        Seconds on the vehicle's own clock. A simulated vehicle's clock runs with its states, not
+        with the wall.
+    odometry : Twist
+        The twist that the motors' encoders show. Where the tracks slip, the vehicle moves
+        otherwise.
+    torques : tuple of float, optional
+        Of the motors, at the sprocket, N m; empty where they are not known.
+    proximity : tuple of float, optional
+        Distance to the surface in metres at each of `CORNERS`; inf or NaN where nothing is seen,
+        empty where this state brings no new sample.
+    fault : str, optional
+        Of the drives, in a sentence; empty where they are well.
+    """
+
+    time: float
+    odometry: Twist
+    torques: tuple[float, ...] = ()
+    proximity: tuple[float, ...] = ()
+    fault: str = ""
+
+
+class Vehicle(Protocol):
+    """A vehicle that drives as told. It is a context manager: entering connects it, at rest."""
+
+    def __enter__(self) -> Self:
+        """Connect, and take commands."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop and disconnect."""
+        ...
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Which vehicle it is; known while connected."""
+        ...
+
+    @property
+    def dead_man(self) -> float:
+        """Seconds after the last command at which the vehicle stops by itself."""
+        ...
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report events, such as a message that was dropped, to a listener from now on."""
+        ...
+
+    def command(self, twist: Twist) -> None:
+        """Hold a twist until the next command, at most for the dead-man time.
+
+        Raises
+        ------
+        VehicleStopped
+            If it was stopped and that holds.
+        DriveFault
+            If its drives report a fault.
+        VehicleLinkLost
+            If it is not connected, or not any more.
+        """
+        ...
+
+    def next_state(self) -> VehicleState:
+        """Wait for the next state, and return it; some 100 come each second.
+
+        A simulated vehicle goes on by one period instead of waiting, so simulated time runs as
+        fast as the computer does. A fault of the drives stands in the state.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If none comes within a time limit, or the vehicle is not connected.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Bring the vehicle to rest now, from any thread, and let it take no command any more.
+
+        Every later command raises VehicleStopped, until the stop is taken back by
+        `accept_commands_again`, or by connecting again. States go on coming.
+        """
+        ...
+
+    def accept_commands_again(self) -> None:
+        """Take commands again after a stop; the vehicle stands until the next one."""
+        ...
