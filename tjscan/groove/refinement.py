@@ -288,18 +288,18 @@ def _round(
     shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
-    cuts = np.searchsorted(row.tangents, -corners[:, 0] / corners[:, 1]).tolist()
-    spans = list(pairwise((0, *cuts, len(row.points))))
-    if min(b - a for a, b in spans) < FEWEST:
+    cuts = row.tangents.searchsorted(-corners[:, 0] / corners[:, 1]).tolist()
+    edges = [0, *cuts, len(row.points)]
+    sizes = [b - a for a, b in pairwise(edges)]
+    if min(sizes) < FEWEST:
         return None
-    owner = np.repeat(np.arange(len(sides)), [b - a for a, b in spans])
     # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
     ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
         [
             (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, CUT / limit)
             for (cx, cz, tx, tz, *coefficients), limit in zip(sides, limits.tolist(), strict=True)
         ]
-    ).T.take(owner, axis=1)
+    ).T.repeat(sizes, axis=1)
     x, z = row.points.T
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
@@ -313,7 +313,7 @@ def _round(
     for j in range(6):
         np.multiply(terms[j], u, out=terms[j + 1])
     np.multiply(terms[:4], d, out=terms[7:])
-    sums = np.add.reduceat(terms, [a for a, _ in spans], axis=1)
+    sums = np.add.reduceat(terms, edges[:-1], axis=1)
     counts = sums[0]
     if counts.min() < FEWEST:
         return None
@@ -322,9 +322,9 @@ def _round(
         c, inverse = equations.solve_with_prior(weight)
     except np.linalg.LinAlgError:
         return None
-    c0, c1, c2, c3 = c.T.take(owner, axis=1)
+    c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
-    sigmas = _sigmas(residuals, keep, spans, counts)
+    sigmas = _sigmas(residuals, keep, edges, counts)
     fitted = tuple(
         CubicCurve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
     )
@@ -336,7 +336,7 @@ def _round(
         fitted,
         met[1],
         met[0],
-        owner,
+        np.arange(len(sides)).repeat(sizes),
         s,
         residuals,
         keep,
@@ -354,12 +354,13 @@ _HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
 
 
 def _sigmas(
-    residuals: Array, keep: NDArray[np.bool_], spans: list[tuple[int, int]], counts: Array
+    residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array
 ) -> Array:
     """Robust standard deviation of each side's residuals, shape (k,)."""
-    size = np.where(keep, np.abs(residuals), np.inf)
+    size = np.abs(residuals)
+    size[~keep] = np.inf
     found = []
-    for (a, b), count in zip(spans, counts.tolist(), strict=True):
+    for (a, b), count in zip(pairwise(edges), counts.tolist(), strict=True):
         half = int(count) // 2
         side = size[a:b]
         side.partition(half)
@@ -393,20 +394,17 @@ def corners_between_sides(
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections beside it."""
-    outliers = np.zeros(len(keep) + 1, dtype=np.intp)
-    np.cumsum(~keep, out=outliers[1:])
-    if outliers[-1] < SHADOW_RUN:
+    if len(keep) - np.count_nonzero(keep) < SHADOW_RUN:
         return keep
-    keep = keep.copy()
-    for side in (scaled, -scaled):
-        beside = np.zeros(len(keep) + 2, dtype=np.bool_)
-        np.greater(side, SHADOW, out=beside[1:-1])
-        bounds = (beside[1:] != beside[:-1]).nonzero()[0]
-        first, last = bounds[::2], bounds[1::2]
-        ghost = outliers[last] - outliers[first] >= SHADOW_RUN
-        for a, b in zip(first[ghost].tolist(), last[ghost].tolist(), strict=True):
-            keep[a:b] = False
-    return keep
+    beside = (scaled > SHADOW).view(np.int8) - (scaled < -SHADOW).view(np.int8)
+    starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
+    if not len(starts):
+        return keep
+    # Outliers lie beside the surface themselves.
+    edges = np.empty(len(starts) + 2, dtype=np.intp)
+    edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
+    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < SHADOW_RUN
+    return keep & surface.repeat(np.diff(edges))
 
 
 def estimate_noise_correlation(
