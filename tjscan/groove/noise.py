@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from math import log, sqrt
 from typing import Final
 
 import numpy as np
-import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
@@ -70,12 +68,10 @@ def estimate_correlation(
     parameters : int
         Number of coefficients that were fitted.
     """
-    size = scipy.fft.next_fast_len(count + LONGEST, real=True)
-    grid = np.zeros((2, size))
+    grid = np.zeros((2, count + LONGEST - 1))
     grid[0, columns] = scaled
     grid[1, columns] = 1.0
-    power = np.abs(np.fft.rfft(grid)) ** 2
-    product, pairs = np.fft.irfft(power, n=size)[:, :LONGEST]
+    product, pairs = (np.correlate(row, row[:count]) for row in grid)
     rho = product / np.maximum(pairs, 1.0)
     rho = rho / max(float(rho[0]), 1e-30)
     lags = np.zeros(LONGEST)
@@ -100,16 +96,16 @@ def _smooth(rho: Array, count: int) -> Array:
 
 def _half_lag(rho: Array) -> float:
     """Lag at which a correlation has fallen to a half."""
-    height = -np.log(np.clip(rho, _LEAST, 1.0))
-    height[0] = 0.0
-    k = int((height > _HALF).argmax())
+    values = rho.tolist()
+    k = next((i for i in range(1, LONGEST) if values[i] < 0.5), 0)
     if k == 0:
         return WIDEST
-    share = (_HALF - height[k - 1]) / (height[k] - height[k - 1])
+    before = -log(min(values[k - 1], 1.0)) if k > 1 else 0.0
+    share = (_HALF - before) / (-log(max(values[k], _LEAST)) - before)
     if k == 1:
-        return max(float(share), _SHORTEST)
+        return max(share, _SHORTEST)
     # A bell's logarithm is linear in the square of the lag.
-    return min(sqrt((k - 1) ** 2 + float(share) * (2 * k - 1)), WIDEST)
+    return min(sqrt((k - 1) ** 2 + share * (2 * k - 1)), WIDEST)
 
 
 def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike) -> Array:
@@ -128,55 +124,37 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, MOST_LOST))
 
 
-def correlated_sums(noise: NoiseCorrelation, basis: Array, owner: Index, columns: Index) -> Array:
+def correlated_sums(noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index) -> Array:
     """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
 
     Parameters
     ----------
     basis : ndarray, shape (p, n)
         Derivatives of a side's height by its coefficients, at its own points.
-    owner : ndarray of int, shape (n,)
-        The side of each point, rising.
+    counts : ndarray of int, shape (k,)
+        How many of the points belong to each side, one side after the other.
     columns : ndarray of int, shape (n,)
 
     Returns
     -------
     ndarray, shape (k, p, p)
     """
-    k = int(owner[-1]) + 1
-    edges = owner.searchsorted(np.arange(k + 1)).tolist()
-    first = np.minimum.reduceat(columns, edges[:-1])
-    longest = int((np.maximum.reduceat(columns, edges[:-1]) - first).max()) + 1
-    size = scipy.fft.next_fast_len(max(longest, LONGEST) + LONGEST, real=True)
-    grid = np.zeros((k, len(basis), size))
-    for own, start, (a, b) in zip(grid, first.tolist(), pairwise(edges), strict=True):
-        own[:, columns[a:b] - start] = basis[:, a:b]
-    # A sum over columns is one over frequencies (Parseval).
-    waves = np.fft.rfft(grid)
-    weight = _spectrum(noise.lags, size)
-    sums = (waves.real * weight) @ waves.real.transpose(0, 2, 1)
-    sums += (waves.imag * weight) @ waves.imag.transpose(0, 2, 1)
-    return np.asarray(sums)
+    ends = counts.cumsum()
+    starts = ends - counts
+    first = np.minimum.reduceat(columns, starts)
+    # Sides are laid so far apart that they do not correlate.
+    room = np.maximum.reduceat(columns, starts) - first + LONGEST
+    places = columns + (room.cumsum() - room - first).repeat(counts)
+    grid = np.zeros((len(basis), room.sum()))
+    grid[:, places] = basis
+    kernel = np.concatenate((noise.lags[:0:-1], noise.lags))
+    smooth = np.array([np.convolve(row, kernel, "same") for row in grid])[:, places]
+    spans = zip(starts.tolist(), ends.tolist(), strict=True)
+    return np.array([basis[:, a:b] @ smooth[:, a:b].T for a, b in spans])
 
 
 def correlated_variance(
-    noise: NoiseCorrelation, shares: Array, owner: Index, columns: Index
+    noise: NoiseCorrelation, shares: Array, counts: Index, columns: Index
 ) -> Array:
     """``h R hᵀ`` for each side, h being the shares of its points; arguments as above."""
-    return correlated_sums(noise, shares[None], owner, columns)[:, 0, 0]
-
-
-def _spectrum(lags: Array, size: int) -> Array:
-    """Power spectrum of a correlation over `size` columns, nowhere negative.
-
-    Of the frequencies of a real row all but the first, and the last of an even number, come in
-    pairs and count twice.
-    """
-    kernel = np.zeros(size)
-    kernel[: len(lags)] = lags
-    kernel[size - len(lags) + 1 :] = lags[:0:-1]
-    power = np.maximum(np.fft.rfft(kernel).real, 0.0) * (2 / size)
-    power[0] /= 2
-    if size % 2 == 0:
-        power[-1] /= 2
-    return np.asarray(power)
+    return correlated_sums(noise, shares[None], counts, columns)[:, 0, 0]

@@ -418,7 +418,7 @@ def estimate_noise_correlation(
     fitted : FittedProfile
     """
     keep = fitted.keep
-    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9)[fitted.owner[keep]]
+    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
     return estimate_correlation(
         scaled, row.columns[keep], row.count, int(fitted.parameter_counts.sum())
     )
@@ -440,14 +440,13 @@ def _evidence(
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     keep = fitted.keep
-    owner = fitted.owner[keep]
     u = fitted.along[keep] / _UNIT
-    c0, c1, c2, c3 = fitted.inverse[owner, 2].T
+    c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
     variance = noise_variances(fitted, noise)
-    variance = variance * correlated_variance(noise, share, owner, row.columns[keep])
+    variance = variance * correlated_variance(noise, share, fitted.counts, row.columns[keep])
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * _UNIT**2

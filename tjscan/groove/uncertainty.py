@@ -115,7 +115,7 @@ def _coefficient_covariances(
     basis[0], basis[1] = 1.0, u
     np.multiply(u, u, out=basis[2])
     np.multiply(basis[2], u, out=basis[3])
-    meat = correlated_sums(noise, basis, fitted.owner[keep], row.columns[keep])
+    meat = correlated_sums(noise, basis, fitted.counts, row.columns[keep])
     meat *= noise_variances(fitted, noise)[:, None, None]
     bends = spread[:, 0] > 0
     here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
