@@ -15,7 +15,9 @@ from tjscan.groove.hypotheses import PolylineHypothesis, bearing_tangents, end_o
 from tjscan.groove.models import GrooveModel
 from tjscan.groove.refinement import BLUNT, OrderedProfilePoints, corners_between_sides
 
-PLACES: Final = ((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97))
+PLACES: Final = np.array(
+    list(product((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97)))
+)
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
 
 FEWEST: Final = 6
@@ -57,7 +59,8 @@ def fit_bead(
     if b - a < FEWEST:
         return hypothesis
     points = row.points[a:b]
-    curve = _parabola(points, straight, before, after, tolerance)
+    flat = float(np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1).sum())
+    curve = _parabola(points, before, after, tolerance, flat - LEAST_GAIN)
     if curve is None:
         return hypothesis
     sides = (*hypothesis.sides[:k], curve, *hypothesis.sides[k + 1 :])
@@ -94,7 +97,7 @@ def add_root_bead(
     if b - a < FEWEST:
         return None
     points = row.points[a:b]
-    curve = _parabola(points, None, before, after, tolerance)
+    curve = _parabola(points, before, after, tolerance, np.inf)
     if curve is None:
         return None
     sides = (*hypothesis.sides[:-1], curve, after)
@@ -103,13 +106,11 @@ def add_root_bead(
 
 
 def _parabola(
-    points: Array,
-    straight: CubicCurve | None,
-    before: CubicCurve,
-    after: CubicCurve,
-    tolerance: float,
+    points: Array, before: CubicCurve, after: CubicCurve, tolerance: float, most: float
 ) -> CubicCurve | None:
-    """The parabola over the neighbours' ends that explains most points; None if none does."""
+    """The parabola over the neighbours' ends that costs least; None if that exceeds `most`."""
+    if most < 0:
+        return None
     start = before.points_at(before.position_along_chord(*points[0].tolist()))
     end = after.points_at(after.position_along_chord(*points[-1].tolist()))
     length = hypot(end[0] - start[0], end[1] - start[1])
@@ -119,7 +120,7 @@ def _parabola(
     chord = CubicCurve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
     s, d = chord.local_coordinates(points)
     n = len(points) - 1
-    triples = np.array(list(product(*([round(p * n) for p in part] for part in PLACES))))
+    triples = np.rint(PLACES * n).astype(np.intp)
     s3 = s[triples]
     basis = np.stack((np.ones_like(s3), s3, s3 * s3), axis=-1)
     distinct = np.abs(np.diff(s3, axis=1)).min(axis=1) > tolerance
@@ -133,10 +134,8 @@ def _parabola(
     cost = np.minimum((away / reach[:, None]) ** 2, 1).sum(axis=1) + 1e9 * steep
     cost += WIDER * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
-    if straight is not None:
-        flat = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1).sum()
-        if cost[best] > flat - LEAST_GAIN:
-            return None
+    if cost[best] > most:
+        return None
     return chord._replace(
         c0=float(coefficients[best, 0]),
         c1=float(coefficients[best, 1]),

@@ -11,10 +11,14 @@ from tjscan.groove.curves import CubicCurve
 from tjscan.groove.hypotheses import PolylineHypothesis
 from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, corners_between_sides
 
-PLACES: Final = (
-    (0.03, 0.12, 0.24),
-    (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
-    (0.76, 0.88, 0.97),
+PLACES: Final = np.array(
+    list(
+        product(
+            (0.03, 0.12, 0.24),
+            (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
+            (0.76, 0.88, 0.97),
+        )
+    )
 )
 """Where, as shares of the side's points, the three points of a proposed pair of lines lie."""
 
@@ -46,15 +50,15 @@ def with_knee(
     PolylineHypothesis or None
         With one side more; None where no two lines explain that much more.
     """
-    a, b = fitted.owner.searchsorted((k, k + 1)).tolist()
-    points, residuals = row.points[a:b], fitted.residuals[a:b]
+    own = fitted.points_of(k)
+    points, residuals = row.points[own], fitted.residuals[own]
     near = np.flatnonzero(np.abs(residuals) < NEAR)
     if len(near) < FEWEST:
         return None
     side = fitted.curves[k]
     s, d = side.local_coordinates(points)
     n = len(near) - 1
-    triples = near[[[round(p * n) for p in places] for places in product(*PLACES)]]
+    triples = near[np.rint(PLACES * n).astype(np.intp)]
     s3, d3 = s[triples], d[triples]
     apart = np.diff(s3, axis=1)
     distinct = apart.min(axis=1) > 4 * tolerance

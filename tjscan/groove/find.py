@@ -94,8 +94,7 @@ def _section(found: GrooveCandidate, corners: TeeCorners) -> GrooveSection:
     """Section of the fitted sides of a tee."""
     fitted = found.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
-    on_wall = fitted.along[fitted.keep & (fitted.owner == 0)]
-    on_leg = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) - 1)]
+    on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
     points = np.zeros((5, 3))
     points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
     points[1:4, [0, 2]] = corners.points

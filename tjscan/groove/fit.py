@@ -445,13 +445,14 @@ def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     ndarray of bool, shape (k - 1, 2)
         Reflections seldom reach the surfaces that they seem to meet.
     """
-    found = np.zeros((len(fitted.corners), 2), dtype=np.bool_)
-    for i, places in enumerate(fitted.places):
-        for j, s in enumerate(places):
-            own = fitted.keep & (fitted.owner == i + j)
-            near = np.count_nonzero(np.abs(fitted.along[own] - s) < ATTACHED)
-            found[i, j] = near >= FEWEST_ATTACHED
-    return found
+    ends, starts = np.array(fitted.places).T
+    sizes = np.diff(fitted.edges)
+    near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
+    for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
+        np.less(np.abs(fitted.along - np.repeat(places, sizes)), ATTACHED, out=own)
+    near &= fitted.keep
+    count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
+    return np.column_stack((count[0, :-1], count[1, 1:])) >= FEWEST_ATTACHED
 
 
 def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:

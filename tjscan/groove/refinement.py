@@ -130,10 +130,10 @@ class FittedProfile:
         s of corner i on side i and on side i + 1; k - 1 pairs.
     corners : ndarray, shape (k - 1, 2)
         x and z in metres.
-    owner : ndarray of int, shape (n,)
-        Side that each point of the row belongs to.
+    edges : list of int
+        First point of each side, and the number n of points; k + 1.
     along : ndarray, shape (n,)
-        Its s there.
+        Each point's s on its side.
     residuals : ndarray, shape (n,)
         Distance behind it, in metres.
     keep : ndarray of bool, shape (n,)
@@ -161,7 +161,7 @@ class FittedProfile:
     curves: tuple[CubicCurve, ...]
     places: tuple[tuple[float, float], ...]
     corners: Array
-    owner: Index
+    edges: list[int]
     along: Array
     residuals: Array
     keep: NDArray[np.bool_]
@@ -175,6 +175,15 @@ class FittedProfile:
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
 
+    def kept_along(self, k: int) -> Array:
+        """Values of s of the points that the fit of side k rests on."""
+        own = self.points_of(k)
+        return self.along[own][self.keep[own]]
+
+    def points_of(self, k: int) -> slice:
+        """The points of side k among those of the row."""
+        return slice(self.edges[k], self.edges[k + 1])
+
     @property
     def parameter_counts(self) -> Index:
         """Number of coefficients fitted to each side, shape (k,)."""
@@ -183,8 +192,7 @@ class FittedProfile:
     @property
     def inlier_shares(self) -> Array:
         """Share of each side's points that the fit rests on, shape (k,)."""
-        k = len(self.curves)
-        return np.asarray(self.counts / np.bincount(self.owner, minlength=k))
+        return np.asarray(self.counts / np.diff(self.edges))
 
 
 def refine_fit(
@@ -269,11 +277,9 @@ def prior_weights(
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
-    variances = (inflation * np.maximum(sigmas, LEAST_NOISE) ** 2).tolist()
-    for own, variance, free, deviations in zip(
-        weight, variances, curved.tolist(), spread.tolist(), strict=True
-    ):
-        own[2:] = [variance / s**2 if free and s > 0 else _STIFF for s in deviations]
+    variances = inflation * np.maximum(sigmas, LEAST_NOISE) ** 2
+    free = curved[:, None] & (spread > 0)
+    weight[:, 2:] = np.where(free, variances[:, None] / np.where(free, spread, 1.0) ** 2, _STIFF)
     return weight
 
 
@@ -336,7 +342,7 @@ def _round(
         fitted,
         met[1],
         met[0],
-        np.arange(len(sides)).repeat(sizes),
+        edges,
         s,
         residuals,
         keep,
@@ -353,9 +359,7 @@ def _round(
 _HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
 
 
-def _sigmas(
-    residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array
-) -> Array:
+def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array) -> Array:
     """Robust standard deviation of each side's residuals, shape (k,)."""
     size = np.abs(residuals)
     size[~keep] = np.inf

@@ -153,7 +153,7 @@ def _if_reflected(fitted: FittedProfile) -> Array:
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
-        own = fitted.along[fitted.keep & (fitted.owner == len(fitted.curves) + side)]
+        own = fitted.kept_along(len(fitted.curves) + side)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         reach = FARTHEST if met is None else abs(met[0 if k == 0 else 1] - float(end(own)))
         along = sqrt(REFLECTED / 12) * min(reach, FARTHEST)
@@ -264,7 +264,7 @@ def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
 def _seam_beside(found: GrooveCandidate) -> bool:
     """Whether a bump that a weld's cap may be stands on the leg."""
     fitted = found.fitted
-    own = fitted.owner == len(fitted.curves) - 1
+    own = fitted.points_of(len(fitted.curves) - 1)
     s, d = fitted.along[own], -fitted.residuals[own]
     raised = np.concatenate(([False], d > 0.3 * CAP_HEIGHT, [False]))
     bounds = (raised[1:] != raised[:-1]).nonzero()[0]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -161,7 +162,8 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     # Variance of a mean of correlated points, over that of one.
     share = (BLOCK * lags[0] + 2 * ((BLOCK - np.arange(1, len(lags))) * lags[1:]).sum()) / BLOCK**2
     for k, sigma in enumerate(sigmas.tolist()):
-        own = fitted.residuals[fitted.keep & (fitted.owner == k)]
+        side = fitted.points_of(k)
+        own = fitted.residuals[side][fitted.keep[side]]
         count = len(own) // BLOCK
         if count < FEWEST_BLOCKS:
             continue
@@ -183,12 +185,12 @@ def _patches(fitted: FittedProfile) -> Array:
     """
     k = len(fitted.curves)
     found = np.zeros(k)
-    edges = np.searchsorted(fitted.owner, np.arange(k + 1)).tolist()
+    edges = fitted.edges
     # Noise lies along the rays: a side that slants shows less of it.
     along = fitted.sigmas / np.array(
         [_square(c, m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
     )
-    usual = float(np.median(along))
+    usual = median(along.tolist())
     for i in range(k):
         inner = fitted.residuals[edges[i] + AT_CORNER : edges[i + 1] - AT_CORNER]
         close = inner[np.abs(inner) < CLOSE]
@@ -207,13 +209,12 @@ def _gaps(fitted: FittedProfile) -> Array:
     Single points that lie on a side by chance do not show it.
     """
     found = np.zeros((len(fitted.corners), 2))
-    edges = fitted.owner.searchsorted(np.arange(len(fitted.curves) + 1)).tolist()
     # Points that a fit left out for what lies beside them are seen all the same.
-    close = CUT * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
+    close = CUT * max(median(fitted.sigmas.tolist()), LEAST_NOISE)
     on = fitted.keep | (np.abs(fitted.residuals) < close)
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
-            own = slice(edges[i + j], edges[i + j + 1])
+            own = fitted.points_of(i + j)
             seen, away = on[own], np.abs(fitted.along[own] - s)
             if j:
                 seen, away = seen[::-1], away[::-1]
@@ -238,7 +239,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     sigmas = np.sqrt(noise_variances(fitted, noise))
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
-    edges = np.searchsorted(fitted.owner, np.arange(len(fitted.curves) + 1)).tolist()
+    edges = fitted.edges
     near = np.abs(fitted.residuals) < NEAR
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
@@ -278,7 +279,7 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     k : int
         Number of the side.
     """
-    own = slice(*np.searchsorted(fitted.owner, (k, k + 1)).tolist())
+    own = fitted.points_of(k)
     residuals, keep = fitted.residuals[own], fitted.keep[own]
     off = np.concatenate(([False], ~keep, [False]))
     bounds = (off[1:] != off[:-1]).nonzero()[0]
@@ -361,8 +362,9 @@ def _flank(
     The pull is the first over the second number; its variance, of independent points, is one
     over the second. Both are zero where the flank is not seen there.
     """
-    own = (fitted.owner == side) & (np.abs(fitted.residuals) < CLOSE)
-    s, residuals = fitted.along[own], fitted.residuals[own]
+    own = fitted.points_of(side)
+    close = np.abs(fitted.residuals[own]) < CLOSE
+    s, residuals = fitted.along[own][close], fitted.residuals[own][close]
     away = np.abs(s - place)
     share = np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0)
     if np.count_nonzero(share) < FEWEST_BESIDE:

@@ -36,7 +36,7 @@ def least_loss_without_root(
     met = corners_between_sides(neighbours, fitted.corners[root - 1 : root])
     if met is None:
         return 0.0
-    first, bevel, start, end = fitted.owner.searchsorted((1, root - 1, root, root + 1)).tolist()
+    first, (bevel, start, end) = fitted.edges[1], fitted.edges[root - 1 : root + 2]
     pays = _costs(fitted.residuals, tolerance)
     explained = 1 - pays[bevel:end]
     other_bevel = float(explained.sum()) - np.count_nonzero(pays[first:end] == 1)

@@ -89,7 +89,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     starts = [np.nan, *(after for _, after in fitted.places)]
     ends = [*(before for before, _ in fitted.places), np.nan]
     for k, curve in enumerate(fitted.curves):
-        own = fitted.along[keep & (fitted.owner == k)]
+        own = fitted.kept_along(k)
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
         line = np.array([curve.points_at(float(s)) for s in np.linspace(first, last, ALONG)])

@@ -108,7 +108,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
         return []
     sides = []
     for number, curve in enumerate(fitted.curves):
-        along = fitted.along[fitted.keep & (fitted.owner == number)]
+        along = fitted.kept_along(number)
         if len(along):
             reach = np.linspace(along.min(), along.max(), SIDE_POINTS)
             sides.append(np.array([curve.points_at(float(s)) for s in reach]))
