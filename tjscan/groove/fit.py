@@ -25,7 +25,12 @@ from tjscan.groove.hypotheses import (
     outer_side_pairs,
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, refine_fit
+from tjscan.groove.refinement import (
+    ARRIVED,
+    FittedProfile,
+    OrderedProfilePoints,
+    refine_fit,
+)
 from tjscan.groove.rivals import reflection_covariance, rival_covariance
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
 from tjscan.groove.settings import DEFAULT, GrooveSettings
@@ -283,8 +288,11 @@ class _Search:
                 return
         self._tried.append((model, hypothesis.corners))
         settings = replace(self._settings, model=model)
-        refined = _candidate(self._row, hypothesis, settings)
-        if refined is not None:
+        known = [c.fitted.corners for c in self.found if c.model is model]
+        refined = _candidate(self._row, hypothesis, settings, known)
+        if refined is not None and not any(
+            np.abs(refined.fitted.corners - other).max() < ARRIVED for other in known
+        ):
             against = reason_to_reject_fit(refined, settings)
             self.found.append(replace(refined, objection=against))
             self._tried.append((model, refined.fitted.corners))
@@ -376,9 +384,15 @@ def _why_not(
 
 
 def _candidate(
-    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, settings: GrooveSettings
+    row: OrderedProfilePoints,
+    hypothesis: PolylineHypothesis,
+    settings: GrooveSettings,
+    known: list[Array],
 ) -> GrooveCandidate | None:
-    """Refine a hypothesis; None where its sides fit no points together."""
+    """Refine a hypothesis, unless it leads to a fit whose corners are known.
+
+    None where its sides fit no points together.
+    """
     model, tolerance = settings.model, settings.support_tolerance
     hypothesis = fit_bead(row, hypothesis, model, tolerance)
     best: GrooveCandidate | None = None
@@ -390,6 +404,7 @@ def _candidate(
             model.sides,
             tolerance,
             annealed=annealed,
+            known=known,
         )
         if fitted is not None:
             scaled = fitted.residuals / tolerance
