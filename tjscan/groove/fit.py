@@ -107,6 +107,9 @@ class GrooveCandidate:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
+    seen : ndarray of bool, shape (k - 1, 2)
+        Whether points lie beside each corner on the side before and on the side after it:
+        reflections seldom reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not bear it out.
     rivals : float or ndarray, shape (2 k, 2 k)
@@ -116,6 +119,7 @@ class GrooveCandidate:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
+    seen: NDArray[np.bool_]
     objection: str | None = None
     rivals: Array | float = 0.0
 
@@ -224,7 +228,7 @@ def _with_rivals(best: GrooveCandidate, sound: list[GrooveCandidate]) -> GrooveC
     """A reading that knows how far others are from it, and which sides may be reflections."""
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
-    rivals += reflection_covariance(best.model, best.fitted, has_points_beside_corners(best.fitted))
+    rivals += reflection_covariance(best.model, best.fitted, best.seen)
     return replace(best, rivals=rivals)
 
 
@@ -249,9 +253,9 @@ class _Search:
         sound = [c for c in self.found if c.objection is None and c.model.has_root_bead]
         if not sound or form.has_root_bead:
             return False
-        best = min(sound, key=lambda c: c.cost).fitted
-        saved = SIDE_COST + DETACHED * np.count_nonzero(~has_points_beside_corners(best))
-        loss = least_loss_without_root(self._row, best, self._settings.support_tolerance)
+        best = min(sound, key=lambda c: c.cost)
+        saved = SIDE_COST + DETACHED * np.count_nonzero(~best.seen)
+        loss = least_loss_without_root(self._row, best.fitted, self._settings.support_tolerance)
         return bool(loss > saved + REFIT_GAIN)
 
     def derive(self) -> None:
@@ -395,7 +399,8 @@ def _candidate(
     """
     model, tolerance = settings.model, settings.support_tolerance
     hypothesis = fit_bead(row, hypothesis, model, tolerance)
-    best: GrooveCandidate | None = None
+    best: FittedProfile | None = None
+    least = np.inf
     for annealed in (True, False):
         fitted = refine_fit(
             row,
@@ -409,15 +414,15 @@ def _candidate(
         if fitted is not None:
             scaled = fitted.residuals / tolerance
             total = float(np.minimum(scaled * scaled, 1).sum())
-            if best is None or total < best.cost:
-                best = GrooveCandidate(model, fitted, total)
-        if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
+            if total < least:
+                best, least = fitted, total
+        if least < hypothesis.cost + STRAYED * len(row.points):
             break
     if best is None:
         return None
-    seen = has_points_beside_corners(best.fitted)
-    detached = seen.size - np.count_nonzero(seen)
-    return replace(best, cost=best.cost + SIDE_COST * len(model.sides) + DETACHED * detached)
+    seen = _points_beside_corners(best)
+    cost = least + SIDE_COST * len(model.sides) + DETACHED * np.count_nonzero(~seen)
+    return GrooveCandidate(model, best, cost, seen)
 
 
 def _turns(fitted: FittedProfile) -> list[float]:
@@ -441,7 +446,7 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     Unless it has been compared with other forms, every corner must be seen from both sides, too.
     """
     fitted, sides = found.fitted, found.model.sides
-    if not (compared or has_points_beside_corners(fitted).all()):
+    if not (compared or found.seen.all()):
         return False
     if fitted.inlier_shares.min() < SEEN_SHARE or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT:
         return False
@@ -452,14 +457,8 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     )
 
 
-def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Whether points lie beside each corner on the side before and on the side after it.
-
-    Returns
-    -------
-    ndarray of bool, shape (k - 1, 2)
-        Reflections seldom reach the surfaces that they seem to meet.
-    """
+def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
     ends, starts = np.array(fitted.places).T
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
@@ -467,7 +466,7 @@ def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
         np.less(np.abs(fitted.along - np.repeat(places, sizes)), ATTACHED, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return np.column_stack((count[0, :-1], count[1, 1:])) >= FEWEST_ATTACHED
+    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_ATTACHED
 
 
 def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:

@@ -70,6 +70,7 @@ REBASED_ROUNDS: Final = 4
 CLEARLY: Final = 1.1
 """Log of the odds from which a side is straight: a factor of 3, for few points don't tell."""
 
+_IDENTITY: Final = np.eye(4)
 _UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
@@ -116,9 +117,7 @@ class NormalEquations:
 
     def solve_with_prior(self, weight: Array) -> tuple[Array, Array]:
         """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior `weight` (k, 4)."""
-        matrix = self.matrix.copy(order="C")
-        matrix.reshape(len(matrix), -1)[:, ::5] += weight
-        inverse = np.linalg.inv(matrix)
+        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
         return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 

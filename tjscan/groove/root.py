@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve, intersect_curves
-from tjscan.groove.fit import GrooveCandidate, has_points_beside_corners
+from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, estimate_noise_correlation
 from tjscan.groove.section import TACK
@@ -121,7 +121,7 @@ def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...])
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    if not has_points_beside_corners(fitted)[-2:].all(axis=1).any():
+    if not found.seen[-2:].all(axis=1).any():
         spread[2:6, 2:6] += _if_reflected(fitted)
     conditions = seam
     absent: tuple[str, ...] = ()
