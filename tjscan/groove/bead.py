@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove.background import PointRuns
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.hypotheses import PolylineHypothesis, bearing_tangents, end_of_support
 from tjscan.groove.models import GrooveModel
@@ -23,6 +24,9 @@ PLACES: Final = np.array(
 FEWEST: Final = 6
 """Points between the neighbours that are worth a parabola."""
 
+FEWEST_ATTACHED: Final = 4
+"""Points that show where a face goes which begins at bevel or leg."""
+
 LEAST_GAIN: Final = 3.0
 """By how many points a parabola must explain more than a straight face."""
 
@@ -31,13 +35,19 @@ WIDER: Final = 0.3
 
 
 def fit_bead(
-    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, model: GrooveModel, tolerance: float
+    row: OrderedProfilePoints,
+    runs: PointRuns,
+    hypothesis: PolylineHypothesis,
+    model: GrooveModel,
+    tolerance: float,
 ) -> PolylineHypothesis:
     """Fit a parabola to the bead side of a hypothesis, the one that explains most points.
 
     Parameters
     ----------
     row : OrderedProfilePoints
+    runs : PointRuns
+        Of its points.
     hypothesis : PolylineHypothesis
         With straight inner sides.
     model : GrooveModel
@@ -59,25 +69,31 @@ def fit_bead(
     if b - a < FEWEST:
         return hypothesis
     points = row.points[a:b]
-    flat = float(np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1).sum())
-    curve = _parabola(points, before, after, tolerance, flat - LEAST_GAIN)
+    pays = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1)
+    own = runs.within(a, b)
+    flat = float(own.total_cost(pays))
+    curve = _parabola(points, own, before, after, tolerance, flat - LEAST_GAIN)
     if curve is None:
         return hypothesis
     sides = (*hypothesis.sides[:k], curve, *hypothesis.sides[k + 1 :])
     corners = hypothesis.corners.copy()
     corners[k - 1], corners[k] = points[0], points[-1]
     met = corners_between_sides(sides, corners)
-    return hypothesis if met is None else replace(hypothesis, sides=sides, corners=met[0])
+    if met is None or hypot(*(met[0][k] - met[0][k - 1]).tolist()) > model.sides[k].longest:
+        return hypothesis
+    return replace(hypothesis, sides=sides, corners=met[0])
 
 
 def add_root_bead(
-    row: OrderedProfilePoints, hypothesis: PolylineHypothesis, tolerance: float
+    row: OrderedProfilePoints, runs: PointRuns, hypothesis: PolylineHypothesis, tolerance: float
 ) -> PolylineHypothesis | None:
     """Add the face of a root bead between the last two sides of a hypothesis without one.
 
     Parameters
     ----------
     row : OrderedProfilePoints
+    runs : PointRuns
+        Of its points.
     hypothesis : PolylineHypothesis
         Its last corner is where the last two sides, drawn on, meet.
     tolerance : float
@@ -97,7 +113,7 @@ def add_root_bead(
     if b - a < FEWEST:
         return None
     points = row.points[a:b]
-    curve = _parabola(points, before, after, tolerance, np.inf)
+    curve = _parabola(points, runs.within(a, b), before, after, tolerance, np.inf)
     if curve is None:
         return None
     sides = (*hypothesis.sides[:-1], curve, after)
@@ -105,8 +121,48 @@ def add_root_bead(
     return None if met is None else PolylineHypothesis(sides, met[0], hypothesis.cost)
 
 
+def attached_faces(
+    row: OrderedProfilePoints, runs: PointRuns, hypothesis: PolylineHypothesis, tolerance: float
+) -> list[PolylineHypothesis]:
+    """Add a face along the points that go on, without a jump, from the bevel or from the leg.
+
+    Parameters are those of `add_root_bead`.
+    """
+    before, after = hypothesis.sides[-2:]
+    apex = int(row.tangents.searchsorted(float(bearing_tangents(hypothesis.corners[-1]))))
+    a = end_of_support(np.abs(before.signed_distances(row.points[:apex])) < tolerance)
+    b = len(row.points) - end_of_support(
+        np.abs(after.signed_distances(row.points[apex:]))[::-1] < tolerance
+    )
+    found = []
+    for start, end in (
+        (a, min(runs.bounds_of_run(max(a - 1, 0))[1], b)),
+        (max(runs.bounds_of_run(min(b, len(row.points) - 1))[0], a), b),
+    ):
+        if end - start < FEWEST_ATTACHED:
+            continue
+        points = row.points[start:end]
+        middle = points.mean(axis=0)
+        away = points - middle
+        direction = np.linalg.eigh(away.T @ away)[1][:, 1]
+        direction *= np.copysign(1.0, direction @ (points[-1] - points[0]))
+        face = CubicCurve(*middle.tolist(), *direction.tolist())
+        sides = (*hypothesis.sides[:-1], face, after)
+        met = corners_between_sides(
+            sides, np.vstack((hypothesis.corners[:-1], points[0], points[-1]))
+        )
+        if met is not None:
+            found.append(PolylineHypothesis(sides, met[0], hypothesis.cost))
+    return found
+
+
 def _parabola(
-    points: Array, before: CubicCurve, after: CubicCurve, tolerance: float, most: float
+    points: Array,
+    runs: PointRuns,
+    before: CubicCurve,
+    after: CubicCurve,
+    tolerance: float,
+    most: float,
 ) -> CubicCurve | None:
     """The parabola over the neighbours' ends that costs least; None if that exceeds `most`."""
     if most < 0:
@@ -131,7 +187,7 @@ def _parabola(
     away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
     # A face that rises high is no parabola.
     reach = np.maximum(tolerance, BLUNT * np.abs(coefficients[:, 2]) * length**2 / 4)
-    cost = np.minimum((away / reach[:, None]) ** 2, 1).sum(axis=1) + 1e9 * steep
+    cost = runs.total_cost(np.minimum((away / reach[:, None]) ** 2, 1)) + 1e9 * steep
     cost += WIDER * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if cost[best] > most:

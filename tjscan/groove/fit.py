@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.bead import add_root_bead, fit_bead
+from tjscan.groove.background import PointRuns, find_runs
+from tjscan.groove.bead import add_root_bead, attached_faces, fit_bead
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.facets import with_knee
@@ -26,12 +27,12 @@ from tjscan.groove.hypotheses import (
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
 from tjscan.groove.refinement import (
-    ARRIVED,
     FittedProfile,
     OrderedProfilePoints,
+    corners_between_sides,
     refine_fit,
 )
-from tjscan.groove.rivals import reflection_covariance, rival_covariance
+from tjscan.groove.rivals import reflection_covariance, rival_covariance, sides_that_meet
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.shape import points_lead_away_from_side, undulation_sigmas
@@ -107,9 +108,6 @@ class GrooveCandidate:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
-    seen : ndarray of bool, shape (k - 1, 2)
-        Whether points lie beside each corner on the side before and on the side after it:
-        reflections seldom reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not bear it out.
     rivals : float or ndarray, shape (2 k, 2 k)
@@ -119,7 +117,6 @@ class GrooveCandidate:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
-    seen: NDArray[np.bool_]
     objection: str | None = None
     rivals: Array | float = 0.0
 
@@ -176,8 +173,8 @@ def find_best_candidate(
     """
     # Many sensors write a zero where they see nothing; and nothing is seen behind them.
     valid = profile.valid & (profile.z_s > 0)
-    # Coordinates lie one after the other in memory: sums over all points are quicker.
-    points = np.array((profile.x_s[valid], profile.z_s[valid])).T
+    points = np.empty((np.count_nonzero(valid), 2))
+    points[:, 0], points[:, 1] = profile.x_s[valid], profile.z_s[valid]
     if len(points) < settings.minimum_points:
         raise GrooveNotFound(
             "too few points",
@@ -188,7 +185,7 @@ def find_best_candidate(
     tangents = bearing_tangents(points)
     order = np.argsort(tangents, kind="stable")
     row = OrderedProfilePoints(
-        points.T[:, order].T, tangents[order], np.flatnonzero(valid)[order], len(profile)
+        points[order], tangents[order], np.flatnonzero(valid)[order], len(profile)
     )
     return row, _search(row, settings)
 
@@ -228,7 +225,7 @@ def _with_rivals(best: GrooveCandidate, sound: list[GrooveCandidate]) -> GrooveC
     """A reading that knows how far others are from it, and which sides may be reflections."""
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
-    rivals += reflection_covariance(best.model, best.fitted, best.seen)
+    rivals += reflection_covariance(best.model, best.fitted)
     return replace(best, rivals=rivals)
 
 
@@ -238,6 +235,7 @@ class _Search:
     def __init__(self, row: OrderedProfilePoints, settings: GrooveSettings) -> None:
         self.found: list[GrooveCandidate] = []
         self._row, self._settings = row, settings
+        self._runs = find_runs(row.points, row.columns)
         self._tried: list[tuple[GrooveModel, Array]] = []
         self._derived = 0
 
@@ -253,9 +251,11 @@ class _Search:
         sound = [c for c in self.found if c.objection is None and c.model.has_root_bead]
         if not sound or form.has_root_bead:
             return False
-        best = min(sound, key=lambda c: c.cost)
-        saved = SIDE_COST + DETACHED * np.count_nonzero(~best.seen)
-        loss = least_loss_without_root(self._row, best.fitted, self._settings.support_tolerance)
+        best = min(sound, key=lambda c: c.cost).fitted
+        if not sides_that_meet(best)[-2:].any():
+            return False  # what seems a face may be a reflection
+        saved = SIDE_COST + DETACHED * np.count_nonzero(~has_points_beside_corners(best))
+        loss = least_loss_without_root(self._row, best, self._settings.support_tolerance)
         return bool(loss > saved + REFIT_GAIN)
 
     def derive(self) -> None:
@@ -267,21 +267,34 @@ class _Search:
             self._derived += 1
             as_fitted = PolylineHypothesis(one.fitted.curves, one.fitted.corners, one.cost)
             if one.model.has_root_bead:
-                again = fit_bead(self._row, as_fitted, one.model, tolerance)
+                again = fit_bead(self._row, self._runs, as_fitted, one.model, tolerance)
                 self._refine(one.model, None if again is as_fitted else again)
+                if not sides_that_meet(one.fitted)[-2:].any():
+                    self._attach(one.model, _without_face(as_fitted))
             for form in (model, *model.alternatives):
                 if len(form.sides) != len(one.model.sides) + 1:
                     continue
                 # Where bevel and leg end a bead may begin; a second facet is no root's face.
                 if form.has_root_bead and (
-                    not one.model.has_root_bead or one.objection is not None
+                    not one.model.has_root_bead
+                    or one.objection is not None
+                    or not sides_that_meet(one.fitted)[-1]
                 ):
-                    self._refine(form, add_root_bead(self._row, as_fitted, tolerance))
+                    self._refine(form, add_root_bead(self._row, self._runs, as_fitted, tolerance))
+                    self._attach(form, as_fitted)
                 if one.model is model:
                     divided = _divided(model, form)
                     self._refine(
                         form, with_knee(self._row, one.fitted, divided, tolerance, SIDE_COST)
                     )
+
+    def _attach(self, form: GrooveModel, hypothesis: PolylineHypothesis | None) -> None:
+        """Try faces at the root that go on from bevel or leg."""
+        if hypothesis is None:
+            return
+        tolerance = self._settings.support_tolerance
+        for face in attached_faces(self._row, self._runs, hypothesis, tolerance):
+            self._refine(form, face)
 
     def _refine(self, model: GrooveModel, hypothesis: PolylineHypothesis | None) -> None:
         """Refine a hypothesis, if there is one, unless the like of it has been."""
@@ -292,14 +305,18 @@ class _Search:
                 return
         self._tried.append((model, hypothesis.corners))
         settings = replace(self._settings, model=model)
-        known = [c.fitted.corners for c in self.found if c.model is model]
-        refined = _candidate(self._row, hypothesis, settings, known)
-        if refined is not None and not any(
-            np.abs(refined.fitted.corners - other).max() < ARRIVED for other in known
-        ):
+        refined = _candidate(self._row, self._runs, hypothesis, settings)
+        if refined is not None:
             against = reason_to_reject_fit(refined, settings)
             self.found.append(replace(refined, objection=against))
             self._tried.append((model, refined.fitted.corners))
+
+
+def _without_face(hypothesis: PolylineHypothesis) -> PolylineHypothesis | None:
+    """A hypothesis without the face at the root; None where its neighbours do not meet."""
+    sides = (*hypothesis.sides[:-2], hypothesis.sides[-1])
+    met = corners_between_sides(sides, hypothesis.corners[:-1])
+    return None if met is None else replace(hypothesis, sides=sides, corners=met[0])
 
 
 def _divided(model: GrooveModel, form: GrooveModel) -> int:
@@ -389,40 +406,35 @@ def _why_not(
 
 def _candidate(
     row: OrderedProfilePoints,
+    runs: PointRuns,
     hypothesis: PolylineHypothesis,
     settings: GrooveSettings,
-    known: list[Array],
 ) -> GrooveCandidate | None:
-    """Refine a hypothesis, unless it leads to a fit whose corners are known.
-
-    None where its sides fit no points together.
-    """
+    """Refine a hypothesis; None where its sides fit no points together."""
     model, tolerance = settings.model, settings.support_tolerance
-    hypothesis = fit_bead(row, hypothesis, model, tolerance)
-    best: FittedProfile | None = None
-    least = np.inf
-    for annealed in (True, False):
+    hypothesis = fit_bead(row, runs, hypothesis, model, tolerance)
+    best: GrooveCandidate | None = None
+    # Few points of a face may bend it away from its neighbours: then it is drawn straight.
+    straight = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
+    for sides, annealed in ((model.sides, True), (model.sides, False), (straight, False)):
+        if sides is straight and (best is not None or not model.has_root_bead):
+            continue
         fitted = refine_fit(
-            row,
-            hypothesis.sides,
-            hypothesis.corners,
-            model.sides,
-            tolerance,
-            annealed=annealed,
-            known=known,
+            row, hypothesis.sides, hypothesis.corners, sides, tolerance, annealed=annealed
         )
         if fitted is not None:
             scaled = fitted.residuals / tolerance
             total = float(np.minimum(scaled * scaled, 1).sum())
-            if total < least:
-                best, least = fitted, total
-        if least < hypothesis.cost + STRAYED * len(row.points):
+            if best is None or total < best.cost:
+                best = GrooveCandidate(model, fitted, total)
+        if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
             break
     if best is None:
         return None
-    seen = _points_beside_corners(best)
-    cost = least + SIDE_COST * len(model.sides) + DETACHED * np.count_nonzero(~seen)
-    return GrooveCandidate(model, best, cost, seen)
+    seen = has_points_beside_corners(best.fitted)
+    detached = seen.size - np.count_nonzero(seen)
+    cost = float(runs.total_cost(np.minimum((best.fitted.residuals / tolerance) ** 2, 1)))
+    return replace(best, cost=cost + SIDE_COST * len(model.sides) + DETACHED * detached)
 
 
 def _turns(fitted: FittedProfile) -> list[float]:
@@ -446,7 +458,7 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     Unless it has been compared with other forms, every corner must be seen from both sides, too.
     """
     fitted, sides = found.fitted, found.model.sides
-    if not (compared or found.seen.all()):
+    if not (compared or has_points_beside_corners(fitted).all()):
         return False
     if fitted.inlier_shares.min() < SEEN_SHARE or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT:
         return False
@@ -457,8 +469,14 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     )
 
 
-def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
+def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points lie beside each corner on the side before and on the side after it.
+
+    Returns
+    -------
+    ndarray of bool, shape (k - 1, 2)
+        Reflections seldom reach the surfaces that they seem to meet.
+    """
     ends, starts = np.array(fitted.places).T
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
@@ -466,7 +484,7 @@ def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
         np.less(np.abs(fitted.along - np.repeat(places, sizes)), ATTACHED, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_ATTACHED
+    return np.column_stack((count[0, :-1], count[1, 1:])) >= FEWEST_ATTACHED
 
 
 def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:

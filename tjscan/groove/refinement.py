@@ -7,7 +7,6 @@ pipes and bevels, whichever the points make the likelier.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.background import HOLE
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.models import SideModel
 from tjscan.groove.noise import (
@@ -57,9 +57,6 @@ ANNEALED: Final = (4.0, 2.0)
 SETTLED: Final = 1.0
 """Corners that move less from one round to the next are final, in standard deviations."""
 
-ARRIVED: Final = 0.05e-3
-"""Fits whose corners differ by less, in metres, become the same."""
-
 MOST_ROUNDS: Final = 10
 UNDECIDED_ROUNDS: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
@@ -70,7 +67,10 @@ REBASED_ROUNDS: Final = 4
 CLEARLY: Final = 1.1
 """Log of the odds from which a side is straight: a factor of 3, for few points don't tell."""
 
-_IDENTITY: Final = np.eye(4)
+RIM, MOST_CURLED, CURLED, FEWEST_CURLED = 8, 0.6e-3, 2.5, 2
+"""Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
+least, in standard deviations; and how many rims must be seen to curl."""
+
 _UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
@@ -117,7 +117,9 @@ class NormalEquations:
 
     def solve_with_prior(self, weight: Array) -> tuple[Array, Array]:
         """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior `weight` (k, 4)."""
-        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
+        matrix = self.matrix.copy(order="C")
+        matrix.reshape(len(matrix), -1)[:, ::5] += weight
+        inverse = np.linalg.inv(matrix)
         return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
@@ -206,7 +208,6 @@ def refine_fit(
     tolerance: float,
     *,
     annealed: bool = True,
-    known: Sequence[Array] = (),
 ) -> FittedProfile | None:
     """Find the most likely fit near a hypothesis; None where there is none.
 
@@ -223,8 +224,6 @@ def refine_fit(
         Distance from the hypothesis within which points belong to it, in metres.
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
-    known : sequence of ndarray, shape (k - 1, 2)
-        Corners of other fits: one that comes as near as `ARRIVED` to them is not finished.
     """
     widths = ANNEALED if annealed else ()
     spread = prior_shape_sigmas(model)
@@ -240,6 +239,8 @@ def refine_fit(
     fitted: FittedProfile | None = None
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE)
+    left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_ROUNDS):
         before = fitted
         weight = prior_weights(spread, curved, sigmas, inflation)
@@ -247,12 +248,12 @@ def refine_fit(
             sides = tuple(
                 c.rebased_at_tangent(m) for c, m in zip(sides, fitted.middles, strict=True)
             )
-        fitted = _round(row, sides, corners, limits, weight, curved, shadows=count >= len(widths))
+        fitted = _round(
+            row, sides, corners, limits, weight, curved, left_out, shadows=count >= len(widths)
+        )
         if fitted is None:
             return None
         sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
-        if any(np.abs(corners - other).max() < ARRIVED for other in known):
-            break
         blunt = _blunt(sides, corners, model)
         limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance * reach)
         if count + 1 < len(widths):
@@ -262,11 +263,15 @@ def refine_fit(
         if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if noise is None and (settling or count + 1 == UNDECIDED_ROUNDS):
+        if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
             straight = _evidence(row, fitted, noise, spread)
             curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
+            if left_out is None and len(holes):
+                left_out = _curled_rims(fitted, holes, bead)
+                if left_out is not None:
+                    curved, noise = curved | bead & (spread[:, 0] > 0), None
     return None if fitted is None else replace(fitted, noise=noise, straight=straight)
 
 
@@ -298,6 +303,7 @@ def _round(
     limits: Array,
     weight: Array,
     curved: NDArray[np.bool_],
+    left_out: NDArray[np.bool_] | None,
     *,
     shadows: bool,
 ) -> FittedProfile | None:
@@ -320,6 +326,8 @@ def _round(
     keep = np.abs(scaled) < CUT
     if shadows:
         keep = _unshadowed(scaled, keep)
+    if left_out is not None:
+        keep &= ~left_out
 
     u = s / _UNIT
     terms = np.empty((11, len(u)))
@@ -419,6 +427,30 @@ def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return keep & surface.repeat(np.diff(edges))
 
 
+def _curled_rims(
+    fitted: FittedProfile, holes: Index, bead: NDArray[np.bool_]
+) -> NDArray[np.bool_] | None:
+    """Points beside holes, shape (n,), if the surface seems to curl there; None if it does not.
+
+    The long sides show whether it does, on most rims, and how far from a hole; the face of a
+    bead may follow what curls. Each hole comes after one of the points `holes`.
+    """
+    n = len(fitted.keep)
+    steps = np.arange(RIM)
+    rims = np.clip(np.concatenate((holes[:, None] - steps, holes[:, None] + 1 + steps)), 0, n - 1)
+    owner = np.searchsorted(fitted.edges[1:-1], rims, side="right")
+    off = np.abs(fitted.residuals[rims])
+    long = ~bead[owner[:, 0]] & (off[:, 0] < MOST_CURLED)
+    curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[long] > CURLED
+    first = np.count_nonzero(curled[:, 0])
+    if first < FEWEST_CURLED or 2 * first <= len(curled):
+        return None
+    width = 1 + int(np.logical_and.accumulate(curled, axis=1).sum(axis=1).max())
+    found = np.zeros(n, dtype=np.bool_)
+    found[rims[:, :width]] = True
+    return found
+
+
 def estimate_noise_correlation(
     row: OrderedProfilePoints, fitted: FittedProfile
 ) -> NoiseCorrelation:
@@ -434,6 +466,12 @@ def estimate_noise_correlation(
     return estimate_correlation(
         scaled, row.columns[keep], row.count, int(fitted.parameter_counts.sum())
     )
+
+
+def points_on_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Points on their sides, shape (n,), with those that a fit left out for what lies beside."""
+    close = CUT * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
+    return np.asarray(fitted.keep | (np.abs(fitted.residuals) < close))
 
 
 def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import FittedProfile
+from tjscan.groove.refinement import FittedProfile, points_on_sides
 
 INDEPENDENT: Final = 0.25
 """Logarithm of the odds that one point explained more is worth: points of a reflection come in
@@ -24,9 +24,18 @@ runs, and noise is correlated, so that a point counts for a part of an independe
 LEAST_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTED, REFLECTION = 0.2, 3e-3
-"""Probability that a side is a reflection if it reaches neither of its corners, and how far
-reflections lie off the surface, in metres."""
+REFLECTION: Final = 3e-3
+"""How far reflections lie off the surface, in metres."""
+
+FAR: Final = 0.6e-3
+"""Farther from its side, in metres, a point is a reflection."""
+
+MOST_REFLECTED: Final = 0.25
+"""Greatest probability that a side which hangs together with no other is a reflection."""
+
+THERE, FEWEST_THERE, FEWEST_BETWEEN = 1.5e-3, 2, 3
+"""Points of a side, so near a corner in metres, that show it there; and points between two sides
+that hide how one goes over into the other."""
 
 SAME: Final = 0.05e-3
 """Readings whose corners differ by less, in metres, are one."""
@@ -89,22 +98,49 @@ def rival_covariance(
     return covariance
 
 
-def reflection_covariance(
-    model: GrooveModel, fitted: FittedProfile, seen: NDArray[np.bool_]
-) -> Array:
-    """What it adds, shape (2 k, 2 k), that a side which reaches no corner may be a reflection.
+def reflection_probability(fitted: FittedProfile) -> float:
+    """Probability that a side which hangs together with no other one is a reflection.
+
+    It is the share of the profile's points that are reflections, estimated with half a point
+    more, for none may be seen by chance.
+    """
+    far = np.count_nonzero(np.abs(fitted.residuals) > FAR)
+    return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
+
+
+def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """At which corners the points of one side go over into those of the next, shape (k - 1,).
+
+    Both are seen there, and few others lie between them. A side that is drawn on from far away
+    meets another one as well, and so does a reflection.
+    """
+    on = points_on_sides(fitted)
+    found = np.zeros(len(fitted.corners), dtype=np.bool_)
+    for i, (s_before, s_after) in enumerate(fitted.places):
+        start, middle, end = fitted.edges[i : i + 3]
+        before = start + np.flatnonzero(on[start:middle])[-FEWEST_THERE:]
+        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_THERE]
+        if min(len(before), len(after)) < FEWEST_THERE:
+            continue
+        away = np.concatenate((fitted.along[before] - s_before, fitted.along[after] - s_after))
+        between = after[0] - before[-1] - 1
+        found[i] = between < FEWEST_BETWEEN and np.abs(away).max() < THERE
+    return found
+
+
+def reflection_covariance(model: GrooveModel, fitted: FittedProfile) -> Array:
+    """What it adds, shape (2 k, 2 k), that a side which reaches no other may be a reflection.
 
     Parameters
     ----------
     model : GrooveModel
     fitted : FittedProfile
         Of k sides.
-    seen : ndarray of bool, shape (k - 1, 2)
-        Whether the side before and the side after each corner reach it.
     """
     covariance = np.zeros((2 * len(model.sides),) * 2)
+    meets = sides_that_meet(fitted)
     for k, side in enumerate(model.sides[1:-1], 1):
-        if side.bead or seen[k - 1, 1] or seen[k, 0]:
+        if side.bead or meets[k - 1 : k + 1].any():
             continue
         away = np.zeros(len(covariance))
         for i, neighbour in ((k - 1, k - 1), (k, k + 1)):
@@ -114,5 +150,5 @@ def reflection_covariance(
             # Sideways by so much, a side meets its neighbour farther along it.
             sine = tx * own[1] - tz * own[0]
             away[2 * i : 2 * i + 2] = REFLECTION / sine * np.array((tx, tz))
-        covariance += REFLECTED * np.outer(away, away)
+        covariance += reflection_probability(fitted) * np.outer(away, away)
     return covariance

@@ -14,6 +14,7 @@ from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, estimate_noise_correlation
+from tjscan.groove.rivals import reflection_probability, sides_that_meet
 from tjscan.groove.section import TACK
 
 OPEN_ROOT: Final = "open root"
@@ -52,8 +53,8 @@ BURIED: Final = 0.5
 LEAST_UNSEEN: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
-REFLECTED: Final = 0.2
-"""Probability that a root's face is a reflection if it meets no side where this is seen."""
+DENSER: Final = 2.0
+"""By how much reflections are denser about a notch, where light finds many ways."""
 
 FARTHEST: Final = 20e-3
 """Metres along bevel or leg in which the root lies."""
@@ -121,8 +122,7 @@ def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...])
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    if not found.seen[-2:].all(axis=1).any():
-        spread[2:6, 2:6] += _if_reflected(fitted)
+    spread[2:6, 2:6] += _if_reflected(fitted)
     conditions = seam
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
@@ -146,18 +146,29 @@ def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...])
 def _if_reflected(fitted: FittedProfile) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face is a reflection.
 
-    One that meets neither the bevel nor the leg where these are seen may be one. Then the corners
-    lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    One that goes over neither into the bevel nor into the leg may be one. Then the corners lie
+    anywhere between the last points of bevel and leg and where these, drawn on, meet. Where it
+    goes over into one of them, only its far end may be.
     """
     found = np.zeros((4, 4))
+    meets = sides_that_meet(fitted)[-2:].tolist()
+    probability = reflection_probability(fitted)
+    if not any(meets):
+        probability *= DENSER
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
+        if meets[k // 2]:
+            continue
         own = fitted.kept_along(len(fitted.curves) + side)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
-        reach = FARTHEST if met is None else abs(met[0 if k == 0 else 1] - float(end(own)))
-        along = sqrt(REFLECTED / 12) * min(reach, FARTHEST)
-        found[k : k + 2, k : k + 2] = _spread(curve, place, along, 0.0)
+        near = float(end(own)) - place
+        far = near + (FARTHEST if k == 0 else -FARTHEST)
+        if met is not None and abs(met[k // 2] - place) < FARTHEST:
+            far = met[k // 2] - place
+        # Mean square of what is uniform between the two.
+        square = (near * near + near * far + far * far) / 3
+        found[k : k + 2, k : k + 2] = _spread(curve, place, sqrt(probability * square), 0.0)
     return found
 
 

@@ -20,12 +20,12 @@ from tjscan.groove.curves import CubicCurve
 from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.models import SideModel
 from tjscan.groove.refinement import (
-    CUT,
     LEAST_NOISE,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
+    points_on_sides,
 )
 
 BLOCK: Final = 10
@@ -132,17 +132,32 @@ def estimate_shape_errors(
     slow = np.hypot(slow, _patches(fitted))
     sigma = np.hypot(np.abs(shift), np.column_stack((slow[:-1], slow[1:])))
     gaps = _gaps(fitted)
-    sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0))
+    unseen = _unseen_shares(fitted, gaps)
+    sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0) * unseen)
     for k, side in enumerate(model):
         if side.bead:
             ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
             bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
             # Beyond its last points a face goes on with a slope that these hardly know.
             slope = FREE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
-            unseen = np.maximum(gaps[(k - 1, k), (1, 0)] - CLOSE, 0.0)
-            free = np.hypot(BLUNT * bow, slope * unseen)
+            beyond = np.maximum(gaps[(k - 1, k), (1, 0)] - CLOSE, 0.0) * unseen[(k - 1, k), (1, 0)]
+            free = np.hypot(BLUNT * bow, slope * beyond)
             sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
     return ShapeErrors(shift, sigma)
+
+
+def _unseen_shares(fitted: FittedProfile, gaps: Array) -> Array:
+    """Root of the share of its side that each gap takes, shape (k - 1, 2).
+
+    A knee that a side may have lies in the gap with that probability. Wall and leg, which are
+    tubes, have none.
+    """
+    found = np.zeros_like(gaps)
+    for k in range(1, len(fitted.curves) - 1):
+        length = abs(fitted.places[k][0] - fitted.places[k - 1][1])
+        for i, j in ((k - 1, 1), (k, 0)):
+            found[i, j] = sqrt(min(gaps[i, j] / max(length, 1e-9), 1.0))
+    return found
 
 
 def undulation_sigmas(fitted: FittedProfile) -> Array:
@@ -209,9 +224,7 @@ def _gaps(fitted: FittedProfile) -> Array:
     Single points that lie on a side by chance do not show it.
     """
     found = np.zeros((len(fitted.corners), 2))
-    # Points that a fit left out for what lies beside them are seen all the same.
-    close = CUT * max(median(fitted.sigmas.tolist()), LEAST_NOISE)
-    on = fitted.keep | (np.abs(fitted.residuals) < close)
+    on = points_on_sides(fitted)
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             own = fitted.points_of(i + j)
@@ -334,7 +347,7 @@ def _pulled(fitted: FittedProfile, k: int, left: Array) -> Array:
 
 
 def _pull(fitted: FittedProfile, k: int) -> float:
-    """How far both neighbours of a bead show its points to be pulled in, in metres; 0 if not."""
+    """How far the neighbours of a bead show its points to be pulled in, in metres; 0 if not."""
     noise = fitted.noise
     if noise is None:
         return 0.0
@@ -346,9 +359,12 @@ def _pull(fitted: FittedProfile, k: int) -> float:
             for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1))
         ]
         shown, known = (sum(values) for values in zip(*flanks, strict=True))
-        if min(known for _, known in flanks) == 0:
+        if known == 0:
             continue
-        each = min(moved / sqrt(square * noise.variance_inflation) for moved, square in flanks)
+        # A flank that is not seen there has no say.
+        each = min(
+            moved / sqrt(square * noise.variance_inflation) for moved, square in flanks if square
+        )
         if each > 1 and shown > least * sqrt(known * noise.variance_inflation):
             least, pull = shown / sqrt(known * noise.variance_inflation), shown / known
     return pull

@@ -1,0 +1,92 @@
+"""Runs of points that are no steel: what they cost, and that no corner is surely on them."""
+
+import numpy as np
+import pytest
+from grooves import MM, Groove, Noise, draw
+
+from tjscan.core.frames import Array
+from tjscan.groove.background import find_runs
+from tjscan.groove.find import find_groove
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+
+NOISE = Noise(0.03 * MM)
+SURE = 0.4 * MM
+
+
+def errors_and_sigmas(section: GrooveSection, groove: Groove) -> tuple[Array, Array]:
+    off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
+    return off, np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2))
+
+
+def bent_line(count: int) -> Array:
+    """A line of points 0.2 mm apart that turns by a right angle in its middle."""
+    along = 0.2 * MM * np.arange(count)
+    turn = along[count // 2]
+    return np.column_stack((np.minimum(along, turn), 0.24 + np.maximum(along - turn, 0)))
+
+
+def test_a_corner_divides_no_run_and_a_jump_does() -> None:
+    points, columns = bent_line(60), np.arange(60)
+    assert len(find_runs(points, columns).first) == 1
+    points[20:30, 1] -= 3 * MM
+    assert find_runs(points, columns).first.tolist() == [0, 20, 30]
+
+
+def test_points_after_a_hole_do_not_jump() -> None:
+    columns = np.concatenate((np.arange(30), np.arange(50, 80)))
+    runs = find_runs(bent_line(80)[columns], columns)
+    assert runs.first.tolist() == [0, 30]
+    assert not runs.jumps.any()
+
+
+def test_a_run_that_jumps_costs_less_than_its_points_and_steel_does_not() -> None:
+    points = bent_line(60)
+    costs = np.zeros(60)
+    costs[20:40] = 1.0
+    steel = find_runs(points, np.arange(60))
+    assert steel.total_cost(costs) == pytest.approx(20)
+    points[20:40, 1] -= 3 * MM
+    ghost = find_runs(points, np.arange(60))
+    assert ghost.total_cost(costs) < 15
+    costs[25] = 0.5  # one of them lies on a side: the run is no reflection
+    assert ghost.total_cost(costs) == pytest.approx(costs.sum())
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("end", [0, 1])
+def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: int) -> None:
+    """A run of reflections takes the rest of the root and is longer than what is left of it."""
+    groove = Groove()
+    profile = draw(groove, NOISE, seed)
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    tangents, (_, p3, p4) = x / z, groove.corners
+    first, last = sorted((p3[0] / p3[1], p4[0] / p4[1]))
+    share = (tangents - first) / (last - first)
+    run = (share > -0.3) & (share < 0.6) if end else (share > 0.4) & (share < 1.3)
+    scale = 1 - 2.5 * MM / z[run]
+    x[run], z[run] = x[run] * scale, z[run] * scale
+    off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
+    seen = 1 if (p3[0] / p3[1] > p4[0] / p4[1]) == bool(end) else 2
+    assert off[seen] < 0.3 * MM
+    assert off[sigma < SURE].max() < 1 * MM
+
+
+@pytest.mark.parametrize("lift", [-0.25, 0.25])
+@pytest.mark.parametrize("seed", range(6))
+def test_rims_that_curl_about_holes_bend_no_face(seed: int, lift: float) -> None:
+    groove = Groove()
+    profile = draw(groove, NOISE, seed)
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    middle = groove.corners[1:].mean(axis=0)
+    at_root = int(np.nanargmin(np.hypot(x - middle[0], z - middle[1])))
+    for hole in (at_root - 120, at_root - 60, at_root + 3, at_root + 70, at_root + 140):
+        for side in (-1, 1):
+            for k in range(5):
+                i = hole + side * (8 + k)
+                scale = 1 + lift * MM * (1 - k / 5) / z[i]
+                x[i], z[i] = x[i] * scale, z[i] * scale
+        x[hole - 7 : hole + 8] = z[hole - 7 : hole + 8] = np.nan
+    off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
+    assert off[sigma < SURE].max() < 1 * MM
+    assert (off / sigma).max() < 4
