@@ -50,6 +50,20 @@ def test_a_sharp_butt_joint_shows_its_three_corners(seed: int) -> None:
     assert off.max() < CLOSE
 
 
+@pytest.mark.parametrize("bow", [0.2 * MM, 0.4 * MM])
+@pytest.mark.parametrize("seed", range(4))
+def test_bevels_that_bow_meet_the_plates_where_they_are_seen_to(bow: float, seed: int) -> None:
+    sides = plates(root=0.0)
+    for k in (1, 2):
+        (start, end), share = sides[k], np.linspace(0, 1, 81)[:, None]
+        along = end - start
+        square = np.array((along[1], -along[0])) / np.linalg.norm(along)
+        sides[k] = start + share * along + 4 * bow * share * (1 - share) * square
+    _, fitted = fit_groove_to_profile(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V))
+    tops = np.linalg.norm(fitted.corners - corners(sides), axis=1)[[0, -1]]
+    assert tops.max() < CLOSE
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_mirrored_groove_gives_mirrored_corners(seed: int) -> None:
     profile = seen(plates(root=0.005), REFLECTIVE, seed)

@@ -137,8 +137,9 @@ TEE: Final = GrooveModel(
 _PLATES: Final = TurnBounds(-radians(30), radians(30))
 _PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
 _OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
-_BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3)
-_OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3)
+# Cut or ground by hand, a bevel bows by a tenth of a millimetre in 20 mm.
+_BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
+_OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3, bend=1.0)
 
 BUTT_V_SHARP: Final = GrooveModel(
     "butt-v-sharp",
