@@ -20,7 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.budget import SearchBudget
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.models import GrooveModel, SideModel, TurnBounds
-from tjscan.groove.segments import CurvedSegments, Index, normals_of_directions
+from tjscan.groove.segments import CurvedSegments, Index
 
 LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
@@ -127,6 +127,7 @@ def outer_side_pairs(
     return [(*divmod(k, len(segments)), float(score.flat[k])) for k in likely]
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def best_hypotheses(
     model: GrooveModel,
     points: Array,
@@ -161,10 +162,9 @@ def best_hypotheses(
         return []
     region, u = points[lo:hi], tangents[lo:hi]
     outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
-    ends = [
-        _Lines(np.zeros((1, 2)), np.zeros((1, 2)), *_running(d[None, lo:hi]))
-        for d in (d_first, d_last)
-    ]
+    paid, support = _running(np.array((d_first[lo:hi], d_last[lo:hi])))
+    nowhere = np.zeros((1, 2))
+    ends = [_Lines(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1)]
     lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, budget.proposals)
     if not len(lines):
         return []
@@ -199,12 +199,14 @@ def best_hypotheses(
 
 def end_of_support(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
-    total = np.zeros(len(support) + 1 + 2 * NEIGHBOURS, dtype=np.intp)
-    support.cumsum(out=total[NEIGHBOURS + 1 : len(total) - NEIGHBOURS])
-    total[len(total) - NEIGHBOURS :] = total[len(total) - NEIGHBOURS - 1]
-    dense = total[2 * NEIGHBOURS + 1 :] - total[: len(support)] > NEIGHBOURS
-    where = dense.nonzero()[0]
+    if not len(support):
+        return 0
+    near = np.convolve(support, _NEIGHBOURHOOD)[NEIGHBOURS : NEIGHBOURS + len(support)]
+    where = (near > NEIGHBOURS).nonzero()[0]
     return int(where[-1]) + 1 if len(where) else 0
+
+
+_NEIGHBOURHOOD: Final = np.ones(2 * NEIGHBOURS + 1)
 
 
 def _costs(scaled: Array) -> Array:
@@ -234,18 +236,18 @@ def _proposals(
     a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))
     every = -(-len(a) // most)
     a, b = a[::every], b[::every]
-    t = region[b] - region[a]
-    length = np.sqrt((t * t).sum(axis=1))
+    p, q = region.T[:, a], region.T[:, b]
+    t = q - p
+    length = np.hypot(t[0], t[1])
     good = length > 3 * tolerance
-    a, t = a[good], t[good] / length[good, None]
-    n = normals_of_directions(t)
+    p, t = p[:, good], t[:, good] / length[good]
     # Scaled distances need no double precision; small arrays stay in the cache.
-    origin = region.mean(axis=0)
-    n4 = n.astype(np.float32)
-    d = n4 @ (region - origin).T.astype(np.float32)
-    d -= (n * (region[a] - origin)).sum(axis=1)[:, None].astype(np.float32)
-    d *= np.float32(1 / tolerance)
-    return np.hstack((region[a], t)), d
+    origin = region[len(region) // 2]
+    n = np.array((t[1], -t[0])) / tolerance
+    d = n.T.astype(np.float32) @ (region - origin).T.astype(np.float32)
+    x, z = p - origin[:, None]
+    d -= (n[0] * x + n[1] * z)[:, None].astype(np.float32)
+    return np.concatenate((p, t)).T, d
 
 
 def _pool(
@@ -274,9 +276,8 @@ def _pool(
         side, allowed = neighbour
         corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
         met[i] = corner, turned
-        with np.errstate(invalid="ignore"):
-            keep &= (turned >= allowed.least) & (turned <= allowed.most)
-            keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
+        keep &= (turned >= allowed.least) & (turned <= allowed.most)
+        keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
         corner = np.where(keep[:, None], corner, 1.0)
         bounds[i] = np.searchsorted(u, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
@@ -393,9 +394,8 @@ def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
     w = b.point[None] - a.point[:, None]
     sin = t[..., 0] * r[..., 1] - t[..., 1] * r[..., 0]
     cos = t[..., 0] * r[..., 0] + t[..., 1] * r[..., 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = (w[..., 0] * r[..., 1] - w[..., 1] * r[..., 0]) / sin
-        return a.point[:, None] + s[..., None] * t, np.arctan2(sin, cos)
+    s = (w[..., 0] * r[..., 1] - w[..., 1] * r[..., 0]) / sin
+    return a.point[:, None] + s[..., None] * t, np.arctan2(sin, cos)
 
 
 def _meet_outer(
@@ -409,17 +409,16 @@ def _meet_outer(
     s0, d0 = outer.local_coordinates(points)
     ts = directions @ np.array((outer.tx, outer.tz))
     td = directions @ np.array((outer.tz, -outer.tx))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        slope = td / ts
-        b, c = outer.c1 - slope, outer.c0 - d0 + slope * s0
-        s = -2 * c / (b + np.copysign(np.sqrt(b * b - 4 * outer.c2 * c), b))
-        height = outer.c0 + s * (outer.c1 + s * outer.c2)
-        bent = np.arctan(outer.c1 + 2 * s * outer.c2)
-        corner = np.empty((len(s), 2))
-        corner[:, 0] = outer.cx + s * outer.tx + height * outer.tz
-        corner[:, 1] = outer.cz + s * outer.tz - height * outer.tx
-        # A direction at angle a against the chord turns the other way round in (s, d).
-        turned = np.arctan2(-td, ts) + bent
+    slope = td / ts
+    b, c = outer.c1 - slope, outer.c0 - d0 + slope * s0
+    s = -2 * c / (b + np.copysign(np.sqrt(b * b - 4 * outer.c2 * c), b))
+    height = outer.c0 + s * (outer.c1 + s * outer.c2)
+    bent = np.arctan(outer.c1 + 2 * s * outer.c2)
+    corner = np.empty((len(s), 2))
+    corner[:, 0] = outer.cx + s * outer.tx + height * outer.tz
+    corner[:, 1] = outer.cz + s * outer.tz - height * outer.tx
+    # A direction at angle a against the chord turns the other way round in (s, d).
+    turned = np.arctan2(-td, ts) + bent
     return corner, turned if after else -turned
 
 
@@ -433,10 +432,9 @@ def _joint(
     box: tuple[list[float], list[float]],
 ) -> _Joint:
     """What each pair of neighbours pays; infinite where they can't be neighbours."""
-    with np.errstate(invalid="ignore"):
-        allowed = (turned >= bounds.least) & (turned <= bounds.most)
-        for axis, low, high in zip((0, 1), *box, strict=True):
-            allowed &= (corner[..., axis] > low) & (corner[..., axis] < high)
+    allowed = (turned >= bounds.least) & (turned <= bounds.most)
+    for axis, low, high in zip((0, 1), *box, strict=True):
+        allowed &= (corner[..., axis] > low) & (corner[..., axis] < high)
     corner = np.where(allowed[..., None], corner, 1.0)
     place = u.searchsorted(bearing_tangents(corner))
     i, j = np.arange(len(a.paid))[:, None], np.arange(len(b.paid))[None]

@@ -152,7 +152,7 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Curve
     A window inside a longer one that fits has nothing to add.
     """
     n = len(points)
-    origin = points.mean(axis=0)
+    origin = points[n // 2]
     terms, sums = np.empty((5, n)), np.zeros((5, n + 1))
     np.subtract(points.T, origin[:, None], out=terms[:2])
     np.multiply(terms[0], terms[:2], out=terms[2:4])
@@ -184,12 +184,12 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Curve
     first, last = first[new], last[new]
     angle = 0.5 * np.arctan2(2 * xz, xx - zz)
     m = len(first)
-    direction, centre = np.empty((m, 2)), np.empty((m, 2))
-    direction[:, 0], direction[:, 1] = np.cos(angle), np.sin(angle)
-    along = ((points[last - 1] - points[first]) * direction).sum(axis=1)
+    direction = np.array((np.cos(angle), np.sin(angle))).T
+    chord = points.T[:, last - 1] - points.T[:, first]
+    along = chord[0] * direction[:, 0] + chord[1] * direction[:, 1]
     direction[along < 0] *= -1
     nothing = np.zeros(m, dtype=np.intp)
-    centre[:, 0], centre[:, 1] = mx + origin[0], mz + origin[1]
+    centre = np.array((mx + origin[0], mz + origin[1])).T
     return CurvedSegments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
