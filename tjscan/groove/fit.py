@@ -27,6 +27,7 @@ from tjscan.groove.hypotheses import (
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
 from tjscan.groove.refinement import (
+    ARRIVED,
     FittedProfile,
     OrderedProfilePoints,
     corners_between_sides,
@@ -305,8 +306,11 @@ class _Search:
                 return
         self._tried.append((model, hypothesis.corners))
         settings = replace(self._settings, model=model)
-        refined = _candidate(self._row, self._runs, hypothesis, settings)
-        if refined is not None:
+        known = [c.fitted.corners for c in self.found if c.model is model]
+        refined = _candidate(self._row, self._runs, hypothesis, settings, known)
+        if refined is not None and not any(
+            np.abs(refined.fitted.corners - other).max() < ARRIVED for other in known
+        ):
             against = reason_to_reject_fit(refined, settings)
             self.found.append(replace(refined, objection=against))
             self._tried.append((model, refined.fitted.corners))
@@ -409,8 +413,12 @@ def _candidate(
     runs: PointRuns,
     hypothesis: PolylineHypothesis,
     settings: GrooveSettings,
+    known: list[Array],
 ) -> GrooveCandidate | None:
-    """Refine a hypothesis; None where its sides fit no points together."""
+    """Refine a hypothesis, unless it leads to a fit whose corners are known.
+
+    None where its sides fit no points together.
+    """
     model, tolerance = settings.model, settings.support_tolerance
     hypothesis = fit_bead(row, runs, hypothesis, model, tolerance)
     best: GrooveCandidate | None = None
@@ -420,7 +428,13 @@ def _candidate(
         if sides is straight and (best is not None or not model.has_root_bead):
             continue
         fitted = refine_fit(
-            row, hypothesis.sides, hypothesis.corners, sides, tolerance, annealed=annealed
+            row,
+            hypothesis.sides,
+            hypothesis.corners,
+            sides,
+            tolerance,
+            annealed=annealed,
+            known=known,
         )
         if fitted is not None:
             scaled = fitted.residuals / tolerance

@@ -7,6 +7,7 @@ pipes and bevels, whichever the points make the likelier.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -56,6 +57,9 @@ ANNEALED: Final = (4.0, 2.0)
 
 SETTLED: Final = 1.0
 """Corners that move less from one round to the next are final, in standard deviations."""
+
+ARRIVED: Final = 0.05e-3
+"""Fits whose corners differ by less, in metres, become the same."""
 
 MOST_ROUNDS: Final = 10
 UNDECIDED_ROUNDS: Final = 3
@@ -208,6 +212,7 @@ def refine_fit(
     tolerance: float,
     *,
     annealed: bool = True,
+    known: Sequence[Array] = (),
 ) -> FittedProfile | None:
     """Find the most likely fit near a hypothesis; None where there is none.
 
@@ -224,6 +229,8 @@ def refine_fit(
         Distance from the hypothesis within which points belong to it, in metres.
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
+    known : sequence of ndarray, shape (k - 1, 2)
+        Corners of other fits: one that comes as near as `ARRIVED` to them is not finished.
     """
     widths = ANNEALED if annealed else ()
     spread = prior_shape_sigmas(model)
@@ -254,6 +261,8 @@ def refine_fit(
         if fitted is None:
             return None
         sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
+        if any(np.abs(corners - other).max() < ARRIVED for other in known):
+            break
         blunt = _blunt(sides, corners, model)
         limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance * reach)
         if count + 1 < len(widths):
