@@ -109,6 +109,9 @@ class GrooveCandidate:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
+    seen : ndarray of bool, shape (k - 1, 2)
+        Whether points lie beside each corner on the side before and on the side after it:
+        reflections seldom reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not bear it out.
     rivals : float or ndarray, shape (2 k, 2 k)
@@ -118,6 +121,7 @@ class GrooveCandidate:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
+    seen: NDArray[np.bool_]
     objection: str | None = None
     rivals: Array | float = 0.0
 
@@ -252,11 +256,11 @@ class _Search:
         sound = [c for c in self.found if c.objection is None and c.model.has_root_bead]
         if not sound or form.has_root_bead:
             return False
-        best = min(sound, key=lambda c: c.cost).fitted
-        if not sides_that_meet(best)[-2:].any():
+        best = min(sound, key=lambda c: c.cost)
+        if not sides_that_meet(best.fitted)[-2:].any():
             return False  # what seems a face may be a reflection
-        saved = SIDE_COST + DETACHED * np.count_nonzero(~has_points_beside_corners(best))
-        loss = least_loss_without_root(self._row, best, self._settings.support_tolerance)
+        saved = SIDE_COST + DETACHED * np.count_nonzero(~best.seen)
+        loss = least_loss_without_root(self._row, best.fitted, self._settings.support_tolerance)
         return bool(loss > saved + REFIT_GAIN)
 
     def derive(self) -> None:
@@ -421,7 +425,8 @@ def _candidate(
     """
     model, tolerance = settings.model, settings.support_tolerance
     hypothesis = fit_bead(row, runs, hypothesis, model, tolerance)
-    best: GrooveCandidate | None = None
+    best: FittedProfile | None = None
+    least = np.inf
     # Few points of a face may bend it away from its neighbours: then it is drawn straight.
     straight = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
     for sides, annealed in ((model.sides, True), (model.sides, False), (straight, False)):
@@ -439,16 +444,16 @@ def _candidate(
         if fitted is not None:
             scaled = fitted.residuals / tolerance
             total = float(np.minimum(scaled * scaled, 1).sum())
-            if best is None or total < best.cost:
-                best = GrooveCandidate(model, fitted, total)
-        if best is not None and best.cost < hypothesis.cost + STRAYED * len(row.points):
+            if total < least:
+                best, least = fitted, total
+        if least < hypothesis.cost + STRAYED * len(row.points):
             break
     if best is None:
         return None
-    seen = has_points_beside_corners(best.fitted)
-    detached = seen.size - np.count_nonzero(seen)
-    cost = float(runs.total_cost(np.minimum((best.fitted.residuals / tolerance) ** 2, 1)))
-    return replace(best, cost=cost + SIDE_COST * len(model.sides) + DETACHED * detached)
+    seen = _points_beside_corners(best)
+    cost = float(runs.total_cost(np.minimum((best.residuals / tolerance) ** 2, 1)))
+    cost += SIDE_COST * len(model.sides) + DETACHED * np.count_nonzero(~seen)
+    return GrooveCandidate(model, best, cost, seen)
 
 
 def _turns(fitted: FittedProfile) -> list[float]:
@@ -472,7 +477,7 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     Unless it has been compared with other forms, every corner must be seen from both sides, too.
     """
     fitted, sides = found.fitted, found.model.sides
-    if not (compared or has_points_beside_corners(fitted).all()):
+    if not (compared or found.seen.all()):
         return False
     if fitted.inlier_shares.min() < SEEN_SHARE or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT:
         return False
@@ -483,14 +488,8 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     )
 
 
-def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Whether points lie beside each corner on the side before and on the side after it.
-
-    Returns
-    -------
-    ndarray of bool, shape (k - 1, 2)
-        Reflections seldom reach the surfaces that they seem to meet.
-    """
+def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
     ends, starts = np.array(fitted.places).T
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
@@ -498,7 +497,7 @@ def has_points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
         np.less(np.abs(fitted.along - np.repeat(places, sizes)), ATTACHED, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return np.column_stack((count[0, :-1], count[1, 1:])) >= FEWEST_ATTACHED
+    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_ATTACHED
 
 
 def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:

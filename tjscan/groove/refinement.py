@@ -75,6 +75,7 @@ RIM, MOST_CURLED, CURLED, FEWEST_CURLED = 8, 0.6e-3, 2.5, 2
 """Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
 least, in standard deviations; and how many rims must be seen to curl."""
 
+_IDENTITY: Final = np.eye(4)
 _UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
@@ -121,9 +122,7 @@ class NormalEquations:
 
     def solve_with_prior(self, weight: Array) -> tuple[Array, Array]:
         """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior `weight` (k, 4)."""
-        matrix = self.matrix.copy(order="C")
-        matrix.reshape(len(matrix), -1)[:, ::5] += weight
-        inverse = np.linalg.inv(matrix)
+        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
         return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
