@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from grooves import MM, Groove, Noise, draw
+from grooves import MM, Groove, Noise, draw, seen, turned
 
+from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.background import find_runs
 from tjscan.groove.find import find_groove
@@ -67,8 +68,8 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
     scale = 1 - 2.5 * MM / z[run]
     x[run], z[run] = x[run] * scale, z[run] * scale
     off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
-    seen = 1 if (p3[0] / p3[1] > p4[0] / p4[1]) == bool(end) else 2
-    assert off[seen] < 0.3 * MM
+    shown = 1 if (p3[0] / p3[1] > p4[0] / p4[1]) == bool(end) else 2
+    assert off[shown] < 0.3 * MM
     assert off[sigma < SURE].max() < 1 * MM
 
 
@@ -90,3 +91,25 @@ def test_rims_that_curl_about_holes_bend_no_face(seed: int, lift: float) -> None
     off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
     assert off[sigma < SURE].max() < 1 * MM
     assert (off / sigma).max() < 4
+
+
+def test_the_form_is_right_as_often_as_it_is_stated_to_be() -> None:
+    """Bevels of one and of two facets, half of them under many reflections."""
+    stated, right = [], []
+    for seed in range(60):
+        groove, rng = Groove(), np.random.default_rng(seed)
+        sides, (p2, p3, _) = groove.outline(), groove.corners
+        form = "tee"
+        if seed % 2:
+            bend, form = np.radians(rng.uniform(3, 7)), "tee with two facets"
+            sides[1] = np.array([p2, p2 + 0.5 * turned(p3 - p2, bend / 2) / np.cos(bend / 2), p3])
+        noise = Noise(0.03 * MM, ghosts=0.25 * (seed // 2 % 2))
+        try:
+            section = find_groove(seen(sides, noise, seed))
+        except GrooveNotFound:
+            continue
+        stated.append(section.model_probability)
+        right.append(section.model == form)
+    by_chance = np.sqrt(np.sum(np.multiply(stated, np.subtract(1, stated)))) / len(stated)
+    assert np.mean(right) == pytest.approx(np.mean(stated), abs=3 * by_chance + 0.05)
+    assert np.mean(stated) > 0.6

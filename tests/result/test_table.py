@@ -182,7 +182,7 @@ def test_a_table_of_an_earlier_version_lacks_what_was_found_about_the_groove(
     file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
     with file.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.reader(stream))
-    for column in ("root_opening_mm", "absent", "conditions", "model"):
+    for column in ("root_opening_mm", "model_probability", "absent", "conditions", "model"):
         drop(column)(rows)
     with file.open("w", encoding="utf-8", newline="") as stream:
         csv.writer(stream).writerows(rows)

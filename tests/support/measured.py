@@ -40,5 +40,6 @@ def a_section(seed: int, *, azimuth: float | None = None, sure: bool = False) ->
         model="tee with two facets",
         conditions=("open root", "seam weld beside") if seed % 2 else ("tack",),
         absent=("p4",) if seed % 2 else ("p3", "p4"),
+        model_probability=rng.uniform(0.5, 1.0),
         root_opening=rng.uniform(1e-3, 4e-3),
     )

@@ -110,6 +110,7 @@ def _section(found: GrooveCandidate, corners: TeeCorners) -> GrooveSection:
     return replace(
         section,
         model=found.model.name,
+        model_probability=found.probability * corners.form_seen,
         conditions=corners.conditions,
         absent=corners.absent,
         root_opening=corners.root_opening,

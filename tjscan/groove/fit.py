@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import atan2, degrees, pi, radians, sqrt
+from math import atan2, degrees, nan, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
@@ -33,7 +33,12 @@ from tjscan.groove.refinement import (
     corners_between_sides,
     refine_fit,
 )
-from tjscan.groove.rivals import reflection_covariance, rival_covariance, sides_that_meet
+from tjscan.groove.rivals import (
+    form_probability,
+    reflection_covariance,
+    rival_covariance,
+    sides_that_meet,
+)
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.groove.shape import points_lead_away_from_side, undulation_sigmas
@@ -116,6 +121,8 @@ class GrooveCandidate:
         Why the points do not bear it out.
     rivals : float or ndarray, shape (2 k, 2 k)
         What other readings add to the covariance of its corners and of its outer sides' angles.
+    probability : float
+        That the groove has this form, not another one.
     """
 
     model: GrooveModel
@@ -124,6 +131,7 @@ class GrooveCandidate:
     seen: NDArray[np.bool_]
     objection: str | None = None
     rivals: Array | float = 0.0
+    probability: float = nan
 
 
 def fit_groove_to_profile(
@@ -231,7 +239,9 @@ def _with_rivals(best: GrooveCandidate, sound: list[GrooveCandidate]) -> GrooveC
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
     rivals += reflection_covariance(best.model, best.fitted)
-    return replace(best, rivals=rivals)
+    forms = [(excess, form) for excess, form, _ in others]
+    probability = form_probability(best.model, best.fitted, forms)
+    return replace(best, rivals=rivals, probability=probability)
 
 
 class _Search:

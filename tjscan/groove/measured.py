@@ -40,6 +40,8 @@ class MeasuredSection:
         Of the points about the fitted sides, metres.
     model : str
         The form of groove that explains the points best; empty where this is not known.
+    model_probability : float
+        That the groove has this form, not another one; NaN where this is not known.
     conditions : tuple of str
         What was found about the groove, such as ``tack`` or ``open root``.
     absent : tuple of str
@@ -59,6 +61,7 @@ class MeasuredSection:
     work_angle: float
     rms: float
     model: str = ""
+    model_probability: float = nan
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     root_opening: float = nan
@@ -111,6 +114,7 @@ def section_to_result_frame(
         work_angle=groove.work_angle,
         rms=groove.rms,
         model=groove.model,
+        model_probability=groove.model_probability,
         conditions=groove.conditions,
         absent=groove.absent,
         root_opening=groove.root_opening,

@@ -46,6 +46,30 @@ def odds(excess: float) -> float:
     return exp(-INDEPENDENT * excess)
 
 
+def form_probability(
+    model: GrooveModel, fitted: FittedProfile, others: list[tuple[float, GrooveModel]]
+) -> float:
+    """Probability that the groove has the form of the likeliest reading.
+
+    Each form counts once, by its own likeliest reading. What reflections hide may be of any form:
+    it is known no better than the share of points that are none.
+
+    Parameters
+    ----------
+    model : GrooveModel
+    fitted : FittedProfile
+        The likeliest reading.
+    others : list of (float, GrooveModel)
+        Of the others, with how much more they cost, in outliers.
+    """
+    least: dict[str, float] = {}
+    for excess, other in others:
+        if other is not model:
+            least[other.name] = min(excess, least.get(other.name, excess))
+    seen = 1 - reflection_probability(fitted)
+    return seen / (1 + sum(odds(excess) for excess in least.values()))
+
+
 def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     """Pairs of corners, of a and of b, that are the same corner of a groove: its ends."""
     pairs = [(0, 0)]

@@ -53,6 +53,9 @@ BURIED: Final = 0.5
 LEAST_UNSEEN: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
+ANY_FORM: Final = 0.5
+"""Probability that a root which is not seen has no face: as likely as not."""
+
 DENSER: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
@@ -81,6 +84,8 @@ class TeeCorners:
         Corners that are not there or not seen; what is given for them is where they may be.
     root_opening : float
         Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
+    form_seen : float
+        Probability that the groove has the fitted form as far as the root shows it.
     """
 
     points: Array
@@ -89,6 +94,7 @@ class TeeCorners:
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     root_opening: float = nan
+    form_seen: float = 1.0
 
 
 def find_tee_corners(
@@ -228,7 +234,9 @@ def _without_root(
     total[4:6, 4:6] = _spread(leg, s4, reach_4, height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
-    return TeeCorners(points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"))
+    return TeeCorners(
+        points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"), form_seen=ANY_FORM
+    )
 
 
 def _under(

@@ -67,6 +67,8 @@ class GrooveSection:
         Covariance of groove angle, root width, depth and area.
     model : str
         The form that explains the points best, such as ``tee`` or ``tee with two facets``.
+    model_probability : float
+        That the groove has this form, not another one of the same joint; NaN if it is not known.
     conditions : tuple of str
         What was found about the groove, such as ``tack``, ``open root`` or ``seam weld beside``.
     absent : tuple of str
@@ -91,6 +93,7 @@ class GrooveSection:
     tangent_covariance: Array
     measure_covariance: Array
     model: str = "tee"
+    model_probability: float = nan
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     root_opening: float = nan

@@ -133,6 +133,7 @@ def reading_to_dict(reading: ProfileReading) -> dict[str, Any]:
         fields["work_angle_deg"] = float(np.degrees(section.work_angle))
         fields["rms_mm"] = 1e3 * section.rms
         fields["model"] = section.model
+        fields["model_probability"] = section.model_probability
         fields["conditions"] = list(section.conditions)
         fields["absent_corners"] = list(section.absent)
         if np.isfinite(section.root_opening):
