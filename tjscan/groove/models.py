@@ -140,6 +140,7 @@ _OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
 # Cut or ground by hand, a bevel bows by a tenth of a millimetre in 20 mm.
 _BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
 _OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3, bend=1.0)
+_BUTT_ROOT: Final = SideModel("root", 0.8e-3, 45e-3, bend=100.0, twist=8000.0, bead=True)
 
 BUTT_V_SHARP: Final = GrooveModel(
     "butt-v-sharp",
@@ -151,12 +152,12 @@ BUTT_V_SHARP: Final = GrooveModel(
 
 BUTT_V: Final = GrooveModel(
     "butt-v",
-    (_PLATE, _BUTT_BEVEL, _ROOT, _OTHER_BEVEL, _OTHER_PLATE),
+    (_PLATE, _BUTT_BEVEL, _BUTT_ROOT, _OTHER_BEVEL, _OTHER_PLATE),
     (_RIDGE, _HALF_VALLEY, _HALF_VALLEY, _RIDGE),
     _PLATES,
     (BUTT_V_SHARP,),
 )
-"""Butt joint with a root face or a root bead: four corners; three where none is seen."""
+"""Butt joint with a root face or with beads up to any height: four corners; three without."""
 
 MODELS: Final = {model.name: model for model in (TEE, BUTT_V, BUTT_V_SHARP)}
 """The templates by name."""
