@@ -437,11 +437,12 @@ def _candidate(
     hypothesis = fit_bead(row, runs, hypothesis, model, tolerance)
     best: FittedProfile | None = None
     least = np.inf
-    # Few points of a face may bend it away from its neighbours: then it is drawn straight.
-    straight = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
-    for sides, annealed in ((model.sides, True), (model.sides, False), (straight, False)):
-        if sides is straight and (best is not None or not model.has_root_bead):
-            continue
+    for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
+        if sides is None:
+            if best is not None or not model.has_root_bead:
+                break
+            # Few points of a face may bend it away from its neighbours: then it is drawn straight.
+            sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
         fitted = refine_fit(
             row,
             hypothesis.sides,

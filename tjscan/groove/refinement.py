@@ -298,9 +298,10 @@ def prior_weights(
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
-    variances = inflation * np.maximum(sigmas, LEAST_NOISE) ** 2
+    weight[:, 2:] = _STIFF
+    variances = inflation * np.maximum(sigmas, LEAST_NOISE)[:, None] ** 2
     free = curved[:, None] & (spread > 0)
-    weight[:, 2:] = np.where(free, variances[:, None] / np.where(free, spread, 1.0) ** 2, _STIFF)
+    np.divide(variances, spread * spread, out=weight[:, 2:], where=free)
     return weight
 
 
