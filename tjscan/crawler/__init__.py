@@ -1,0 +1,1 @@
+"""A magnetic crawler that follows a joint on a hull and welds it."""

@@ -1,0 +1,141 @@
+"""The centre of a joint as Kermorgant (2018, section 3.2) reads it, for comparison.
+
+The profile is smoothed; a line on the hull is fitted to more and more points from either end,
+until the next ones are outliers time after time: the last inlier is the edge. The centre is the
+barycentre of the closed polygon between the edges. The paper prints no numbers; those here suit
+its sensor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+from typing import Final
+
+import numpy as np
+import scipy  # its parts are loaded at first use
+
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.robust import mad_sigma, tukey_weights
+from tjscan.laser.profile import Profile
+
+WINDOW, ORDER = 11, 2
+"""Points and degree of the Savitzky-Golay filter (the paper's [25])."""
+
+FIRST: Final = 20
+"""Points at an end that the first line is fitted to."""
+
+REFITS: Final = 5
+"""Reweighted fits of that line."""
+
+OUTLIER: Final = 4.0
+"""Standard deviations from the line beyond which a point is an outlier."""
+
+LEAST_SIGMA: Final = 0.02e-3
+"""Least standard deviation that this rests on, in metres: smoothed points are near their line."""
+
+OUTLIERS: Final = 6
+"""Outliers one after the other that end the hull."""
+
+LEAST_AREA: Final = 1e-6
+"""Area of the smallest polygon with a barycentre, in m²."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperJoint:
+    """Edges and barycentre of a joint, in frame s.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (2, 2)
+        x_s and z_s of the edge at low and of that at high x_s, in metres.
+    barycentre : ndarray, shape (2,)
+        x_s and z_s, in metres.
+    """
+
+    edges: Array
+    barycentre: Array
+
+    def __post_init__(self) -> None:
+        for name in ("edges", "barycentre"):
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+
+def read_joint_as_paper(profile: Profile) -> PaperJoint:
+    """Read edges and barycentre off a profile.
+
+    Parameters
+    ----------
+    profile : Profile
+        Its points run along x_s, either way.
+
+    Raises
+    ------
+    GrooveNotFound
+        If a line from either end meets no edge, or nothing lies between the edges.
+    """
+    valid = profile.valid
+    x, z = profile.x_s[valid], profile.z_s[valid]
+    points = np.column_stack((x, z))
+    if len(x) < 2 * FIRST + WINDOW:
+        raise GrooveNotFound("too few points", f"{len(x)} columns hold a point", points)
+    if x[0] > x[-1]:
+        x, z = x[::-1], z[::-1]
+    z = scipy.signal.savgol_filter(z, WINDOW, ORDER)
+    first, last = _last_inlier(x, z), len(x) - 1 - _last_inlier(x[::-1], z[::-1])
+    if not first < last:
+        raise GrooveNotFound("no bevel", "the hull goes on from end to end", points)
+    polygon = np.column_stack((x, z))[first : last + 1]
+    return PaperJoint(polygon[[0, -1]], polygon_barycentre(polygon))
+
+
+def polygon_barycentre(polygon: Array) -> Array:
+    """Barycentre of a closed polygon, shape (n, 2), by Green's theorem.
+
+    Raises
+    ------
+    GrooveNotFound
+        If it has no area.
+    """
+    origin = polygon[0]
+    x, z = (polygon - origin).T
+    u, w = np.roll(x, -1), np.roll(z, -1)
+    cross = x * w - u * z
+    double = float(cross.sum())
+    if abs(double) < 2 * LEAST_AREA:
+        raise GrooveNotFound("no bevel", "nothing lies between the edges", polygon)
+    return np.asarray(origin + np.array(((x + u) @ cross, (z + w) @ cross)) / (3 * double))
+
+
+def _last_inlier(x: Array, z: Array) -> int:
+    """Number of the last point on the line that begins at the first one."""
+    # Far coordinates make sums of squares useless.
+    x, z = x - x[0], z - z[0]
+    slope, height, sigma = _first_line(x[:FIRST], z[:FIRST])
+    on = np.abs(z[:FIRST] - height - slope * x[:FIRST]) < OUTLIER * sigma * hypot(1.0, slope)
+    a, b = x[:FIRST][on], z[:FIRST][on]
+    n, sx, sz, sxx, sxz = float(len(a)), a.sum(), b.sum(), a @ a, a @ b
+    last, missed = FIRST - 1, 0
+    for k, (u, w) in enumerate(zip(x[FIRST:].tolist(), z[FIRST:].tolist(), strict=True), FIRST):
+        if abs(w - height - slope * u) > OUTLIER * sigma * hypot(1.0, slope):
+            missed += 1
+            if missed == OUTLIERS:
+                break
+            continue
+        last, missed = k, 0
+        n, sx, sz, sxx, sxz = n + 1, sx + u, sz + w, sxx + u * u, sxz + u * w
+        slope = (n * sxz - sx * sz) / (n * sxx - sx * sx)
+        height = (sz - slope * sx) / n
+    return last
+
+
+def _first_line(x: Array, z: Array) -> tuple[float, float, float]:
+    """Slope, height and robust standard deviation of the points about a line."""
+    weight = np.ones_like(x)
+    for _ in range(REFITS):
+        slope, height = np.polyfit(x, z, 1, w=np.sqrt(weight)).tolist()
+        away = z - height - slope * x
+        sigma = max(mad_sigma(away), LEAST_SIGMA)
+        weight = tukey_weights(away / sigma, least=1e-6)
+    return slope, height, sigma
