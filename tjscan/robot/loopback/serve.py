@@ -12,9 +12,10 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.loopback import check_is_loopback_address
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
-from tjscan.robot.loopback.server import LoopbackServer, check_is_loopback_address
+from tjscan.robot.loopback.server import LoopbackServer
 
 
 def run_loopback_server(

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
-from ipaddress import AddressValueError, IPv4Address
 from threading import Thread
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.loopback import check_is_loopback_address
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
 from tjscan.robot.loopback.faults import parse_scheduled_fault
@@ -32,26 +32,6 @@ BACKLOG: Final = 1 << 16
 """Bytes that wait for a client that does not read; more are not sent."""
 
 _SCRIPT_END: Final = re.compile(r"^end\s*?\n", re.MULTILINE)
-
-
-def check_is_loopback_address(host: str) -> None:
-    """Refuse any address but this machine's own.
-
-    Raises
-    ------
-    ConfigurationError
-        If others could reach it.
-    """
-    try:
-        own = IPv4Address(host).is_loopback
-    except AddressValueError:
-        own = False
-    if not own:
-        raise ConfigurationError(
-            f"it listens on addresses of this machine alone, 127.0.0.1 to 127.255.255.254 "
-            f"(found {host!r})",
-            key="host",
-        )
 
 
 @dataclass(eq=False)
