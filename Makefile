@@ -33,10 +33,13 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null \
 		|| { apt-get update -qq && apt-get install -y -qq libusb-1.0-0; } >/dev/null 2>&1 \
 		|| { echo "open3d needs a system library: sudo apt-get install libusb-1.0-0"; exit 1; }
+	@# Tests of vehicles want a broker, and are skipped without.
+	@command -v mosquitto >/dev/null || test -x /usr/sbin/mosquitto \
+		|| { apt-get update -qq && apt-get install -y -qq mosquitto; } >/dev/null 2>&1 || true
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study,ur]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study,ur,vehicle]'
 	@touch $@
 
 clean:

@@ -43,7 +43,7 @@ def test_a_vehicle_that_does_not_slip_drives_the_circle_it_is_told(curvature: fl
         np.testing.assert_allclose(end, expected, atol=1e-6)  # of steps of 1 mm
 
 
-@pytest.mark.parametrize("distance", [0.4, -0.4])
+@pytest.mark.parametrize("distance", [0.2, -0.2])
 @pytest.mark.parametrize("curvature", [0.0, 0.05, -0.2])
 def test_a_mirrored_wall_gives_the_mirrored_path(distance: float, curvature: float) -> None:
     pads = [pad_plant(friction=0.3, down=down) for down in (pi / 3, -pi / 3)]
@@ -99,7 +99,7 @@ def test_pads_share_out_the_weight_and_the_torque_is_its_pull() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5])
-@pytest.mark.parametrize("radius", [inf, 20.0, -20.0, 5.0])
+@pytest.mark.parametrize("radius", [inf, -20.0, 5.0])
 @pytest.mark.parametrize("down", [pi / 2, pi])
 def test_pads_slip_within_the_ranges_of_an_independent_brush_model(
     friction: float, radius: float, down: float
@@ -133,6 +133,6 @@ def test_poses_lie_where_time_steps_of_another_length_put_them() -> None:
     ends = []
     for speed in (0.02, 0.005):  # 2 and 0.5 mm a step
         plant = pad_plant(friction=0.5)
-        ends.append(drive(plant, 0.4, 0.05, speed)[-1])
+        ends.append(drive(plant, 0.2, 0.05, speed)[-1])
     assert distance_between(*ends) < 2e-4
     assert abs(ends[0][2] - ends[1][2]) < 3e-4

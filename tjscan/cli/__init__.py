@@ -64,6 +64,11 @@ app.command(
     help="Simulate a Universal Robots controller on this machine.",
 )
 app.command(
+    "tjscan.cli.vehicle_loopback:vehicle_loopback",
+    name="vehicle-loopback",
+    help="Simulate vehicles behind an MQTT broker on this machine.",
+)
+app.command(
     "tjscan.cli.study:study",
     name="study",
     help="Run many simulated scans and write their results into one table.",

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from ipaddress import AddressValueError, IPv4Address
 from typing import ClassVar, Final, Self
 
@@ -137,4 +138,5 @@ class LoopbackProgram:
         self._reader.join()
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
-                stream.close()
+                with suppress(BrokenPipeError):  # a line that nobody read any more
+                    stream.close()

@@ -6,12 +6,14 @@ rotation come out of what the pads can hold.
 
 from __future__ import annotations
 
+import cmath
 from dataclasses import dataclass
 from math import cos, pi, sin
 from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, KG, MM, SettingsTable
@@ -31,8 +33,19 @@ MOST_HALVINGS: Final = 20
 RIDGE: Final = 1e-9
 """Share of the stiffness that is left where every pad slides."""
 
+ROUNDING: Final = 1e-15
+"""J: by so much a potential may seem to rise that falls."""
+
+TINY: Final = 1e-15
+"""Metres: keeps what is divided by a length of nothing finite."""
+
 FARTHEST_STEP: Final = 0.01
 """Metres and radians in one period: a body that nothing holds falls no faster."""
+
+
+ComplexArray = NDArray[np.complex128]
+
+_DIAGONAL: Final = np.diag_indices(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,19 +107,19 @@ class PadPlant:
         self.pose_w = readonly_copy(pose_w)
         self._settings, self._radius = s, tracks.sprocket_radius
         self._numbers = np.tile((np.arange(n) + 0.5) / n, 2)
-        self._y = np.repeat((-tracks.gauge / 2, tracks.gauge / 2), n)
+        self._across = np.repeat((-0.5j, 0.5j), n) * tracks.gauge
         self._run = np.zeros(2)  # of the tracks, in lengths of their contact
-        self._shear = np.zeros((2 * n, 2))
+        # Points and vectors on the surface are complex in frame v: x forward, y times i.
+        self._shear = np.zeros(2 * n, dtype=complex)
         self._step = np.zeros(3)
-        self._stiffness = np.zeros(2 * n)
         self._place_pads(np.zeros(2))
         self._settle(np.zeros(2))  # it has hung there for long
 
     @property
     def torques(self) -> tuple[float, ...]:
         """Torque of the left and right motor at its sprocket, N m, in the sense of its rate."""
-        pull = -(self._stiffness * self._shear[:, 0]).reshape(2, -1).sum(axis=1)
-        return float(pull[0] * self._radius), float(-pull[1] * self._radius)
+        held = (self._stiffness * self._shear.real).reshape(2, -1).sum(axis=1) * self._radius
+        return float(-held[0]), float(held[1])
 
     def advance(self, left: float, right: float, period: float) -> None:
         """Let the tracks run for a period. See `VehiclePlant.advance`."""
@@ -121,16 +134,18 @@ class PadPlant:
         laps = self._numbers + np.repeat(self._run, n)
         self._run = self._run + run / s.contact_length
         now = self._numbers + np.repeat(self._run, n)
-        self._shear[np.floor(now) != np.floor(laps)] = 0.0  # it left, and another one entered
-        self._x = s.contact_length * (0.5 - now % 1.0)
+        whole = np.floor(now)
+        self._shear[whole != np.floor(laps)] = 0.0  # it left, and another one entered
+        self._at = s.contact_length * (0.5 - (now - whole)) + self._across
+        self._lever = self._at.conj()
+        self._lever_sq = self._lever**2
         weight = s.mass * GRAVITY
-        angle = s.down - self.pose_w[2]
-        down_v = sin(s.inclination) * np.array((cos(angle), sin(angle)))
-        self._load = weight * np.array((down_v[0], down_v[1], 0.0))
+        down = sin(s.inclination) * cmath.exp(1j * (s.down - float(self.pose_w[2])))
+        self._load = weight * np.array((down.real, down.imag, 0.0))
         pressed = s.grip * GRAVITY + weight * cos(s.inclination) / (2 * n)
-        along = self._x * down_v[0] + self._y * down_v[1]
-        along -= along.mean()
-        peel = weight * s.mass_height * float(down_v @ down_v) * along
+        along = (self._lever * down).real
+        along = along - along.mean()
+        peel = weight * s.mass_height * abs(down) ** 2 * along
         peel /= max(float(along @ along), 1e-12)  # on the level there is none
         self._stiffness = s.friction * np.maximum(pressed + peel, 0.0) / s.shear
 
@@ -140,8 +155,7 @@ class PadPlant:
         The equilibrium is where a convex potential is least (that of springs that give way, with
         the weight), so Newton steps that are halved until it falls reach it.
         """
-        start = self._shear.copy()
-        start[:, 0] -= np.repeat(run, self._settings.pads)
+        start = self._shear - np.repeat(run, self._settings.pads)
         step = self._step if run.any() else np.zeros(3)
         potential, force, hessian = self._equilibrium(start, step)
         for _ in range(MOST_NEWTON_STEPS):
@@ -151,47 +165,46 @@ class PadPlant:
             newton *= min(1.0, FARTHEST_STEP / float(np.abs(newton).max()))
             for _ in range(MOST_HALVINGS):
                 trial = self._equilibrium(start, step + newton)
-                if trial[0] <= potential + 1e-15:
+                if trial[0] <= potential + ROUNDING:
                     break
                 newton = newton / 2
             step = step + newton
             potential, force, hessian = trial
         self._step = np.clip(step, -FARTHEST_STEP, FARTHEST_STEP)
-        sheared, length = self._sheared(start, self._step)
-        self._shear = (
-            sheared * (self._settings.shear / np.maximum(length, self._settings.shear))[:, None]
-        )
+        sheared = self._sheared(start, self._step)
+        self._shear = sheared * np.minimum(1.0, self._settings.shear / (np.abs(sheared) + TINY))
         return self._step
 
-    def _sheared(self, start: Array, step: Array) -> tuple[Array, Array]:
-        """Shear of each pad's foot if none slid, shape (n, 2), and its length."""
-        forward, sideways, turn = step
-        sheared = start.copy()
-        sheared[:, 0] += forward - turn * self._y
-        sheared[:, 1] += sideways + turn * self._x
-        return sheared, np.sqrt(np.einsum("ij,ij->i", sheared, sheared))
+    def _sheared(self, start: ComplexArray, step: Array) -> ComplexArray:
+        """Shear of each pad's foot, if none slid."""
+        forward, sideways, turn = step.tolist()
+        return np.asarray(start + (complex(forward, sideways) + 1j * turn * self._at))
 
-    def _equilibrium(self, start: Array, step: Array) -> tuple[float, Array, Array]:
+    def _equilibrium(self, start: ComplexArray, step: Array) -> tuple[float, Array, Array]:
         """Potential, force (along, across, moment) that is left on the body, and its Hessian."""
         most, k = self._settings.shear, self._stiffness
-        sheared, length = self._sheared(start, step)
+        sheared = self._sheared(start, step)
+        length = np.abs(sheared) + TINY
         slides = length > most
-        share = np.where(slides, most / np.maximum(length, most), 1.0)
+        share = k * np.minimum(1.0, most / length)
         energy = np.where(slides, most * (length - most / 2), length**2 / 2)
-        pull = (k * share)[:, None] * sheared
-        force = self._load - np.array(
-            (pull[:, 0].sum(), pull[:, 1].sum(), self._x @ pull[:, 1] - self._y @ pull[:, 0])
+        pull = share * sheared
+        both = pull.sum()
+        force = self._load - (both.real, both.imag, (self._lever @ pull).imag)
+        # A pad that sticks is stiff in all directions (a), one that slides across its slide
+        # alone: half of it in all directions, and half that turns twice as its slide does (b).
+        half = np.where(slides, share / 2, 0.0)
+        a = share - half
+        b = -half * (sheared / length) ** 2
+        sa, sb = a.sum(), b.sum()
+        ar, br = a @ self._at, b @ self._lever
+        turn = a @ np.abs(self._lever_sq) - (b @ self._lever_sq).real
+        hessian = np.array(
+            (
+                (sa + sb.real, sb.imag, br.imag - ar.imag),
+                (sb.imag, sa - sb.real, ar.real - br.real),
+                (br.imag - ar.imag, ar.real - br.real, turn),
+            )
         )
-        # Stiffness of each pad: all of it where it sticks, across its slide alone where it slides.
-        unit = sheared / np.maximum(length, 1e-12)[:, None]
-        along = np.where(slides, 1.0, 0.0)
-        kxx = k * share * (1 - along * unit[:, 0] ** 2)
-        kyy = k * share * (1 - along * unit[:, 1] ** 2)
-        kxy = -k * share * along * unit[:, 0] * unit[:, 1]
-        x, y = self._x, self._y
-        xz, yz = kxy * x - kxx * y, kyy * x - kxy * y
-        a, b, c, d = kxx.sum(), kxy.sum(), xz.sum(), yz.sum()
-        e = float(x @ yz - y @ xz)
-        hessian = np.array(((a, b, c), (b, kyy.sum(), d), (c, d, e)))
-        hessian[np.diag_indices(3)] += RIDGE * k.sum()
+        hessian[_DIAGONAL] += RIDGE * k.sum()
         return float(k @ energy - self._load @ step), force, hessian

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import threading
-from math import isfinite
 from typing import Final, Self
 
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.core.frames import Array
 from tjscan.vehicle.simulated_body import SimulatedBody
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist
 
 ON_TIME: Final = 1e-6
 """Seconds: sums of periods are no nearer to what they should be."""
@@ -82,15 +81,3 @@ class SimulatedVehicle(DeviceBase):
     def _need_connection(self) -> None:
         if not self._connected:
             raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
-
-
-def check_twist(twist: Twist) -> None:
-    """Refuse a twist that is not made of numbers.
-
-    Raises
-    ------
-    VehicleFault
-        If one is NaN or endless.
-    """
-    if not all(map(isfinite, (twist.speed, twist.turn_rate, twist.sideways))):
-        raise VehicleFault(f"a vehicle can't drive {twist}")

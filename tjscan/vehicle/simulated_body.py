@@ -73,24 +73,28 @@ class SimulatedBody:
         """Whether both tracks stand."""
         return not self._drives.speeds.any()
 
-    def advance(self, twist: Twist | None, *, grip: float = 1.0) -> VehicleState:
-        """Go on by one period, and report the state then.
+    def advance(
+        self, twist: Twist | None, *, period: float = PERIOD, grip: float = 1.0
+    ) -> VehicleState:
+        """Go on by a period, and report the state then.
 
         Parameters
         ----------
         twist : Twist or None
             What to drive; None brakes to rest.
+        period : float, optional
+            Seconds.
         grip : float, optional
             Share of the tracks' motion that the body follows at most; less than 1 where they spin.
         """
         if twist is None:
-            self._drives.brake(PERIOD)
+            self._drives.brake(period)
         else:
             half = self._tracks.gauge * twist.turn_rate / 2
-            self._drives.follow(np.array((twist.speed + half, twist.speed - half)), PERIOD)
+            self._drives.follow(np.array((twist.speed + half, twist.speed - half)), period)
         left, right = self._drives.speeds.tolist()
-        self.plant.advance(grip * left, grip * right, PERIOD)
-        self.time += PERIOD
+        self.plant.advance(grip * left, grip * right, period)
+        self.time += period
         return VehicleState(
             self.time, self._read_encoders(left, right), self.plant.torques, self._read_proximity()
         )

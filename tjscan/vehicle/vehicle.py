@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from types import TracebackType
 from typing import Final, Protocol, Self
 
 from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.errors import VehicleFault
 
 DEAD_MAN: Final = 0.5
 """Seconds after its last command at which a vehicle stops by itself."""
@@ -64,6 +66,18 @@ class VehicleState:
     torques: tuple[float, ...] = ()
     proximity: tuple[float, ...] = ()
     fault: str = ""
+
+
+def check_twist(twist: Twist) -> None:
+    """Refuse a twist that is not made of numbers.
+
+    Raises
+    ------
+    VehicleFault
+        If one is NaN or endless.
+    """
+    if not all(map(isfinite, (twist.speed, twist.turn_rate, twist.sideways))):
+        raise VehicleFault(f"a vehicle can't drive {twist}")
 
 
 class Vehicle(Protocol):

@@ -1,0 +1,278 @@
+"""The driver of vehicles behind a broker, through the real one, against loopback vehicles."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from tjscan.core.errors import (
+    ConfigurationError,
+    DriveFault,
+    VehicleFault,
+    VehicleLinkLost,
+    VehicleStopped,
+)
+from tjscan.core.frames import Array
+from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan.vehicle.vehicle import Twist, VehicleState
+
+mqtt = pytest.importorskip("tjscan.vehicle.mqtt", reason="paho-mqtt is not installed")
+pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
+
+from _stops import Break, seconds_until_rest  # noqa: E402
+
+from tjscan.vehicle.mqtt import MqttVehicle  # noqa: E402
+from tjscan.vehicle.mqtt_settings import MqttSettings  # noqa: E402
+
+LONGEST = 0.6
+"""Seconds: nothing moves any more after that."""
+
+
+@pytest.fixture(scope="module")
+def broker() -> Iterator[MosquittoProcess]:
+    with MosquittoProcess() as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def running(broker: MosquittoProcess) -> Iterator[VehicleLoopbackProcess]:
+    with VehicleLoopbackProcess(broker.address, "--vehicles", "2") as process:
+        yield process
+
+
+@pytest.fixture
+def vehicles(running: VehicleLoopbackProcess) -> Iterator[VehicleLoopbackProcess]:
+    """Two vehicles, all right."""
+    running.schedule_fault("clear")
+    yield running
+    running.schedule_fault("clear")
+
+
+def driver(broker: MosquittoProcess, number: int = 1, **settings: float) -> MqttVehicle:
+    return MqttVehicle(
+        MqttSettings(port=broker.port, prefix=f"tjscan/vehicle/{number}", **settings)  # type: ignore[arg-type]
+    )
+
+
+def drive(vehicle: MqttVehicle, seconds: float, twist: Twist | None = None) -> list[VehicleState]:
+    """States of that time; the twist, if any, is commanded before each."""
+    states, until = [], time.monotonic() + seconds
+    while time.monotonic() < until:
+        if twist is not None:
+            vehicle.command(twist)
+        states.append(vehicle.next_state())
+    return states
+
+
+def moved(vehicle: MqttVehicle, since: Array) -> float:
+    return float(np.linalg.norm((vehicle.true_pose() - since)[:2, 3]))
+
+
+def test_it_drives_as_told_and_reports_states(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle, driver(broker, 2) as other:
+        assert vehicle.identity.model == "loopback crawler"
+        drive(vehicle, 0.1)
+        drive(other, 0.1)
+        before, beside = vehicle.true_pose(), other.true_pose()
+        assert beside[1, 3] - before[1, 3] == pytest.approx(1.5, abs=0.2)
+        states = drive(vehicle, 1.0, Twist(0.05, 0.0))
+        assert 0.03 < moved(vehicle, before) < 0.06
+        assert moved(other, beside) == 0.0
+        times = [state.time for state in states]
+        assert times == sorted(set(times))
+        assert len(states) > 50
+        assert states[-1].odometry.speed == pytest.approx(0.05, abs=2e-3)
+        sampled = [state.proximity for state in states if state.proximity]
+        assert 8 <= len(sampled) <= 12
+        assert np.array(sampled).max() < 0.04
+
+
+def test_the_dead_man_is_of_whoever_commands(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.3, Twist(0.1, 0.0))
+        since = time.monotonic()
+        drive(vehicle, 0.8)  # states are read, nothing is commanded, the driver lives
+        assert vehicles.wait_until_at_rest() - since < LONGEST
+        stood = vehicle.true_pose()
+        drive(vehicle, 0.2)
+        assert moved(vehicle, stood) == 0.0
+
+
+@pytest.mark.parametrize("what", Break)
+def test_nothing_moves_after_something_broke(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess, what: Break
+) -> None:
+    assert seconds_until_rest(what, broker, vehicles) < LONGEST
+
+
+def test_a_stop_holds_until_it_is_taken_back(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.3, Twist(0.1, 0.0))
+        since = time.monotonic()
+        thread = threading.Thread(target=vehicle.stop)
+        thread.start()
+        thread.join()
+        assert vehicles.wait_until_at_rest() - since < 0.3
+        with pytest.raises(VehicleStopped):
+            vehicle.command(Twist(0.1, 0.0))
+        stood = vehicle.true_pose()
+        drive(vehicle, 0.2)
+        assert moved(vehicle, stood) < 1e-3  # a pose may still have been on its way
+        vehicle.accept_commands_again()
+        drive(vehicle, 0.3, Twist(0.1, 0.0))
+        assert moved(vehicle, stood) > 5e-3
+
+
+@pytest.mark.parametrize("fault", ["freeze", "stale", "nan", "drop-link"])
+def test_a_vehicle_that_is_not_heard_of_is_lost(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess, fault: str
+) -> None:
+    events: list[tuple[str, str]] = []
+    with driver(broker) as vehicle:
+        vehicle.report_events_to(lambda name, sentence: events.append((name, sentence)))
+        drive(vehicle, 0.2, Twist(0.05, 0.0))
+        vehicles.schedule_fault(f"{fault} 1")
+        with pytest.raises(VehicleLinkLost):
+            drive(vehicle, 3.0, Twist(0.05, 0.0))
+        with pytest.raises(VehicleLinkLost):
+            vehicle.command(Twist(0.05, 0.0))
+        vehicles.wait_until_at_rest()
+        assert (vehicle.dropped > 0) == (fault in ("stale", "nan"))
+        assert {name for name, _ in events} <= {"message-dropped", "link-lost"}
+        assert bool(events) == (fault != "freeze")
+        vehicles.schedule_fault("clear")
+        until = time.monotonic() + 5
+        while True:  # it comes back, and drives again when told to
+            try:
+                drive(vehicle, 0.3, Twist(0.05, 0.0))
+                break
+            except VehicleLinkLost:
+                assert time.monotonic() < until
+
+
+def test_a_fault_of_the_drives_stands_in_the_state_and_refuses_commands(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        vehicles.schedule_fault("drive-fault 1")
+        assert drive(vehicle, 0.2)[-1].fault
+        with pytest.raises(DriveFault, match="over temperature"):
+            vehicle.command(Twist(0.1, 0.0))
+
+
+def test_an_edge_is_reported_and_spinning_tracks_are_not(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        vehicles.schedule_fault("edge 1")
+        read = [state.proximity for state in drive(vehicle, 0.4) if state.proximity]
+        assert read[-1][:2] == (inf, inf)
+        assert max(read[-1][2:]) < 0.04
+        vehicles.schedule_fault("slip 1")
+        before = vehicle.true_pose()
+        states = drive(vehicle, 1.0, Twist(0.1, 0.0))
+        shown = sum(state.odometry.speed for state in states) * 0.01
+        assert moved(vehicle, before) < 0.45 * shown
+
+
+def test_one_program_commands_at_a_time(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        stop, failed = threading.Event(), []
+
+        def keep_driving() -> None:
+            try:
+                while not stop.is_set():
+                    drive(vehicle, 0.1, Twist(0.02, 0.0))
+            except VehicleFault as error:
+                failed.append(error)
+
+        thread = threading.Thread(target=keep_driving)
+        thread.start()
+        with pytest.raises(VehicleFault, match="another program"), driver(broker, connect_limit=1):
+            pass
+        stop.set()
+        thread.join()
+        assert not failed
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.1, Twist(0.02, 0.0))
+
+
+def test_messages_that_are_none_never_steer(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    from paho.mqtt.client import Client
+    from paho.mqtt.enums import CallbackAPIVersion
+
+    heard: list[bytes] = []
+    spy = Client(CallbackAPIVersion.VERSION2)
+    spy.on_message = lambda client, data, message: heard.append(bytes(message.payload))
+    spy.connect("127.0.0.1", broker.port)
+    spy.subscribe("tjscan/vehicle/1/command")
+    spy.loop_start()
+    try:
+        with driver(broker) as vehicle:
+            drive(vehicle, 0.3)
+            before = vehicle.true_pose()
+            stop = json.loads(heard[-1])
+            order = {**stop, "order": "drive", "speed": 0.1, "hold": 0.5}
+            wrongs: tuple[dict[str, object], ...] = (
+                {"speed": nan},
+                {"speed": "0.1"},
+                {"speed": 1e9},
+                {"number": 0},
+                {"session": "somebody"},
+                {"time": stop["time"] - 10},
+                {"hold": -1},
+                {"order": "go"},
+                {"extra": 1},
+            )
+            for number, wrong in enumerate(wrongs):
+                ahead = {"number": stop["number"] + 1000 + number, "time": time.monotonic()}
+                payload = json.dumps({**order, **ahead, **wrong})
+                spy.publish("tjscan/vehicle/1/command", payload)
+                spy.publish("tjscan/vehicle/1/command", payload[:-3])
+            drive(vehicle, 0.5)
+            assert moved(vehicle, before) == 0.0
+    finally:
+        spy.disconnect()
+        spy.loop_stop()
+
+
+def test_what_is_not_there_is_said(broker: MosquittoProcess) -> None:
+    with MosquittoProcess() as gone:
+        pass
+    with pytest.raises(VehicleLinkLost, match="no MQTT broker"), driver(gone):
+        pass
+    with pytest.raises(VehicleLinkLost, match="no vehicle"), driver(broker, 9, connect_limit=0.3):
+        pass
+    with pytest.raises(VehicleLinkLost, match="with"):
+        driver(broker).next_state()
+    with pytest.raises(ConfigurationError, match="vehicle-loopback"):
+        driver(broker).true_pose()
+
+
+def test_addresses_of_other_machines_and_odd_topics_are_refused() -> None:
+    from tjscan.vehicle.loopback.serve import run_loopback_vehicles
+
+    for address in ("0.0.0.0:1883", "192.168.0.1:1883", "localhost:1883", "127.0.0.1", "::1"):
+        with pytest.raises(ConfigurationError):
+            run_loopback_vehicles(1, address, "t", settings=None, seed=0, attached=True)
+    with pytest.raises(ConfigurationError):
+        run_loopback_vehicles(0, "127.0.0.1:1883", "t", settings=None, seed=0, attached=True)
+    for prefix in ("a/+/b", "#", "$SYS", "/a"):
+        with pytest.raises(ValueError, match="prefix"):
+            replace(MqttSettings(), prefix=prefix)

@@ -1,0 +1,66 @@
+"""Faults that a loopback vehicle can be given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tjscan.core.errors import ConfigurationError, nearest_word
+
+
+class VehicleFaultOrder(StrEnum):
+    """Fault that a loopback vehicle can be given, or its remedy."""
+
+    DRIVE_FAULT = "drive-fault"
+    """A drive fails: both brake, and the states report it."""
+    DROP_LINK = "drop-link"
+    """The connection to the broker breaks."""
+    FREEZE = "freeze"
+    """The vehicle's computer hangs: it sends and hears nothing, and its drives stop it."""
+    STALE = "stale"
+    """The same state is sent again and again."""
+    NAN = "nan"
+    """States hold NaN."""
+    SLIP = "slip"
+    """The tracks spin: the body follows a third of their motion."""
+    EDGE = "edge"
+    """The front sensors see no steel."""
+    ARC = "arc"
+    """An arc burns, and disturbs the proximity sensors."""
+    CLEAR = "clear"
+    """All is right again."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrderedFault:
+    """A fault, and which vehicle it is for.
+
+    Parameters
+    ----------
+    fault : VehicleFaultOrder
+        What.
+    vehicle : int
+        Its number; 0 is all of them.
+    """
+
+    fault: VehicleFaultOrder
+    vehicle: int = 0
+
+
+def parse_ordered_fault(line: str, vehicles: int) -> OrderedFault:
+    """Parse ``FAULT`` (for every vehicle) or ``FAULT N`` (for one of them).
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither.
+    """
+    word, _, which = line.strip().partition(" ")
+    if word not in list(VehicleFaultOrder):
+        close = nearest_word(word, list(VehicleFaultOrder))
+        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
+    if not which:
+        return OrderedFault(VehicleFaultOrder(word))
+    if not which.strip().isdecimal() or not 1 <= int(which) <= vehicles:
+        raise ConfigurationError(f"there are vehicles 1 to {vehicles} (found {which.strip()!r})")
+    return OrderedFault(VehicleFaultOrder(word), int(which))

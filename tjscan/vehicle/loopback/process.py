@@ -1,0 +1,33 @@
+"""Loopback vehicles as a process of its own, for whoever wants some under control."""
+
+from __future__ import annotations
+
+from tjscan.core.errors import VehicleFault, VehicleLinkLost
+from tjscan.core.loopback import LoopbackProgram
+
+
+class VehicleLoopbackProcess(LoopbackProgram):
+    """Process with loopback vehicles; a context manager that starts and ends it.
+
+    Parameters
+    ----------
+    broker : str
+        ``HOST:PORT`` of a broker on this machine.
+    *options : str
+        Further options of ``tjscan vehicle-loopback``.
+    """
+
+    ended, silent = VehicleLinkLost, VehicleFault
+
+    def __init__(self, broker: str, *options: str) -> None:
+        super().__init__("vehicle-loopback", "--broker", broker, *options)
+
+    def wait_until_at_rest(self, vehicle: int = 1, *, timeout: float = 10.0) -> float:
+        """When a vehicle came to rest, in seconds of `time.monotonic`.
+
+        Raises
+        ------
+        VehicleFault
+            If it goes on moving.
+        """
+        return float(self.wait_for_line(f"at rest {vehicle} ", timeout=timeout).split()[-1])

@@ -1,0 +1,195 @@
+"""Run loopback vehicles as this process."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+from typing import Final
+from uuid import uuid4
+
+from tjscan.core.config import read_toml, validate_table
+from tjscan.core.errors import ConfigurationError, VehicleLinkLost
+from tjscan.core.loopback import check_is_loopback_address
+from tjscan.core.version import VERSION
+from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_fault
+from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
+from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
+
+CONNECT_LIMIT: Final = 5.0
+"""Seconds that a connection to a broker on this machine may take."""
+
+LONGEST_PERIOD: Final = 0.1
+"""Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
+
+BESIDE: Final = 1.5
+"""Metres from one vehicle to the next, along y of frame w."""
+
+MOST_VEHICLES: Final = 50
+
+
+def run_loopback_vehicles(
+    vehicles: int,
+    broker: str,
+    prefix: str,
+    *,
+    settings: Path | None,
+    seed: int,
+    attached: bool,
+) -> None:
+    """Run vehicles until interrupted, or until an attached stdin ends.
+
+    What it has to say goes to stdout, a line each.
+
+    Raises
+    ------
+    ConfigurationError
+        If the number of vehicles, the broker's address or the settings can't be.
+    VehicleLinkLost
+        If there is no broker.
+    """
+    if not 1 <= vehicles <= MOST_VEHICLES:
+        raise ConfigurationError(f"1 to {MOST_VEHICLES} (found {vehicles})", key="vehicles")
+    host, port = _parse_broker(broker)
+    tracks, simulation = _read_settings(settings)
+    if hasattr(signal, "SIGTTIN"):
+        # In the background there is a terminal, but nobody to read from: carry on without.
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    with ExitStack() as stack:
+        served = []
+        for number in range(1, vehicles + 1):
+            x, y = simulation.start
+            own = replace(simulation, start=(x, y + BESIDE * (number - 1)))
+            body = SimulatedBody(tracks, own, seed=seed + number - 1)
+            vehicle = LoopbackVehicle(number, body, uuid4().hex, _tell)
+            link = stack.enter_context(_linked(vehicle, host, port, f"{prefix}/{number}"))
+            served.append((vehicle, *link))
+        _tell(f"ready {host}:{port} {prefix}")
+        orders: SimpleQueue[str | None] = SimpleQueue()
+        Thread(target=_listen, args=(orders,), daemon=True).start()
+        _run(served, orders, attached=attached)
+
+
+Inbox = SimpleQueue[ReceivedMessage]
+Served = tuple[LoopbackVehicle, BrokerLink, Inbox]
+
+
+@contextmanager
+def _linked(
+    vehicle: LoopbackVehicle, host: str, port: int, prefix: str
+) -> Iterator[tuple[BrokerLink, Inbox]]:
+    """Connect a vehicle; its messages wait in the inbox until it looks there."""
+    inbox: Inbox = SimpleQueue()
+    link = BrokerLink(
+        host,
+        port,
+        prefix=prefix,
+        presence_topic=PRESENCE_TOPIC,
+        presence=PresenceMessage(
+            session=vehicle.session,
+            number=0,
+            time=time.monotonic(),
+            alive=True,
+            model="loopback crawler",
+            serial=str(vehicle.number),
+            software=VERSION,
+        ),
+        topics=(COMMAND_TOPIC, COMMANDER_TOPIC),
+        receive=inbox.put,
+        changed=lambda up: None,
+    )
+    link.connect(CONNECT_LIMIT)
+    try:
+        yield link, inbox
+    finally:
+        link.close()
+
+
+def _run(served: list[Served], orders: SimpleQueue[str | None], *, attached: bool) -> None:
+    before = time.monotonic()
+    while True:
+        time.sleep(max(before + PERIOD - time.monotonic(), 0.0))
+        while not orders.empty():
+            line = orders.get()
+            if line is not None:
+                _obey(line, served)
+            elif attached:
+                return
+        now = time.monotonic()
+        period, before = min(now - before, LONGEST_PERIOD), now
+        for vehicle, link, inbox in served:
+            while not inbox.empty():
+                vehicle.receive(inbox.get())
+            vehicle.link_stands = link.stands
+            for topic, payload in vehicle.advance(now, period):
+                link.publish(topic, payload)
+
+
+def _obey(line: str, served: list[Served]) -> None:
+    try:
+        order = parse_ordered_fault(line, len(served))
+    except ConfigurationError as error:
+        _tell(f"refused {error}")
+        return
+    for vehicle, link, _ in served:
+        if order.vehicle in (0, vehicle.number):
+            cut = VehicleFaultOrder.DROP_LINK in vehicle.faults
+            if order.fault is VehicleFaultOrder.DROP_LINK and not cut:
+                link.drop()
+            elif order.fault is VehicleFaultOrder.CLEAR and cut:
+                try:
+                    link.connect(CONNECT_LIMIT)
+                except VehicleLinkLost as error:
+                    _tell(f"refused {error}")
+                    return
+            vehicle.order_fault(order.fault)
+    _tell(f"ordered {line.strip()}")
+
+
+def _listen(orders: SimpleQueue[str | None]) -> None:
+    # A thread, for stdin may be a terminal, a pipe, a file or nothing at all.
+    with suppress(OSError, ValueError):
+        for line in sys.stdin:
+            orders.put(line)
+    orders.put(None)
+
+
+def _parse_broker(broker: str) -> tuple[str, int]:
+    host, _, port = broker.rpartition(":")
+    if not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise ConfigurationError(
+            f"HOST:PORT, for instance 127.0.0.1:1883 (found {broker!r})", key="broker"
+        )
+    check_is_loopback_address(host)
+    return host, int(port)
+
+
+def _read_settings(file: Path | None) -> tuple[TrackGeometry, VehicleSimulationSettings]:
+    """[vehicle.tracks] and [simulation.vehicle] of a job; what it lacks has its default."""
+    job = {} if file is None else read_toml(file)
+    return (
+        validate_table(TrackGeometry, _table(job, "vehicle", "tracks"), file),
+        validate_table(VehicleSimulationSettings, _table(job, "simulation", "vehicle"), file),
+    )
+
+
+def _table(job: dict[str, object], outer: str, inner: str) -> dict[str, object]:
+    table = job.get(outer, {})
+    found = table.get(inner, {}) if isinstance(table, dict) else {}
+    return found if isinstance(found, dict) else {}
+
+
+def _tell(line: str) -> None:
+    with suppress(BrokenPipeError):  # nobody listens any more
+        sys.stdout.write(f"{line}\n")
+        sys.stdout.flush()

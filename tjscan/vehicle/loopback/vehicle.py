@@ -1,0 +1,163 @@
+"""A vehicle as a broker sees it: what it obeys, when it stops, and what it sends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from typing import Final
+
+from tjscan.vehicle.loopback.faults import VehicleFaultOrder
+from tjscan.vehicle.mqtt_link import ReceivedMessage
+from tjscan.vehicle.simulated_body import SimulatedBody
+from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.wire import (
+    COMMAND_TOPIC,
+    COMMANDER_TOPIC,
+    POSE_TOPIC,
+    REPORTED,
+    STATE_TOPIC,
+    BadMessage,
+    CommandMessage,
+    MessageGate,
+    PoseMessage,
+    PresenceMessage,
+    StateMessage,
+)
+
+SPINNING_GRIP: Final = 1 / 3
+"""Share of their tracks' motion that vehicles follow while these spin."""
+
+DRIVE_FAULT: Final = "left drive: over temperature"
+
+
+class LoopbackVehicle:
+    """A vehicle that obeys messages, and stops by itself.
+
+    It takes the commands of one program, the last that announced itself, unless another one
+    commands it. It brakes when that program goes, when it hears no command for the dead-man
+    time or the time a command may be held, when its link breaks, and at a drive fault.
+
+    Parameters
+    ----------
+    number : int
+        Of the vehicle.
+    body : SimulatedBody
+        What moves.
+    session : str
+        Of its messages.
+    tell : callable
+        Receives a line when the vehicle begins to move or comes to rest, and with what it drops.
+    """
+
+    def __init__(
+        self, number: int, body: SimulatedBody, session: str, tell: Callable[[str], None]
+    ) -> None:
+        self.number, self.body, self.session = number, body, session
+        self.faults: set[VehicleFaultOrder] = set()
+        self.link_stands = True
+        """Whether the broker is connected; without, the vehicle brakes."""
+        self.dropped = 0
+        """Commands that were dropped."""
+        self._tell = tell
+        self._gate = MessageGate()
+        self._twist: Twist | None = None
+        self._until = self._heard = -inf
+        self._sent = 0
+        self._moving = False
+        self._last_state = VehicleState(body.time, Twist(0.0, 0.0))
+
+    def order_fault(self, fault: VehicleFaultOrder) -> None:
+        """Bring a fault, or clear them all."""
+        if fault is VehicleFaultOrder.CLEAR:
+            self.faults.clear()
+            self._twist = None
+        else:
+            self.faults.add(fault)
+        self.body.arc_burning = VehicleFaultOrder.ARC in self.faults
+
+    def receive(self, received: ReceivedMessage) -> None:
+        """Obey a message, or drop it and tell why."""
+        if VehicleFaultOrder.FREEZE in self.faults:
+            return
+        try:
+            if received.topic == COMMANDER_TOPIC:
+                self._receive_presence(PresenceMessage.from_json(received.payload), received.time)
+            elif received.topic == COMMAND_TOPIC:
+                if received.retained:
+                    raise BadMessage("the broker kept it from before")
+                self._receive_command(CommandMessage.from_json(received.payload), received.time)
+        except BadMessage as error:
+            self.dropped += 1
+            if self.dropped in REPORTED:
+                self._tell(f"dropped {self.number} number {self.dropped}: {error}")
+
+    def advance(self, now: float, period: float) -> list[tuple[str, bytes]]:
+        """Go on by a period in seconds; returns topic and payload of what is to be sent."""
+        frozen = VehicleFaultOrder.FREEZE in self.faults
+        if now >= self._until or VehicleFaultOrder.DRIVE_FAULT in self.faults:
+            self._twist = None
+        if not self.link_stands:
+            self._twist = None
+        grip = SPINNING_GRIP if VehicleFaultOrder.SLIP in self.faults else 1.0
+        state = self._disturbed(self.body.advance(self._twist, period=period, grip=grip))
+        self._tell_motion(now)
+        if frozen:
+            return []
+        if VehicleFaultOrder.STALE in self.faults:
+            state = self._last_state
+        else:
+            self._sent += 1
+        self._last_state = state
+        x, y, heading = self.body.plant.pose_w.tolist()
+        at = PoseMessage(
+            session=self.session, number=self._sent, time=now, x=x, y=y, heading=heading
+        )
+        message = StateMessage.of_state(
+            state,
+            session=self.session,
+            number=self._sent,
+            time=now,
+            commander=self._gate.session,
+        )
+        payload = message.to_json()
+        if VehicleFaultOrder.NAN in self.faults:
+            payload = payload.replace(b'"speed":', b'"speed":NaN,"was":')
+        return [(STATE_TOPIC, payload), (POSE_TOPIC, at.to_json())]
+
+    def _receive_presence(self, message: PresenceMessage, now: float) -> None:
+        if message.session == self._gate.session:
+            if not message.alive:
+                self._gate.reset()
+                self._twist = None
+        elif message.alive:
+            if self._gate.session and now - self._heard < DEAD_MAN:
+                raise BadMessage("another program commands this vehicle")
+            self._gate.reset(message.session)
+            self._twist = None
+
+    def _receive_command(self, message: CommandMessage, now: float) -> None:
+        if not self._gate.session:
+            raise BadMessage("its program has not announced itself")
+        reason = self._gate.reason_to_drop(message, now)
+        if reason:
+            raise BadMessage(reason)
+        self._heard = now
+        if message.order == "stop" or message.sideways:
+            self._twist = None
+            if message.sideways:
+                raise BadMessage("a vehicle on tracks can't drive sideways")
+        else:
+            self._twist, self._until = message.twist, now + min(message.hold, DEAD_MAN)
+
+    def _disturbed(self, state: VehicleState) -> VehicleState:
+        if VehicleFaultOrder.DRIVE_FAULT in self.faults:
+            state = replace(state, fault=DRIVE_FAULT)
+        if VehicleFaultOrder.EDGE in self.faults and state.proximity:
+            state = replace(state, proximity=(inf, inf, *state.proximity[2:]))
+        return state
+
+    def _tell_motion(self, now: float) -> None:
+        if self._moving == self.body.stands:
+            self._moving = not self._moving
+            self._tell(f"{'moving' if self._moving else 'at rest'} {self.number} {now:.4f}")

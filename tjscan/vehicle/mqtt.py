@@ -1,0 +1,330 @@
+"""A vehicle behind an MQTT broker."""
+
+from __future__ import annotations
+
+import threading
+import time
+from queue import Empty, SimpleQueue
+from typing import Final, Self
+from uuid import uuid4
+
+from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.errors import (
+    ConfigurationError,
+    DriveFault,
+    VehicleFault,
+    VehicleLinkLost,
+    VehicleStopped,
+)
+from tjscan.core.frames import Array, pose, rot_z
+from tjscan.core.version import VERSION
+from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist
+from tjscan.vehicle.wire import (
+    COMMAND_TOPIC,
+    COMMANDER_TOPIC,
+    POSE_TOPIC,
+    PRESENCE_TOPIC,
+    REPORTED,
+    STATE_TOPIC,
+    BadMessage,
+    CommandMessage,
+    MessageGate,
+    PoseMessage,
+    PresenceMessage,
+    StateMessage,
+)
+
+REPEAT: Final = 0.05
+"""Seconds after which the last order is sent again."""
+
+MOST_WAITING: Final = 20
+"""States that wait to be read, 0.2 s of them; older ones are dropped then."""
+
+
+class MqttVehicle:
+    """A vehicle behind an MQTT broker, behind the `Vehicle` protocol.
+
+    A thread sends each command as it comes, and again every 50 ms as long as it is not older
+    than the dead-man time; else it sends a stop. So the vehicle drives only while whoever
+    commands it is alive, and stops too where it hears nothing.
+
+    Parameters
+    ----------
+    settings : MqttSettings
+        The broker, and the vehicle's topics there.
+    """
+
+    def __init__(self, settings: MqttSettings) -> None:
+        self.settings = settings
+        self.dead_man = settings.dead_man
+        self.dropped = 0
+        """Messages that were dropped since connecting, for they were none or came out of order."""
+        self._listener: EventListener = lambda name, sentence: None
+        self._connected = self._stopped = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Know nothing of the vehicle yet.
+
+        Simple queues and single assignments share all there is between the threads, no locks: a
+        signal's handler may stop the vehicle whatever it interrupts.
+        """
+        self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
+        self._wake: SimpleQueue[bool] = SimpleQueue()
+        self._gate, self._pose_gate = MessageGate(), MessageGate()
+        self._order: tuple[Twist, float] | None = None
+        self._pose: PoseMessage | None = None
+        self._session, self._number, self.dropped = uuid4().hex, 0, 0
+        self._identity = DeviceIdentity()
+        self._fault = self._commander = self._lost = ""
+        self._heard = time.monotonic()
+        s = self.settings
+        self._link = BrokerLink(
+            s.host,
+            s.port,
+            prefix=s.prefix,
+            presence_topic=COMMANDER_TOPIC,
+            presence=PresenceMessage(
+                session=self._session,
+                number=0,
+                time=time.monotonic(),
+                alive=True,
+                model="tjscan",
+                software=VERSION,
+            ),
+            topics=(PRESENCE_TOPIC, STATE_TOPIC, POSE_TOPIC),
+            receive=self._receive,
+            changed=self._link_changed,
+        )
+
+    def __enter__(self) -> Self:
+        """Connect, and wait until the vehicle takes this program's commands.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If there is no broker, or no vehicle on it.
+        VehicleFault
+            If another program commands the vehicle.
+        """
+        self._begin()
+        self._stopped = False
+        self._link.connect(self.settings.connect_limit)
+        self._connected = True
+        self._sender = threading.Thread(target=self._send_orders, daemon=True)
+        self._sender.start()
+        try:
+            self._wait_until_accepted()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop the vehicle and disconnect."""
+        if self._connected:
+            self.stop()
+            self._connected = False
+            self._wake.put(True)
+            self._sender.join()
+            self._link.close()
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Which vehicle it is, as it announces itself."""
+        return self._identity
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report dropped messages and lost links to a listener, in the thread that commands."""
+        self._listener = listener
+
+    def command(self, twist: Twist) -> None:
+        """Hold a twist until the next command. See `Vehicle.command`."""
+        self._deliver_events()
+        self._need_link()
+        check_twist(twist)
+        if self._fault:
+            raise DriveFault(f"the vehicle reports: {self._fault}. Mend it, then start again.")
+        if self._commander not in ("", self._session):
+            raise VehicleFault(
+                f"another program commands the vehicle {self.settings.prefix}. End it first."
+            )
+        if self._stopped:
+            raise VehicleStopped
+        self._order = twist, time.monotonic()
+        self._wake.put(True)
+
+    def next_state(self) -> VehicleState:
+        """Wait for the next state. See `Vehicle.next_state`."""
+        self._deliver_events()
+        if not self._connected:
+            self._need_link()
+        try:
+            state = self._states.get(timeout=self.settings.silence_limit)
+        except Empty:
+            raise self._link_lost() from None
+        if state is None:
+            raise self._link_lost()
+        return state
+
+    def true_pose(self) -> Array:
+        """True pose T_w_v, shape (4, 4), of a stand-in that sends it; no real vehicle does.
+
+        Raises
+        ------
+        ConfigurationError
+            If none was sent.
+        """
+        message = self._pose
+        if message is None:
+            raise ConfigurationError(
+                f"nothing sends the pose of {self.settings.prefix}; a simulated laser needs a "
+                "vehicle of tjscan vehicle-loopback",
+                key="vehicle.driver",
+            )
+        return pose(rot_z(message.heading), (message.x, message.y, 0.0))
+
+    def stop(self) -> None:
+        """Bring the vehicle to rest, and take no command any more. See `Vehicle.stop`."""
+        self._stopped = True
+        if self._connected:
+            self._wake.put(True)
+
+    def accept_commands_again(self) -> None:
+        """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
+        self._order, self._stopped = None, False
+
+    # What the driver's own thread does
+
+    def _send_orders(self) -> None:
+        while self._connected:
+            self._send(time.monotonic())
+            try:
+                self._wake.get(timeout=REPEAT)
+                while not self._wake.empty():
+                    self._wake.get()
+            except Empty:
+                pass
+        self._send(time.monotonic())  # the stop with which it ends
+
+    def _send(self, now: float) -> None:
+        order, self._number = self._order, self._number + 1
+        left = 0.0 if order is None else order[1] + self.dead_man - now
+        if self._stopped or order is None or left <= 0:
+            twist, hold = REST, 0.0
+        else:
+            twist, hold = order[0], left
+        message = CommandMessage(
+            session=self._session,
+            number=self._number,
+            time=now,
+            order="drive" if hold else "stop",
+            speed=twist.speed,
+            turn_rate=twist.turn_rate,
+            sideways=twist.sideways,
+            hold=hold,
+        )
+        self._link.publish(COMMAND_TOPIC, message.to_json())
+
+    # What the link's thread does
+
+    def _receive(self, received: ReceivedMessage) -> None:
+        try:
+            if received.topic == PRESENCE_TOPIC:
+                self._receive_presence(PresenceMessage.from_json(received.payload))
+            elif received.retained:
+                raise BadMessage("the broker kept it from before")
+            elif received.topic == STATE_TOPIC:
+                self._receive_state(StateMessage.from_json(received.payload), received.time)
+            elif received.topic == POSE_TOPIC:
+                message = PoseMessage.from_json(received.payload)
+                _let_through(self._pose_gate, message, received.time)
+                self._pose = message
+        except BadMessage as error:
+            self.dropped += 1
+            if self.dropped in REPORTED:
+                self._events.put(
+                    ("message-dropped", f"on {received.topic}, number {self.dropped}: {error}")
+                )
+
+    def _receive_presence(self, message: PresenceMessage) -> None:
+        if not message.alive:
+            if message.session == self._gate.session:
+                self._lose("the vehicle's own link to the broker broke")
+            return
+        if self._gate.session and message.session != self._gate.session:
+            raise BadMessage("another vehicle announced itself, or this one started again")
+        self._gate.session = self._pose_gate.session = message.session
+        self._identity = DeviceIdentity(message.model, message.serial, message.software)
+        self._lost = ""
+
+    def _receive_state(self, message: StateMessage, now: float) -> None:
+        if not self._gate.session:
+            raise BadMessage("the vehicle has not announced itself")
+        _let_through(self._gate, message, now)
+        self._heard, self._lost = now, ""
+        self._fault, self._commander = message.fault, message.commander
+        if self._states.qsize() >= MOST_WAITING:
+            self._states.get()
+            self.dropped += 1
+            if self.dropped in REPORTED:
+                self._events.put(("message-dropped", "a state that nobody read in time"))
+        self._states.put(message.state)
+
+    def _link_changed(self, up: bool) -> None:
+        if not up and self._connected:
+            self._lose("the link to the broker broke")
+
+    def _lose(self, why: str) -> None:
+        self._order, self._lost = None, why
+        self._events.put(("link-lost", why))
+        self._states.put(None)
+
+    # What the caller's thread does
+
+    def _wait_until_accepted(self) -> None:
+        until = time.monotonic() + self.settings.connect_limit
+        s = self.settings
+        while self._commander != self._session:
+            try:
+                self._states.get(timeout=max(until - time.monotonic(), 0))
+            except Empty:
+                if self._commander:
+                    raise VehicleFault(
+                        f"another program commands the vehicle {s.prefix}. End it first."
+                    ) from None
+                raise VehicleLinkLost(
+                    f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
+                    "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
+                ) from None
+
+    def _need_link(self) -> None:
+        if not self._connected:
+            raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
+        if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:
+            raise self._link_lost()
+
+    def _link_lost(self) -> VehicleLinkLost:
+        self._order = None
+        self._deliver_events()
+        why = self._lost or f"no new state came for {self.settings.silence_limit:g} s"
+        return VehicleLinkLost(
+            f"{why}. The vehicle stops by itself. See that it and its network are on, then start "
+            "again."
+        )
+
+    def _deliver_events(self) -> None:
+        while True:
+            try:
+                self._listener(*self._events.get_nowait())
+            except Empty:
+                return
+
+
+def _let_through(gate: MessageGate, message: StateMessage | PoseMessage, now: float) -> None:
+    reason = gate.reason_to_drop(message, now)
+    if reason:
+        raise BadMessage(reason)

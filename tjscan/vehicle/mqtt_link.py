@@ -1,0 +1,200 @@
+"""One client of an MQTT broker, as vehicles and their drivers use it."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, MQTTMessageInfo
+from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.reasoncodes import ReasonCode
+
+from tjscan.core.errors import VehicleLinkLost
+from tjscan.vehicle.wire import PresenceMessage
+
+KEEP_ALIVE: Final = 2
+"""Seconds of silence after which a broker asks whether its client is there. It calls the last will
+three seconds after a client froze; long before that the vehicle has stopped by itself."""
+
+RECONNECT_DELAY: Final = 1
+"""Seconds between attempts to connect again."""
+
+FAREWELL: Final = 1.0
+"""Seconds that the last message may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedMessage:
+    """What came on a topic.
+
+    Parameters
+    ----------
+    topic : str
+        Its last part.
+    payload : bytes
+        What came.
+    retained : bool
+        Whether the broker kept it from before.
+    time : float
+        When, `time.monotonic`.
+    """
+
+    topic: str
+    payload: bytes
+    retained: bool
+    time: float
+
+
+class BrokerLink:
+    """Connection to a broker that announces its end and comes back when it was cut.
+
+    Parameters
+    ----------
+    host, port : str and int
+        Of the broker; nothing else is connected to.
+    prefix : str
+        Of all topics.
+    presence_topic : str
+        Where this end announces itself, and the broker that it went.
+    presence : PresenceMessage
+        Who this end is.
+    topics : tuple of str
+        To listen to.
+    receive : callable
+        Takes each message, in a thread of the link's own.
+    changed : callable
+        Takes whether the link stands, each time that changes, in that thread.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        prefix: str,
+        presence_topic: str,
+        presence: PresenceMessage,
+        topics: tuple[str, ...],
+        receive: Callable[[ReceivedMessage], None],
+        changed: Callable[[bool], None],
+    ) -> None:
+        self._host, self._port, self._prefix = host, port, prefix
+        self._presence_topic, self._presence = presence_topic, presence
+        self._topics, self._receive, self._changed = topics, receive, changed
+        self._number = 0
+        self._up = threading.Event()
+        self._client = self._make_client()
+
+    @property
+    def stands(self) -> bool:
+        """Whether the broker is connected."""
+        return self._up.is_set()
+
+    def connect(self, limit: float) -> None:
+        """Connect, and stay connected until `close`.
+
+        Parameters
+        ----------
+        limit : float
+            Seconds that may take.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If there is no broker that takes this client.
+        """
+        self._client = self._make_client()
+        self._client.connect_timeout = limit
+        try:
+            self._client.connect(self._host, self._port, KEEP_ALIVE)
+        except OSError as error:
+            raise VehicleLinkLost(
+                f"there is no MQTT broker at {self._host}:{self._port} ({error}). Start one, for "
+                f"instance: mosquitto -p {self._port}"
+            ) from None
+        self._client.loop_start()
+        if not self._up.wait(limit):
+            self.close()
+            raise VehicleLinkLost(
+                f"the MQTT broker at {self._host}:{self._port} does not take this client. See its "
+                "log."
+            )
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Send a message, at most once; it is lost where the link is down."""
+        self._client.publish(self._full(topic), payload, qos=0)
+
+    def drop(self) -> None:
+        """Cut the connection as a broken network does, without a farewell, until `connect`."""
+        client, self._client.on_disconnect = self._client, None
+        self._up.clear()
+        sock = client.socket()
+        if isinstance(sock, socket.socket):
+            with suppress(OSError):  # cut already
+                sock.shutdown(socket.SHUT_RDWR)
+        # It ends when it next looks whether to connect again, which nobody must wait for.
+        threading.Thread(target=client.loop_stop, daemon=True).start()
+        self._changed(False)
+
+    def close(self) -> None:
+        """Say that this end goes, and disconnect."""
+        if self.stands:
+            with suppress(RuntimeError, ValueError):  # it broke this very moment
+                self._announce(alive=False).wait_for_publish(FAREWELL)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def _make_client(self) -> Client:
+        client = Client(CallbackAPIVersion.VERSION2, client_id=f"tjscan-{self._presence.session}")
+        client.reconnect_delay_set(RECONNECT_DELAY, RECONNECT_DELAY)
+        client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
+        client.on_message, client.on_socket_open = self._on_message, _send_without_delay
+        client.will_set(
+            self._full(self._presence_topic),
+            replace(self._presence, alive=False).to_json(),
+            qos=1,
+            retain=True,
+        )
+        return client
+
+    def _full(self, topic: str) -> str:
+        return f"{self._prefix}/{topic}"
+
+    def _announce(self, *, alive: bool) -> MQTTMessageInfo:
+        self._number += 1
+        message = replace(self._presence, alive=alive, number=self._number, time=time.monotonic())
+        return self._client.publish(
+            self._full(self._presence_topic), message.to_json(), qos=1, retain=True
+        )
+
+    def _on_connect(
+        self, client: Client, data: Any, flags: ConnectFlags, code: ReasonCode, properties: Any
+    ) -> None:
+        if code.is_failure:
+            return
+        client.subscribe([(self._full(topic), 0) for topic in self._topics])
+        self._announce(alive=True)
+        self._up.set()
+        self._changed(True)
+
+    def _on_disconnect(
+        self, client: Client, data: Any, flags: DisconnectFlags, code: ReasonCode, properties: Any
+    ) -> None:
+        self._up.clear()
+        self._changed(False)
+
+    def _on_message(self, client: Client, data: Any, message: MQTTMessage) -> None:
+        topic = message.topic.removeprefix(f"{self._prefix}/")
+        self._receive(
+            ReceivedMessage(topic, bytes(message.payload), message.retain, time.monotonic())
+        )
+
+
+def _send_without_delay(client: Client, data: Any, sock: Any) -> None:
+    """Send small messages at once; else TCP holds them back for up to 40 ms."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -1,0 +1,44 @@
+"""How to reach a vehicle over a broker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Le, Len, MinLen
+
+from tjscan.core.units import SECONDS, SettingsTable
+from tjscan.vehicle.vehicle import DEAD_MAN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSettings(SettingsTable):
+    """The table [vehicle.mqtt]: the broker, the vehicle's topics, and time limits.
+
+    Parameters
+    ----------
+    host : str
+        The broker's address; nothing else is connected to.
+    port : int
+        Its port.
+    prefix : str
+        Of the vehicle's topics, such as ``tjscan/vehicle/1``.
+    dead_man : float
+        Seconds after the last command at which the vehicle is told to stop. It has the same limit
+        of its own, so a longer one would mean nothing.
+    connect_limit : float
+        Seconds that a connection may take.
+    silence_limit : float
+        Seconds without a new state after which the link counts as lost.
+    """
+
+    host: Annotated[str, MinLen(1)] = "127.0.0.1"
+    port: Annotated[int, Ge(1), Le(65535)] = 1883
+    prefix: Annotated[str, Len(1, 200)] = "tjscan/vehicle/1"
+    dead_man: Annotated[float, Ge(0.05), Le(DEAD_MAN), SECONDS] = DEAD_MAN
+    connect_limit: Annotated[float, Ge(0.1), Le(120), SECONDS.with_key("connect_s")] = 5.0
+    silence_limit: Annotated[float, Ge(0.05), Le(60), SECONDS.with_key("silence_s")] = 0.5
+
+    def __post_init__(self) -> None:
+        if set(self.prefix) & set("+#\0") or self.prefix.startswith(("$", "/")):
+            raise ValueError("prefix is a topic: without + and #, and not behind $ or /")

@@ -1,0 +1,273 @@
+"""Messages between a program and a vehicle, as JSON: what is none is refused, and never steers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from math import inf, isfinite
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
+
+from annotated_types import Ge, Le, Len
+from pydantic import TypeAdapter, ValidationError
+
+from tjscan.vehicle.vehicle import CORNERS, Twist, VehicleState
+
+COMMAND_TOPIC: Final = "command"
+COMMANDER_TOPIC: Final = "commander"
+STATE_TOPIC: Final = "state"
+PRESENCE_TOPIC: Final = "vehicle"
+POSE_TOPIC: Final = "pose"
+
+MOST_BYTES: Final = 4096
+"""No message is longer."""
+
+MOST_DELAY: Final = 0.25
+"""Seconds by which a message may come later than the quickest one did: half the dead-man time."""
+
+CLOCK_DRIFT: Final = 1e-3
+"""By how much two clocks may differ in rate."""
+
+REPORTED: Final = frozenset(10**n for n in range(10))
+"""The first message that is dropped is reported, then the tenth, the hundredth, and so on."""
+
+_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
+
+Session = Annotated[str, Len(4, 64)]
+Number = Annotated[int, Ge(0), Le(2**53)]
+Seconds = Annotated[float, Ge(-1e12), Le(1e12)]
+Metres = Annotated[float, Ge(-1e6), Le(1e6)]
+Speed = Annotated[float, Ge(-10), Le(10)]
+TurnRate = Annotated[float, Ge(-100), Le(100)]
+Torque = Annotated[float, Ge(-1e6), Le(1e6)]
+Distance = Annotated[float, Ge(0), Le(100)]
+
+
+class BadMessage(ValueError):
+    """What came is no message of the kind that its topic carries."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WireMessage:
+    """What every message holds.
+
+    Parameters
+    ----------
+    session : str
+        Drawn anew by each sender when it starts.
+    number : int
+        Grows with every message of the session on one topic.
+    time : float
+        Seconds on the sender's clock, which never goes back.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {
+        "strict": True,
+        "extra": "forbid",
+        "allow_inf_nan": False,
+    }
+
+    session: Session
+    number: Number
+    time: Seconds
+
+    @classmethod
+    def from_json(cls, payload: bytes) -> Self:
+        """Read a message.
+
+        Raises
+        ------
+        BadMessage
+            If it is not JSON, lacks a key, has one too many, or a value of the wrong type or out
+            of its range; NaN is out of every range.
+        """
+        if len(payload) > MOST_BYTES:
+            raise BadMessage(f"it is {len(payload)} bytes long")
+        adapter = _ADAPTERS.get(cls)
+        if adapter is None:
+            adapter = _ADAPTERS[cls] = TypeAdapter(cls)
+        try:
+            message: Self = adapter.validate_json(payload)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise BadMessage(f"{where}: {first['msg']}" if where else first["msg"]) from None
+        return message
+
+    def to_json(self) -> bytes:
+        """Write it.
+
+        Raises
+        ------
+        ValueError
+            If it holds NaN.
+        """
+        return json.dumps(asdict(self), allow_nan=False, separators=(",", ":")).encode()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandMessage(WireMessage):
+    """On ``command``: drive with a twist, or stop.
+
+    Parameters
+    ----------
+    order : str
+        ``drive`` or ``stop``.
+    speed, turn_rate, sideways : float
+        The twist, m/s and rad/s.
+    hold : float
+        Seconds from its sending for which it may be held: what is left of the dead-man time.
+    """
+
+    order: Literal["drive", "stop"]
+    speed: Speed = 0.0
+    turn_rate: TurnRate = 0.0
+    sideways: Speed = 0.0
+    hold: Annotated[float, Ge(0), Le(10)] = 0.0
+
+    @property
+    def twist(self) -> Twist:
+        """What to drive."""
+        return Twist(self.speed, self.turn_rate, self.sideways)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateMessage(WireMessage):
+    """On ``state``: what the vehicle reports of itself; see `VehicleState`.
+
+    Parameters
+    ----------
+    clock : float
+        When the state was taken, seconds on the clock of the vehicle's motion.
+    speed, turn_rate, sideways : float
+        The twist that the encoders show, m/s and rad/s.
+    torques : tuple of float
+        Of the motors, N m; empty where not known.
+    proximity : tuple of float or None
+        At each of `CORNERS`, metres; null where nothing is seen, empty without a new sample.
+    fault : str
+        Of the drives; empty where they are well.
+    commander : str
+        Session of the program whose commands it takes; empty where there is none.
+    """
+
+    clock: Seconds
+    speed: Speed
+    turn_rate: TurnRate
+    sideways: Speed
+    torques: Annotated[tuple[Torque, ...], Len(0, 16)] = ()
+    proximity: Annotated[tuple[Distance | None, ...], Len(0, len(CORNERS))] = ()
+    fault: Annotated[str, Len(0, 500)] = ""
+    commander: Annotated[str, Len(0, 64)] = ""
+
+    def __post_init__(self) -> None:
+        if len(self.proximity) not in (0, len(CORNERS)):
+            raise ValueError(f"proximity holds {len(CORNERS)} distances or none")
+
+    @classmethod
+    def of_state(
+        cls, state: VehicleState, *, session: str, number: int, time: float, commander: str = ""
+    ) -> Self:
+        """State as a message."""
+        return cls(
+            session=session,
+            number=number,
+            time=time,
+            clock=state.time,
+            speed=state.odometry.speed,
+            turn_rate=state.odometry.turn_rate,
+            sideways=state.odometry.sideways,
+            torques=state.torques,
+            proximity=tuple(d if isfinite(d) else None for d in state.proximity),
+            fault=state.fault,
+            commander=commander,
+        )
+
+    @property
+    def state(self) -> VehicleState:
+        """The state that it holds; inf where a sensor sees nothing."""
+        return VehicleState(
+            self.clock,
+            Twist(self.speed, self.turn_rate, self.sideways),
+            self.torques,
+            tuple(inf if d is None else d for d in self.proximity),
+            self.fault,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PresenceMessage(WireMessage):
+    """On ``vehicle`` and ``commander``, retained: who is there; the last will says that he is not.
+
+    Parameters
+    ----------
+    alive : bool
+        Whether the sender is there.
+    model, serial, software : str
+        Which vehicle, or program, it is.
+    """
+
+    alive: bool
+    model: Annotated[str, Len(0, 200)] = ""
+    serial: Annotated[str, Len(0, 200)] = ""
+    software: Annotated[str, Len(0, 200)] = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseMessage(WireMessage):
+    """On ``pose``: where the vehicle stands in frame w, as a stand-in or a tracker knows it.
+
+    Parameters
+    ----------
+    x, y : float
+        Of the vehicle's origin, metres.
+    heading : float
+        From x towards y, radians.
+    """
+
+    x: Metres
+    y: Metres
+    heading: Annotated[float, Ge(-1e6), Le(1e6)]
+
+
+class MessageGate:
+    """What lets the messages of one topic through: those of one session, in order and in time.
+
+    The clocks of sender and receiver need not agree. How late a message is counts from the
+    quickest one so far.
+    """
+
+    def __init__(self) -> None:
+        self.session = ""
+        """Whose messages come through; of the first that comes where it is empty."""
+        self._last: tuple[int, float] | None = None
+        self._offset, self._heard = inf, 0.0
+
+    def reset(self, session: str = "") -> None:
+        """Begin anew, with the messages of a session, or of the first that comes."""
+        self.session, self._last, self._offset = session, None, inf
+
+    def reason_to_drop(self, message: WireMessage, now: float) -> str:
+        """Why a message must be dropped, in a sentence; empty where it is let through.
+
+        Parameters
+        ----------
+        message : WireMessage
+            What came.
+        now : float
+            When, in seconds on the receiver's clock.
+        """
+        if self.session and message.session != self.session:
+            return "it is of another session"
+        if self._last is not None:
+            number, time = self._last
+            if message.number <= number:
+                return f"number {message.number} came after {number}"
+            if message.time <= time:
+                return f"its clock went from {time:.3f} s to {message.time:.3f} s"
+        offset = now - message.time
+        quickest = min(offset, self._offset + CLOCK_DRIFT * (now - self._heard))
+        self.session, self._last = message.session, (message.number, message.time)
+        self._offset, self._heard = quickest, now
+        if offset - quickest > MOST_DELAY:
+            return f"it came {offset - quickest:.2f} s late"
+        return ""
