@@ -69,6 +69,12 @@ class SimulatedBody:
         return pose(rot_z(heading), (x, y, 0.0))
 
     @property
+    def braking_time(self) -> float:
+        """Seconds in which it brakes from its top speed to rest."""
+        drives = self._settings.drives
+        return drives.top_speed / drives.braking
+
+    @property
     def stands(self) -> bool:
         """Whether both tracks stand."""
         return not self._drives.speeds.any()

@@ -35,8 +35,9 @@ class LoopbackVehicle:
     """A vehicle that obeys messages, and stops by itself.
 
     It takes the commands of one program, the last that announced itself, unless another one
-    commands it. It brakes when that program goes, when it hears no command for the dead-man
-    time or the time a command may be held, when its link breaks, and at a drive fault.
+    commands it. It stands when the dead-man time is over without a command, or the time for which
+    the last one may be held; it brakes when its program goes, when its link breaks, and at a drive
+    fault.
 
     Parameters
     ----------
@@ -148,7 +149,8 @@ class LoopbackVehicle:
             if message.sideways:
                 raise BadMessage("a vehicle on tracks can't drive sideways")
         else:
-            self._twist, self._until = message.twist, now + min(message.hold, DEAD_MAN)
+            self._twist = message.twist
+            self._until = now + min(message.hold, DEAD_MAN) - self.body.braking_time
 
     def _disturbed(self, state: VehicleState) -> VehicleState:
         if VehicleFaultOrder.DRIVE_FAULT in self.faults:
