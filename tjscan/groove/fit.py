@@ -267,8 +267,6 @@ class _Search:
         if not sound or form.has_root_bead:
             return False
         best = min(sound, key=lambda c: c.cost)
-        if not sides_that_meet(best.fitted)[-2:].any():
-            return False  # what seems a face may be a reflection
         saved = SIDE_COST + DETACHED * np.count_nonzero(~best.seen)
         loss = least_loss_without_root(self._row, best.fitted, self._settings.support_tolerance)
         return bool(loss > saved + REFIT_GAIN)
