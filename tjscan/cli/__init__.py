@@ -73,6 +73,24 @@ app.command(
     name="study",
     help="Run many simulated scans and write their results into one table.",
 )
+crawl = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")
+crawl.command("tjscan.cli.crawl_run:crawl_run", name="run", help="Crawl and weld as a job says.")
+crawl.command(
+    "tjscan.cli.crawl_size:crawl_size",
+    name="size",
+    help="Check whether magnets, motors and tracks carry the crawler.",
+)
+crawl.command(
+    "tjscan.cli.crawl_calibrate:crawl_calibrate",
+    name="calibrate",
+    help="Learn how the crawler slips on this hull.",
+)
+crawl.command(
+    "tjscan.cli.crawl_compare:crawl_compare",
+    name="compare",
+    help="Compare two crawls, pass by pass.",
+)
+app.command(crawl)
 app.register_install_completion_command()
 
 EXIT_CODES: dict[type[TjscanError], int] = {

@@ -98,7 +98,7 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
 def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
     """Convert a table's model to the keys and values of its file; keys without a value left out."""
     found: dict[str, Any] = TypeAdapter(type(table)).dump_python(
-        table, mode="json", exclude_none=True
+        table, mode="json", exclude_none=True, by_alias=True
     )
     return found
 

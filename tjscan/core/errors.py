@@ -210,6 +210,24 @@ class DriveFault(VehicleFault):
     """A drive of the vehicle reports a fault, and the vehicle stands."""
 
 
+class CrawlStopped(VehicleFault):
+    """A guard stopped the crawler, and it stands.
+
+    Parameters
+    ----------
+    guard : str
+        Which, in a word or two.
+    reason : str
+        What it saw, in a sentence without its full stop.
+    """
+
+    def __init__(self, guard: str, reason: str) -> None:
+        self.guard, self.reason = guard, reason
+        super().__init__(
+            f"the crawler stopped: {reason}. See that the way is clear; --resume goes on from there"
+        )
+
+
 class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 

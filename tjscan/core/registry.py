@@ -135,11 +135,14 @@ class TaskPlugin:
         Its chapters of a report.
     study : str
         What a study varies, runs and measures: a `tjscan.study.backend.StudyBackend`.
+    recording : str
+        Name of its recording, where the chapter of a run that has one is a page of its own.
     """
 
     name: str
     report: str = ""
     study: str = ""
+    recording: str = ""
 
     def load_part(self, part: Literal["report", "study"]) -> Any:
         """Import one part that the task adds: its report chapter, or its study backend.
@@ -162,6 +165,10 @@ class TaskPlugin:
 
 TASKS: Final[Registry[TaskPlugin]] = Registry(
     "task",
-    {"scan": "tjscan.scanning.task:TASK", "calibrate": "tjscan.calibration.task:TASK"},
+    {
+        "scan": "tjscan.scanning.task:TASK",
+        "calibrate": "tjscan.calibration.task:TASK",
+        "crawl": "tjscan.crawler.task:TASK",
+    },
 )
 """The algorithms. What each brings to results, reports and studies is said there."""

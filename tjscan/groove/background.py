@@ -23,7 +23,7 @@ times the distance of their neighbours."""
 HOLE: Final = 6
 """Columns without points after which nothing shows whether a surface goes on."""
 
-RUN_COST, POINT_COST = 3.0, 0.5
+RUN_COST, POINT_COST = 3.0, 0.35
 """What a run of reflections costs, in outliers, and each of its points."""
 
 

@@ -6,8 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from tjscan.core.config import add_file_to_errors, read_toml, validate_table
+from tjscan.core.config import (
+    StrictFileModel,
+    add_file_to_errors,
+    read_toml,
+    validate_table,
+)
 from tjscan.core.errors import ConfigurationError
+from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.files import CalibrationJob, CellJob, ScanJob
 from tjscan.job.station import casefolded_name
 
@@ -15,6 +21,7 @@ EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file
 """What a replaced key leaves no room for in its table."""
 
 J = TypeVar("J", bound=CellJob)
+M = TypeVar("M", bound=StrictFileModel)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
@@ -41,7 +48,16 @@ def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) ->
     return _read(CalibrationJob, file, overrides)
 
 
+def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:
+    """Read the job of a crawler, with single keys replaced; see `read_scan_job`."""
+    return _replaced(CrawlJob, file, overrides)
+
+
 def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
+    return _located(_replaced(model, file, overrides), file.parent)
+
+
+def _replaced(model: type[M], file: Path, overrides: dict[str, Any] | None) -> M:
     data = read_toml(file)
     with add_file_to_errors(file):
         for key, value in (overrides or {}).items():
@@ -56,7 +72,7 @@ def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
             table[last] = value
             if key in EXCLUDED:
                 table.pop(EXCLUDED[key], None)
-        return _located(validate_table(model, data, file), file.parent)
+        return validate_table(model, data, file)
 
 
 def _inner(tables: Any, name: str, key: str) -> Any:

@@ -122,7 +122,11 @@ class RecordingWriter:
         *messages : (Topic, object)
             Each message and its topic.
         """
-        for topic, message in messages:
+        self.write_timed((time, topic, message) for topic, message in messages)
+
+    def write_timed(self, messages: Iterable[tuple[int, Topic[Any], Any]]) -> None:
+        """Write messages of several times in one chunk; each with its time, as `write` has it."""
+        for time, topic, message in messages:
             self._writer.add_message(
                 self._channels[topic.name],
                 log_time=time,

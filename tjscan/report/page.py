@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Final
-
-from jinja2 import Environment, StrictUndefined
 
 from tjscan.core.provenance import Provenance
 from tjscan.report.charts import (
@@ -27,9 +24,9 @@ from tjscan.report.stations import (
     station_rows,
 )
 from tjscan.report.tables import event_rows, measure_rows, scan_fact_rows, scan_statistics_rows
+from tjscan.report.template import load_template
 from tjscan.result.directory import JOINT, job_label_of_run
 
-TEMPLATE: Final = "report.html.jinja"
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
 
@@ -44,11 +41,7 @@ def render_report_page(data: ReportData) -> str:
     data : ReportData
         The run.
     """
-    # Escaping is on for all of it: names of jobs and joints are text, whatever they hold.
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    template = environment.from_string(
-        files("tjscan.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
-    )
+    template = load_template("report.html.jinja")
     pictures = {
         "view": draw_groove_in_space(data),
         "deviation": draw_deviation_map(data),

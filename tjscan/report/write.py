@@ -7,8 +7,11 @@ from typing import Final
 
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
+from tjscan.core.registry import TASKS, TaskPlugin
+from tjscan.report.chapter_page import render_chapter_page
 from tjscan.report.data import read_report_data
 from tjscan.report.page import render_report_page
+from tjscan.result.chapter import ChapterWriter
 
 REPORT: Final = "report.html"
 
@@ -41,7 +44,17 @@ def write_run_report(
     RecordingError
         If a recording is damaged, or the report can't be written.
     """
-    page = render_report_page(read_report_data(directory, reference, tolerance, options))
+    if (task := task_with_own_page(directory)) is not None:
+        write_chapter: ChapterWriter = task.load_part("report")
+        page = render_chapter_page(write_chapter(directory), task.name.capitalize(), directory)
+    else:
+        page = render_report_page(read_report_data(directory, reference, tolerance, options))
     with write_files_atomically(directory) as draft:
         (draft / REPORT).write_text(page, encoding="utf-8")
     return directory / REPORT
+
+
+def task_with_own_page(directory: Path) -> TaskPlugin | None:
+    """The task that made a run and has a page of its own for it; None where it is a scan's."""
+    tasks = map(TASKS.load, TASKS.names)
+    return next((t for t in tasks if t.recording and (directory / t.recording).is_file()), None)

@@ -32,6 +32,8 @@ class ReportChart:
         Values in these units.
     nominal : float or None
         What was asked for, drawn as a dashed line.
+    line : str
+        What this line is called where several are drawn in one chart; nothing for a lone one.
     """
 
     title: str
@@ -40,6 +42,7 @@ class ReportChart:
     x: Array
     y: Array
     nominal: float | None = None
+    line: str = ""
 
     def __post_init__(self) -> None:
         for name in ("x", "y"):

@@ -1,0 +1,67 @@
+"""What stops the crawler."""
+
+from math import inf, nan
+
+import pytest
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.guards import Guards
+from tjscan.crawler.plan import GuardSettings
+from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
+from tjscan.vehicle.vehicle import Twist, VehicleState
+
+STEEL = (0.03,) * 4
+
+
+def guards() -> Guards:
+    found = Guards(
+        GuardSettings(), ProximityFilter(ProximitySettings(samples=1)), CornerPlaces(0.8, 0.5)
+    )
+    found.watch_vehicle(VehicleState(0.0, Twist(0.0, 0.0), proximity=STEEL))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("state", "guard"),
+    [
+        (VehicleState(0.0, Twist(0.0, 0.0), fault="overheated"), "drive fault"),
+        (VehicleState(0.0, Twist(nan, 0.0)), "vehicle"),
+        (VehicleState(0.0, Twist(0.0, 0.0), torques=(inf, 0.0)), "vehicle"),
+        (VehicleState(0.0, Twist(0.0, 0.0), torques=(3.0, -43.0)), "torque"),
+    ],
+)
+def test_a_vehicle_that_is_not_well_is_stopped(state: VehicleState, guard: str) -> None:
+    with pytest.raises(CrawlStopped) as caught:
+        guards().watch_vehicle(state)
+    assert caught.value.guard == guard
+
+
+def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
+    found = guards()
+    for _ in range(19):
+        found.watch_joint(None, 0.1, 0.01)
+    found.watch_joint(0.001, 0.1, 0.01)  # seen again: it begins anew
+    for _ in range(19):
+        found.watch_joint(None, 0.1, 0.01)
+    with pytest.raises(CrawlStopped, match="not seen for"):
+        found.watch_joint(None, 0.1, 0.011)
+    standing = guards()
+    for _ in range(19):
+        standing.watch_joint(None, 0.0, 0.1)
+    with pytest.raises(CrawlStopped):
+        standing.watch_joint(None, 0.0, 0.11)
+
+
+def test_a_joint_that_leaves_the_line_is_one_too_many() -> None:
+    guards().watch_joint(0.021, 0.005, 0.01)
+    with pytest.raises(CrawlStopped, match="does not follow"):
+        guards().watch_joint(-0.023, 0.005, 0.01)
+
+
+def test_nothing_drives_over_an_edge_but_away_from_it() -> None:
+    found = guards()
+    found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0), proximity=(inf, inf, 0.03, 0.03)))
+    assert not found.stands_on_steel
+    found.check_command(Twist(-0.05, 0.0))
+    with pytest.raises(CrawlStopped, match="front left, front right"):
+        found.check_command(Twist(0.01, 0.0))

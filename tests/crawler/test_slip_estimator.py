@@ -1,0 +1,92 @@
+"""What the estimator believes holds against worlds drawn from its own model."""
+
+import numpy as np
+import pytest
+
+from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
+from tjscan.crawler.slip_model import (
+    STATES,
+    CrawlerGeometry,
+    SlipState,
+    TrackOdometry,
+    laser_offset,
+    propagate_state,
+)
+
+GEOMETRY = CrawlerGeometry(0.5, 0.0)
+UNSURE = SlipUncertainty()
+SIGMA = 0.015e-3
+PERIOD = 0.05
+
+
+def normalised_errors(seed: int) -> float:
+    """Mean normalised error squared over its dimension, of one way out and back."""
+    rng = np.random.default_rng(seed)
+    first = SlipBelief.before_any_reading(UNSURE, curvature_sigma=1e-4)
+    truth = rng.multivariate_normal(first.x, first.P)
+    estimator = SlipEstimator(GEOMETRY, first, UNSURE)
+    walks = np.zeros(STATES)
+    walks[2:6] = (
+        UNSURE.rotation_centre_walk,
+        UNSURE.yaw_efficiency_walk,
+        UNSURE.drift_walk,
+        UNSURE.crab_walk,
+    )
+    found = []
+    for k in range(1200):
+        speed = 0.02 if k < 600 else -0.02
+        asked = 2e-3 * np.sin(2 * np.pi * k / 300)
+        noise = UNSURE.turn_rate / np.sqrt(PERIOD) * rng.standard_normal()
+        truth, _ = propagate_state(truth, TrackOdometry(speed, asked - noise, PERIOD), GEOMETRY)
+        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * rng.standard_normal(STATES)
+        estimator.move(TrackOdometry(speed, asked, PERIOD))
+        d = laser_offset(truth, GEOMETRY)[0]
+        d += np.hypot(SIGMA, UNSURE.unevenness) * rng.standard_normal()
+        estimator.read(d, SIGMA)
+        if k % 40 == 39:
+            error = estimator.belief.x - truth
+            found.append(error @ np.linalg.solve(estimator.belief.P, error) / STATES)
+    return float(np.mean(found))
+
+
+def test_stated_covariances_are_those_of_the_errors() -> None:
+    # The median: where drift and turning crab are both far out, the filter does not know the sign
+    # of a turn at first, and no linear filter knows that it does not (one draw of twelve).
+    assert 0.7 < np.median([normalised_errors(seed) for seed in range(12)]) < 1.5
+
+
+def test_a_reversal_shows_the_crab() -> None:
+    truth = SlipBelief.before_any_reading(UNSURE).x.copy()
+    truth[SlipState.CRAB] = 5e-3
+    first = SlipBelief.before_any_reading(UNSURE)
+    estimator = SlipEstimator(GEOMETRY, first, UNSURE)
+    sigmas = []
+    for speed in (0.02, -0.02):
+        for _ in range(600):
+            truth, _ = propagate_state(truth, TrackOdometry(speed, 0.0, PERIOD), GEOMETRY)
+            estimator.move(TrackOdometry(speed, 0.0, PERIOD))
+            estimator.read(laser_offset(truth, GEOMETRY)[0], SIGMA)
+        sigmas.append(estimator.belief.sigma(SlipState.CRAB))
+    assert sigmas[0] > 0.7 * UNSURE.crab
+    assert sigmas[1] < 0.2 * UNSURE.crab
+    assert estimator.belief.x[SlipState.CRAB] == pytest.approx(5e-3, abs=3 * sigmas[1])
+
+
+def test_an_outlier_moves_it_little() -> None:
+    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    for _ in range(200):
+        estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
+        estimator.read(0.0, SIGMA)
+    before = estimator.belief.x[SlipState.OFFSET] + 0.5 * estimator.belief.x[SlipState.HEADING]
+    assert estimator.read(5e-3, SIGMA) > 1e3
+    after = estimator.belief.x[SlipState.OFFSET] + 0.5 * estimator.belief.x[SlipState.HEADING]
+    assert abs(after - before) < 0.05e-3
+
+
+def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
+    known = SlipBelief(np.arange(STATES) / 10, np.diag(np.arange(1.0, STATES + 1)))
+    moved = known.at_new_start(UNSURE)
+    np.testing.assert_array_equal(moved.x[2:], known.x[2:])
+    np.testing.assert_array_equal(moved.P[2:, 2:], known.P[2:, 2:])
+    assert (moved.x[:2] == 0).all()
+    assert moved.sigma(SlipState.OFFSET) == pytest.approx(UNSURE.offset)

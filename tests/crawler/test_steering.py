@@ -1,0 +1,70 @@
+"""Poles, mirror images, and the bound of the tightest turn."""
+
+from math import exp
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tjscan.core.frames import Array
+from tjscan.crawler.slip_model import (
+    STATES,
+    CrawlerGeometry,
+    SlipState,
+    TrackOdometry,
+    propagate_state,
+)
+from tjscan.crawler.steering import SteeringSettings, track_turn_rate
+
+GEOMETRY = CrawlerGeometry(0.5, 0.0)
+WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
+
+
+def slipping(offset: float = 0.0, heading: float = 0.0, crab: float = 0.0) -> Array:
+    x = np.zeros(STATES)
+    x[[SlipState.OFFSET, SlipState.HEADING, SlipState.CRAB]] = offset, heading, crab
+    x[[SlipState.YAW_EFFICIENCY, SlipState.DRIFT]] = 0.7, 5e-3
+    return x
+
+
+def drive(x: Array, speed: float, travel: float, settings: SteeringSettings) -> Array:
+    period = 1e-3 / abs(speed)
+    for _ in range(round(travel / (abs(speed) * period))):
+        turn = track_turn_rate(x, speed, GEOMETRY, settings)
+        x, _ = propagate_state(x, TrackOdometry(speed, turn, period), GEOMETRY)
+    return x
+
+
+@pytest.mark.parametrize("speed", [0.005, 0.02, -0.02])
+def test_both_poles_are_the_gain_whichever_way_and_speed(speed: float) -> None:
+    x = drive(slipping(offset=1e-4), speed, 0.3, WIDE)
+    expected = 1e-4 * (1 + 8 * 0.3) * exp(-8 * 0.3)
+    assert x[SlipState.OFFSET] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("speed", [0.005, -0.02])
+@pytest.mark.parametrize("ahead", [0.0, 0.06])
+def test_the_torch_ends_on_the_joint_whatever_the_crab(speed: float, ahead: float) -> None:
+    start = slipping(offset=5e-3, heading=0.015, crab=5e-3)
+    start[SlipState.ROTATION_CENTRE] = ahead
+    x = drive(start, speed, 3.0, SteeringSettings())
+    assert abs(x[SlipState.OFFSET]) < 2e-6
+
+
+@given(st.floats(-0.05, 0.05), st.floats(-0.2, 0.2), st.sampled_from([-0.02, 0.005]))
+def test_no_turn_is_tighter_than_allowed(offset: float, heading: float, speed: float) -> None:
+    x = slipping(offset, heading)
+    turn = track_turn_rate(x, speed, GEOMETRY, SteeringSettings(least_radius=8.0))
+    curvature = turn * x[SlipState.YAW_EFFICIENCY] / speed + x[SlipState.DRIFT]
+    assert abs(curvature) <= 1 / 8 + 1e-12
+
+
+@given(st.floats(-0.03, 0.03), st.floats(-0.1, 0.1))
+def test_from_far_off_it_does_not_swing_past_by_much(offset: float, heading: float) -> None:
+    x = drive(slipping(offset, heading), 0.02, 4.0, SteeringSettings())
+    assert abs(x[SlipState.OFFSET]) < 1e-4
+
+
+def test_nothing_is_steered_at_rest() -> None:
+    assert track_turn_rate(slipping(1.0), 0.0, GEOMETRY, SteeringSettings()) == 0.0

@@ -1,0 +1,178 @@
+"""A whole crawl in a simulated world: run, stopped, resumed, compared, refused."""
+
+import csv
+import json
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.phases import Phase
+from tjscan.job import read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.runs.crawl import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.crawl_results import read_recorded_crawl
+
+SHORT = """
+[vehicle]
+id = "crawler-1"
+[alignment]
+length_mm = 50
+longest_mm = 100
+offset_mm = 20
+offset_sigma_mm = 20
+in_view_s = 0.1
+return_speed_mm_s = 40
+speed_mm_s = 40
+[weld]
+length_m = 0.03
+run_up_mm = 30
+procedure = "WPS-1"
+[[pass]]
+speed_mm_s = 10
+[[pass]]
+speed_mm_s = 10
+weave_mm = 2
+weave_period_s = 1
+procedure = "WPS-2"
+[simulation.vehicle]
+start_mm = [-30.0, 1.0]
+[simulation.vehicle.slip]
+ratio = 0.1
+[[simulation.joint.beads]]
+level_mm = 6
+"""
+
+
+class InterruptedInWeld:
+    """A journal that interrupts the crawl where the arc has burned for a while."""
+
+    def __init__(self, travel: float) -> None:
+        self._travel = travel
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        if cycle.arc and cycle.travel > self._travel:
+            raise KeyboardInterrupt
+
+    def record_event(self, name: str, detail: str) -> None:
+        pass
+
+
+@pytest.fixture
+def job_file(tmp_path: Path) -> Path:
+    file = tmp_path / "short.toml"
+    file.write_text(SHORT)
+    return file
+
+
+def rows(directory: Path) -> list[dict[str, str]]:
+    lines = (directory / "passes.csv").read_text().splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert tjscan("crawl", "run", job_file, "--out", out) == 0
+    table = rows(out)
+    assert [row["pass"] for row in table] == ["1", "2"]
+    for row in table:
+        assert float(row["length_mm"]) == pytest.approx(30, abs=0.5)
+        assert float(row["speed_mm_s"]) == pytest.approx(10, rel=0.02)
+        assert float(row["profiles_read_percent"]) == 100
+    log = json.loads((out / "weld-log.json").read_text())
+    assert [one["procedure"] for one in log["passes"]] == ["WPS-1", "WPS-2"]
+    assert log["stops"] == []
+    (recording,) = log["recordings"]
+    assert recording["sha256"] == sha256((out / recording["file"]).read_bytes()).hexdigest()
+    assert "pass 2" in (out / "report.html").read_text()
+    phases = [cycle.phase for cycle in read_recorded_crawl(out).cycles]
+    assert set(phases) == set(Phase) - {Phase.STOP, Phase.READY}
+    assert tjscan("crawl", "compare", out, out) == 0
+    assert tjscan("report", out) == 0
+    assert tjscan("crawl", "run", out, "--resume") == 2  # nothing is left to do
+
+
+def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    job = read_crawl_job(job_file)
+    with pytest.raises(KeyboardInterrupt):
+        run_crawl(CrawlContext(job, job_file, InterruptedInWeld(0.015)), out)
+    cut = read_recorded_crawl(out)
+    assert cut.events[-1].name == Phase.STOP
+    assert cut.passes[0].length == pytest.approx(0.015, abs=1e-3)
+
+    file = out / "job.toml"
+    resume_crawl(CrawlContext(read_crawl_job(file), file), overlap=0.005)
+    found = read_recorded_crawl(out)
+    assert [one.number for one in found.passes] == [1, 2]
+    first = found.passes[0]
+    assert first.stops == 1
+    assert first.arcs[1][0] == pytest.approx(first.arcs[0][1] - 0.005, abs=1e-3)
+    assert first.length == pytest.approx(0.030, abs=1e-3)
+    # It goes on from where it stood: its place along the joint does not jump.
+    steps = np.abs(np.diff([cycle.travel for cycle in found.cycles]))
+    assert steps.max() < 2e-3
+    assert len(json.loads((out / "weld-log.json").read_text())["recordings"]) == 2
+
+
+def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    end = 400  # of the steel: half the vehicle's length ahead of where it starts is 370
+    steel = f"[[-2000, -1000], [{end}, -1000], [{end}, 1000], [-2000, 1000]]"
+    code = tjscan("crawl", "run", job_file, "--simulation.vehicle.steel-mm", steel, "--out", out)
+    assert code == 4
+    found = read_recorded_crawl(out)
+    assert found.events[-1].name == Phase.STOP
+    assert "no steel" in found.events[-1].detail
+    assert max(cycle.travel for cycle in found.cycles) + 0.4 < 1e-3 * end + 0.03
+    assert (out / "report.html").exists()
+
+
+def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tjscan.runs.crawl_calibrate.LENGTH", 0.06)
+    monkeypatch.setattr("tjscan.runs.crawl_calibrate.TIMES", 1)
+    out = tmp_path / "shuttle"
+    assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
+    calibrated = tmp_path / "calibrated.toml"
+    calibrated.write_text('calibration = "shuttle/calibration.toml"\n' + SHORT)
+    assert read_crawl_job(calibrated).calibration is not None
+    first = CrawlContext(read_crawl_job(calibrated), calibrated).first_belief
+    unknown = CrawlContext(read_crawl_job(job_file), job_file).first_belief
+    learned = np.diag(unknown.P)[2:6] - np.diag(first.P)[2:6]
+    assert (learned > 0).all()
+    code = tjscan("crawl", "run", calibrated, "--vehicle.id", "crawler-2", "--out", tmp_path / "x")
+    assert code == 2
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("--course.radius-m", "3"),  # tighter than the vehicle turns
+        ("--weld.lenght-m", "1"),
+        ("--steering.gain-per-m", "-1"),
+        ("--simulation.joint.width-mm", "500"),
+    ],
+)
+def test_a_job_that_can_not_be_is_refused(
+    job_file: Path, tmp_path: Path, key: str, value: str
+) -> None:
+    assert tjscan("crawl", "run", job_file, key, value, "--out", tmp_path / "x") == 2
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_sizing_says_which_rule_is_broken(
+    job_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wide = ("--steering.least-radius-mm", "1000000")
+    assert tjscan("crawl", "size", job_file, *wide, "--json") == 0
+    assert all(one["holds"] for one in json.loads(capsys.readouterr().out))
+    # Magnets in all, not of each track: then one track alone does not hold it.
+    assert tjscan("crawl", "size", job_file, *wide, "--size.pads.pads", "12", "--json") == 3
+    broken = [one["name"] for one in json.loads(capsys.readouterr().out) if not one["holds"]]
+    assert broken == ["the same with one track broken"]

@@ -1,0 +1,116 @@
+"""Output of the crawl commands: progress and tables on stderr, JSON on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from pydantic_core import to_json
+from rich.table import Table
+
+from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.core.devices import DriverKind
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.sizing import SizeFigure
+from tjscan.crawler.slip_calibration import SlipCalibration
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.laser.profile import Profile
+from tjscan.report.write import write_run_report
+from tjscan.runs.crawl import CrawlContext, WeldsAlways
+from tjscan.runs.crawl_results import PASSES, read_passes
+
+
+class EventPrinter:
+    """A crawl's journal that prints its events."""
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        """Print nothing: there are a hundred a second."""
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Print an event."""
+        print_message(f"{name}: {detail}")
+
+
+class TerminalWeldOperator:
+    """A `WeldOperator` who is asked at the terminal before each pass."""
+
+    def confirm_weld(self, number: int) -> bool:
+        """Ask until it is confirmed; Ctrl-C stops the crawler instead."""
+        import questionary
+
+        question = f"Gas, wire and current ready, and nobody in the way: weld pass {number}?"
+        return bool(questionary.confirm(question).unsafe_ask())
+
+
+@contextmanager
+def watch_crawl(job: CrawlJob, file: Path) -> Iterator[CrawlContext]:
+    """Print a crawl's events, and write its report, while the block runs."""
+    simulated = job.vehicle.driver_kind is DriverKind.SIMULATED
+    operator = WeldsAlways() if simulated else TerminalWeldOperator()
+    yield CrawlContext(job, file, EventPrinter(), operator, write_run_report)
+
+
+def print_passes(directory: Path, *, json: bool) -> None:
+    """Print the passes of a run."""
+    rows = read_passes(directory)
+    if json:
+        print(to_json({"directory": str(directory), "passes": rows}, indent=2).decode())
+        return
+    _print_rows(rows, f"{directory / PASSES}")
+
+
+def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:
+    """Print the passes of several runs below one another."""
+    if json:
+        print(to_json(runs, indent=2).decode())
+        return
+    for name, rows in runs.items():
+        _print_rows(rows, name)
+
+
+def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
+    """Print the figures of a sizing, and which rules are broken."""
+    if json:
+        rows = [
+            {
+                "name": one.name,
+                "value": one.value,
+                "unit": one.unit,
+                "least": one.least,
+                "most": one.most,
+                "holds": one.holds,
+            }
+            for one in figures
+        ]
+        print(to_json(rows, indent=2).decode())
+        return
+    table = Table("figure", "value", "rule", "")
+    for one in figures:
+        rule = "" if one.least is None else f"at least {one.least:g}"
+        rule = rule if one.most is None else f"at most {one.most:.4g}"
+        state = "" if not rule else "holds" if one.holds else "BROKEN"
+        add_text_row(table, one.name, f"{one.value:.4g} {one.unit}", rule, state)
+    stderr.print(table)
+
+
+def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: bool) -> None:
+    """Print what a shuttle learned, with standard deviations."""
+    if json:
+        print(found.model_dump_json(indent=2))
+        return
+    table = Table("quantity", "value", "standard deviation")
+    for name, value, sigma in found.rows:
+        add_text_row(table, name, value, sigma)
+    stderr.print(table)
+    print_message(f'a job takes it with: calibration = "{directory / "calibration.toml"}"')
+
+
+def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
+    if not rows:
+        print_message(f"{title}: no pass was welded")
+        return
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        add_text_row(table, *row.values())
+    stderr.print(table)

@@ -1,0 +1,63 @@
+"""``tjscan crawl run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def crawl_run(
+    job: Path,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    out: Path | None = None,
+    method: str | None = None,
+    resume: bool = False,
+    overlap: float = 20.0,
+    json: bool = False,
+) -> None:
+    """Align with a joint and weld every pass, as a job file says.
+
+    Ctrl-C stops the crawler at once; --resume goes on from there.
+
+    Every key of the job file is an option too: ``--weld.length-m 2``.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML); with --resume the run directory to go on in.
+    out
+        The run directory to make; ``runs/JOB-DATE`` where left out.
+    method
+        How to follow the joint: slip-aware, or paper for that of Kermorgant (2018) as printed.
+    resume
+        Go on with a crawl that was stopped.
+    overlap
+        Millimetres by which the weld then overlaps what was welded before.
+    json
+        Print the passes as JSON on stdout.
+    """
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.job import read_crawl_job
+
+    keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
+    file = job / "job.toml" if resume else job
+    parsed = read_crawl_job(file, keys)
+    if resume and (out is not None or keys):
+        raise ConfigurationError("--resume goes on with the job of the run: no --out, no keys")
+    if not 0 <= overlap <= 1000:
+        raise ConfigurationError("--overlap is 0 to 1000 mm")
+    # A job with a mistake in it is refused before anything heavy is loaded.
+    from tjscan.cli.crawl_output import print_passes, watch_crawl
+    from tjscan.runs.crawl import resume_crawl, run_crawl
+    from tjscan.runs.directory import default_run_directory
+
+    directory = file.parent if resume else out or default_run_directory(file)
+    with watch_crawl(parsed, file) as context:
+        if resume:
+            resume_crawl(context, 1e-3 * overlap)
+        else:
+            run_crawl(context, directory)
+    print_passes(directory, json=json)

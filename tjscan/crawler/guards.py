@@ -1,0 +1,103 @@
+"""What stops the crawler: guards over every cycle, whatever its phase."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.plan import GuardSettings
+from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
+from tjscan.vehicle.vehicle import Twist, VehicleState
+
+
+class Guards:
+    """Watch over a crawl: edges, the joint, the drives, and what is commanded.
+
+    Parameters
+    ----------
+    settings : GuardSettings
+    proximity : ProximityFilter
+    corners : CornerPlaces
+        Where its sensors are.
+    """
+
+    def __init__(
+        self, settings: GuardSettings, proximity: ProximityFilter, corners: CornerPlaces
+    ) -> None:
+        self._settings, self._proximity, self._corners = settings, proximity, corners
+        self._blind_travel = self._blind_time = 0.0
+
+    def watch_vehicle(self, state: VehicleState) -> None:
+        """Look at what the vehicle reports.
+
+        Raises
+        ------
+        CrawlStopped
+            If a drive is at fault or overloaded, or a number is none.
+        """
+        self._proximity.add_sample(state.proximity)
+        if state.fault:
+            raise CrawlStopped("drive fault", f"a drive reports: {state.fault}")
+        motion = (state.odometry.speed, state.odometry.turn_rate, *state.torques)
+        if not all(map(isfinite, motion)):
+            raise CrawlStopped("vehicle", "the vehicle's encoders or drives report no numbers")
+        torque = max(map(abs, state.torques), default=0.0)
+        if torque > self._settings.torque:
+            raise CrawlStopped(
+                "torque",
+                f"a motor turns its track with {torque:.0f} N m, more than "
+                f"{self._settings.torque:g}. Make least_radius_mm greater",
+            )
+
+    def watch_joint(self, d: float | None, speed: float, period: float) -> None:
+        """Look at a reading of the joint, or at there being none.
+
+        Parameters
+        ----------
+        d : float or None
+            Laser minus joint, metres.
+        speed : float
+            Of the vehicle, m/s.
+        period : float
+            Since the last call, seconds.
+
+        Raises
+        ------
+        CrawlStopped
+            If the joint was not seen for too long, or leaves the laser's line.
+        """
+        settings = self._settings
+        if d is None:
+            self._blind_travel += abs(speed) * period
+            self._blind_time += period
+            if self._blind_travel > settings.blind_travel or self._blind_time > settings.blind_time:
+                raise CrawlStopped(
+                    "joint lost",
+                    f"the joint was not seen for {1e3 * self._blind_travel:.0f} mm and "
+                    f"{self._blind_time:.1f} s",
+                )
+            return
+        self._blind_travel = self._blind_time = 0.0
+        if abs(d) > settings.field:
+            raise CrawlStopped(
+                "joint at the edge",
+                f"the joint lies {1e3 * abs(d):.0f} mm off the middle of the laser's line, more "
+                f"than {1e3 * settings.field:g} mm: the vehicle does not follow it",
+            )
+
+    def check_command(self, twist: Twist) -> None:
+        """Let nothing move towards an edge of the steel.
+
+        Raises
+        ------
+        CrawlStopped
+            If a corner without steel would move outward.
+        """
+        missing = self._proximity.missing_corners
+        if self._corners.moves_towards_edge(twist, missing):
+            raise CrawlStopped("edge", f"there is no steel below: {', '.join(missing)}")
+
+    @property
+    def stands_on_steel(self) -> bool:
+        """Whether there is steel below every corner."""
+        return not self._proximity.missing_corners

@@ -1,0 +1,70 @@
+"""What a method of following a joint does, whichever it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.vehicle.vehicle import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class TorchEstimate:
+    """Where the torch is believed to be beside the joint.
+
+    Parameters
+    ----------
+    offset, sigma : float
+        Of the torch from the joint, positive to the right, metres, and its standard deviation.
+    heading : float
+        Angle from the joint to the vehicle, radians, clockwise positive.
+    """
+
+    offset: float
+    sigma: float
+    heading: float
+
+
+class FollowingMethod(Protocol):
+    """Estimates where the torch is, and steers so that it comes to the joint."""
+
+    def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
+        """Take in a period of motion.
+
+        Parameters
+        ----------
+        odometry : Twist
+            As the encoders show it.
+        period : float
+            Seconds.
+        commanded : Twist
+            What the drives were asked for meanwhile.
+        """
+        ...
+
+    def read(self, d: float, sigma: float) -> None:
+        """Take in a reading of the joint: laser minus joint, and its sigma; metres."""
+        ...
+
+    @property
+    def torch(self) -> TorchEstimate:
+        """Where the torch is believed to be."""
+        ...
+
+    @property
+    def slip(self) -> SlipBelief | None:
+        """What is believed of the vehicle's slip; None where the method knows of none."""
+        ...
+
+    def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
+        """Turn rate to ask of the tracks at a speed, rad/s.
+
+        Parameters
+        ----------
+        speed : float
+            Forward, m/s.
+        turns_back : bool, optional
+            Whether the vehicle is about to turn back.
+        """
+        ...

@@ -1,0 +1,47 @@
+"""Smooth what the encoders show by what was asked of the drives."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tjscan.crawler.slip_model import TrackOdometry
+from tjscan.vehicle.vehicle import REST, Twist
+
+MEMORY: Final = 0.5
+"""Seconds over which encoders are averaged about what was asked."""
+
+
+class OdometryFilter:
+    """The tracks' motion: what drives of a known lag make of a command, corrected by the encoders.
+
+    Noise of the encoders would else bias the yaw efficiency, which multiplies it: errors in a
+    regressor make its coefficient too small.
+
+    Parameters
+    ----------
+    drive_lag : float
+        Time constant of the drives, seconds.
+    """
+
+    def __init__(self, drive_lag: float) -> None:
+        self._lag = drive_lag
+        self._speed = self._turn_rate = 0.0
+
+    def smooth(self, measured: Twist, period: float, commanded: Twist = REST) -> TrackOdometry:
+        """Motion over the period that has just passed.
+
+        Parameters
+        ----------
+        measured : Twist
+            What the encoders show.
+        period : float
+            Seconds.
+        commanded : Twist
+            What the drives were asked for meanwhile.
+        """
+        follow, correct = min(period / self._lag, 1.0), min(period / MEMORY, 1.0)
+        speed = self._speed + follow * (commanded.speed - self._speed)
+        turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
+        self._speed = speed + correct * (measured.speed - speed)
+        self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
+        return TrackOdometry(self._speed, self._turn_rate, period)

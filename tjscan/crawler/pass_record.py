@@ -1,0 +1,134 @@
+"""What became of each pass: how far off, how fast, how long, where it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from math import nan
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassRecord:
+    """A pass as it was welded: where the arc burned, and how far off the torch was there.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    arcs : tuple of (float, float)
+        From where to where the arc burned, along the weld, metres; several after a stop.
+    seconds : float
+        For which it burned.
+    travel, offset, deviation, sigma : ndarray, shape (n,)
+        While the arc burned: place along the weld, offset of the vehicle from the joint,
+        deviation of the torch from its path, both as estimated, and their standard deviation;
+        metres.
+    read_share : float
+        Share of the profiles, while it burned, in which the joint was read.
+    true_travel, true_deviation : ndarray, shape (m,)
+        Place and true deviation of the torch, where a simulation knows it; metres.
+    """
+
+    number: int
+    arcs: tuple[tuple[float, float], ...]
+    seconds: float
+    travel: Array
+    offset: Array
+    deviation: Array
+    sigma: Array
+    read_share: float
+    true_travel: Array
+    true_deviation: Array
+
+    @property
+    def length(self) -> float:
+        """Metres of weld, an overlap counted once."""
+        end, total = -np.inf, 0.0
+        for start, stop in sorted(self.arcs):
+            total += max(stop - max(start, end), 0.0)
+            end = max(end, stop)
+        return total
+
+    @property
+    def speed(self) -> float:
+        """Mean speed while the arc burned, m/s."""
+        burned = sum(stop - start for start, stop in self.arcs)
+        return burned / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def deviation_rms(self) -> float:
+        """Root mean square of the deviation, metres."""
+        return float(np.sqrt(np.mean(self.deviation**2)))
+
+    @property
+    def offset_rms(self) -> float:
+        """Root mean square of the vehicle's offset, metres."""
+        return float(np.sqrt(np.mean(self.offset**2)))
+
+    @property
+    def true_deviation_rms(self) -> float:
+        """Root mean square of the true deviation, metres; NaN where it is not known."""
+        known = self.true_deviation
+        return float(np.sqrt(np.mean(known**2))) if len(known) else nan
+
+    @property
+    def deviation_max(self) -> float:
+        """Largest deviation, metres."""
+        return float(np.abs(self.deviation).max())
+
+    @property
+    def stops(self) -> int:
+        """How often the arc was cut short and struck again."""
+        return len(self.arcs) - 1
+
+
+def pass_records(
+    cycles: Iterable[CrawlCycle],
+    places: Iterable[tuple[CrawlCycle, SimulatedPlace]] = (),
+) -> tuple[PassRecord, ...]:
+    """Records of every pass in which the arc burned, in the order of their numbers.
+
+    Parameters
+    ----------
+    cycles : iterable of CrawlCycle
+        Of the whole crawl, over all its parts.
+    places : iterable of (CrawlCycle, SimulatedPlace), optional
+        Where a simulated torch truly was, each with the cycle it belongs to.
+    """
+    burning: dict[int, list[list[CrawlCycle]]] = {}
+    for (arc, number), group in groupby(cycles, key=lambda c: (c.arc, c.number)):
+        if arc:
+            burning.setdefault(number, []).append(list(group))
+    truth: dict[int, list[tuple[float, float]]] = {}
+    for cycle, place in places:
+        if cycle.arc:
+            along, right = place.torch
+            off = right + cycle.torch_y - cycle.path
+            truth.setdefault(cycle.number, []).append((along, off))
+    return tuple(_record(n, burning[n], truth.get(n, [])) for n in sorted(burning))
+
+
+def _record(
+    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, float]]
+) -> PassRecord:
+    every = [cycle for arc in arcs for cycle in arc]
+    times = [(arc[0].state.time, arc[-1].state.time) for arc in arcs]
+    known = np.reshape(truth, (-1, 2))
+    return PassRecord(
+        number,
+        tuple((arc[0].travel, arc[-1].travel) for arc in arcs),
+        sum(last - first for first, last in times),
+        np.array([cycle.travel for cycle in every]),
+        np.array([cycle.torch.offset for cycle in every]),
+        np.array([cycle.deviation for cycle in every]),
+        np.array([cycle.torch.sigma for cycle in every]),
+        float(np.mean([np.isfinite(cycle.d) for cycle in every])),
+        known[:, 0],
+        known[:, 1],
+    )

@@ -1,0 +1,79 @@
+"""The phases of a welding job, and which event leads from one to another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
+
+
+class Phase(StrEnum):
+    """What the crawler does."""
+
+    MANUAL = "manual"
+    FORWARD_ALIGNMENT = "forward alignment"
+    BACKWARD_ALIGNMENT = "backward alignment"
+    READY = "ready"
+    WELDING = "welding"
+    RETURN = "return"
+    STOP = "stop"
+
+
+class Event(StrEnum):
+    """What makes it go on to another phase."""
+
+    JOINT_IN_VIEW = "joint in view"
+    ALIGNED = "aligned"
+    AT_START = "at the start"
+    WELD_CONFIRMED = "weld confirmed"
+    PASS_WELDED = "pass welded"
+    PASSES_LEFT = "at the start, passes left"
+    ALL_WELDED = "at the start, all welded"
+    DANGER = "guard or operator"
+    CLEARED = "cleared by the operator"
+
+
+TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType(
+    {
+        (Phase.MANUAL, Event.JOINT_IN_VIEW): Phase.FORWARD_ALIGNMENT,
+        (Phase.FORWARD_ALIGNMENT, Event.ALIGNED): Phase.BACKWARD_ALIGNMENT,
+        (Phase.BACKWARD_ALIGNMENT, Event.AT_START): Phase.READY,
+        (Phase.READY, Event.WELD_CONFIRMED): Phase.WELDING,
+        (Phase.WELDING, Event.PASS_WELDED): Phase.RETURN,
+        (Phase.RETURN, Event.PASSES_LEFT): Phase.READY,
+        (Phase.RETURN, Event.ALL_WELDED): Phase.MANUAL,
+        (Phase.STOP, Event.CLEARED): Phase.MANUAL,
+        **{(phase, Event.DANGER): Phase.STOP for phase in Phase},
+    }
+)
+"""Figure 2 of Kermorgant (2018), its alignment split in two, and a stop that holds."""
+
+
+def next_phase(phase: Phase, event: Event) -> Phase:
+    """Phase that an event leads to.
+
+    Raises
+    ------
+    ValueError
+        If the event can't happen in that phase.
+    """
+    try:
+        return TRANSITIONS[phase, event]
+    except KeyError:
+        raise ValueError(f"in phase {phase} there is no event {event}") from None
+
+
+def draw_state_diagram() -> str:
+    """The phases as a Mermaid state diagram, from the table itself."""
+    lines = ["stateDiagram-v2", f"    [*] --> {_name(Phase.MANUAL)}"]
+    for (phase, event), after in TRANSITIONS.items():
+        if event is not Event.DANGER:
+            lines.append(f"    {_name(phase)} --> {_name(after)}: {event}")
+    moving = [phase for phase in Phase if phase is not Phase.STOP]
+    lines += [f"    {_name(phase)} --> {_name(Phase.STOP)}: {Event.DANGER}" for phase in moving]
+    return "\n".join(lines)
+
+
+def _name(phase: Phase) -> str:
+    return str(phase).title().replace(" ", "")

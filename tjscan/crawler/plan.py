@@ -1,0 +1,133 @@
+"""What a crawl job asks of the crawler: where the joint runs, how to align, what stops it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le
+
+from tjscan.core.units import MM, MM_S, SECONDS, FileUnit, SettingsTable
+
+N_M = FileUnit("n_m")
+METRES = FileUnit("m")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentSettings(SettingsTable):
+    """The table [alignment]: the way out and back before the first pass.
+
+    Parameters
+    ----------
+    speed : float
+        Out, m/s.
+    return_speed : float
+        Back to the start, before the first pass and after each, m/s.
+    length, longest : float
+        It goes out as far as `length`, and on up to `longest` until it is aligned; metres.
+    offset, offset_sigma : float
+        Aligned is a torch within `offset` of the joint, known to `offset_sigma`; metres.
+    in_view : float
+        Seconds for which the joint must have been seen before anything moves.
+    """
+
+    speed: Annotated[float, Gt(0), Le(100), MM_S] = 0.020
+    return_speed: Annotated[float, Gt(0), Le(100), MM_S] = 0.020
+    length: Annotated[float, Ge(50), Le(1e5), MM] = 0.6
+    longest: Annotated[float, Ge(50), Le(1e5), MM] = 1.2
+    offset: Annotated[float, Gt(0), Le(50), MM] = 1e-3
+    offset_sigma: Annotated[float, Gt(0), Le(50), MM] = 3e-3
+    in_view: Annotated[float, Ge(0), Le(60), SECONDS] = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.length <= self.longest:
+            raise ValueError("length_mm must not be greater than longest_mm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeldSettings(SettingsTable):
+    """The table [weld]: from where to where, and who answers for it.
+
+    Parameters
+    ----------
+    length : float
+        Of the weld, metres.
+    run_up : float
+        The vehicle starts so far before the weld, metres: what is left of a reversal dies out.
+    procedure, welder, joint : str
+        What the weld's log names: welding procedure specification, welder, and the joint.
+    """
+
+    length: Annotated[float, Gt(0), Le(1000), METRES] = 1.0
+    run_up: Annotated[float, Ge(0), Le(5000), MM] = 0.4
+    procedure: str = ""
+    welder: str = ""
+    joint: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardSettings(SettingsTable):
+    """The table [guards]: what stops the crawler.
+
+    Parameters
+    ----------
+    blind_travel : float
+        How far it may go without a reading of the joint, metres.
+    blind_time : float
+        How long, seconds.
+    field : float
+        How far from the middle of the laser's line the joint may be, metres.
+    torque : float
+        Of a motor at its sprocket, N m.
+    link_time : float
+        How old the operator's last sign of life may be, seconds.
+    """
+
+    blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
+    blind_time: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
+    field: Annotated[float, Gt(0), Le(500), MM] = 0.022
+    torque: Annotated[float, Gt(0), Le(1000), N_M] = 42.0
+    link_time: Annotated[float, Gt(0), Le(60), SECONDS] = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchAxesSettings(SettingsTable):
+    """The table [torch]: what the torch's axes can do.
+
+    Parameters
+    ----------
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
+    """
+
+    reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
+    speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CourseSettings(SettingsTable):
+    """The table [course]: how the joint runs in the hull, as drawings or templates say.
+
+    Parameters
+    ----------
+    radius : float or None
+        In the hull's surface, metres, positive where it bends to the right of who goes along it;
+        None where it is straight.
+    radius_sigma : float
+        Its standard deviation, as a share of it.
+    """
+
+    radius: Annotated[float | None, METRES] = None
+    radius_sigma: Annotated[float, Gt(0), Le(1)] = 0.02
+
+    @property
+    def curvature(self) -> float:
+        """1/m, positive to the right."""
+        return 0.0 if self.radius is None else 1.0 / self.radius
+
+    @property
+    def curvature_sigma(self) -> float:
+        """Standard deviation of the curvature, 1/m: a straight joint is straight to 1 in 10 km."""
+        return max(abs(self.curvature) * self.radius_sigma, 1e-4)

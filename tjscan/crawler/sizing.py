@@ -1,0 +1,169 @@
+"""Size a crawler: whether its magnets, motors and tracks carry it, and how tightly it can turn.
+
+Kermorgant (2018), 2.2, and what it leaves out: friction, peel, and the torque of a turn. All are
+closed forms of the job's numbers, but the torque of a turn, which comes of the friction of pads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi
+from typing import Annotated, Final
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from tjscan.core.frames import Array
+from tjscan.core.units import FileUnit, SettingsTable
+from tjscan.crawler.plan import N_M
+from tjscan.vehicle.pad_plant import GRAVITY, PadPlant, PadSettings
+from tjscan.vehicle.tracks import TrackGeometry
+
+M_MIN: Final = FileUnit("m_min", 1 / 60)
+WATTS: Final = FileUnit("w")
+RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0)
+"""Metres at which the torque of a turn is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeSettings(SettingsTable):
+    """The table [size]: magnets, masses and motors. The defaults are those of the paper.
+
+    Parameters
+    ----------
+    pads : PadSettings
+        Of each track, with the vehicle's mass and how the hull lies.
+    gear : float
+        Turns of a motor for one of its sprocket.
+    torque : float
+        Of a motor behind its gear, N m.
+    top_speed : float
+        m/s.
+    power : float
+        Of the supply, W.
+    safety : float
+        How many times its weight the magnets must hold, with one track broken too.
+    """
+
+    pads: PadSettings = field(default_factory=lambda: PadSettings(friction=0.3, down=pi))
+    gear: Annotated[float, Gt(0), Le(1e4)] = 195.0
+    torque: Annotated[float, Gt(0), Le(1e5), N_M] = 42.0
+    top_speed: Annotated[float, Gt(0), Le(100), M_MIN] = 0.1
+    power: Annotated[float, Gt(0), Le(1e6), WATTS] = 600.0
+    safety: Annotated[float, Ge(1), Le(100)] = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class SizeFigure:
+    """A figure of a sizing, and the rule it has to keep, if there is one.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    value : float
+        In `unit`.
+    unit : str
+    least, most : float or None
+        Bounds in the same unit.
+    """
+
+    name: str
+    value: float
+    unit: str
+    least: float | None = None
+    most: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is within its bounds."""
+        above = self.least is None or self.value >= self.least
+        return above and (self.most is None or self.value <= self.most)
+
+
+def size_crawler(
+    size: SizeSettings, tracks: TrackGeometry, least_radius: float
+) -> tuple[SizeFigure, ...]:
+    """Every figure of a crawler's sizing.
+
+    Parameters
+    ----------
+    size : SizeSettings
+    tracks : TrackGeometry
+    least_radius : float
+        Of the turns that the job allows, metres.
+    """
+    pads, radius = size.pads, tracks.sprocket_radius
+    weight = pads.mass * GRAVITY
+    share = pads.pads * pads.grip / pads.mass
+    pull = size.torque / radius
+    rules = (
+        SizeFigure("grip of both tracks over the weight", 2 * share, "", least=size.safety),
+        SizeFigure("the same with one track broken", share, "", least=size.safety),
+        SizeFigure("least pads of a track for that", size.safety * pads.mass / pads.grip, ""),
+        SizeFigure("friction needed on both tracks", 0.5 / share, "", most=pads.friction),
+        SizeFigure("friction needed on one track", 1 / share, "", most=pads.friction),
+        SizeFigure("pull of a track", pull, "N"),
+        SizeFigure("pull of both tracks over the weight", 2 * pull / weight, "", least=1.0),
+        SizeFigure(
+            "speed of a motor at top speed",
+            size.top_speed / radius * size.gear * 60 / (2 * pi),
+            "rpm",
+        ),
+        SizeFigure("power of a track at full pull", pull * size.top_speed, "W"),
+        SizeFigure("power to climb at top speed", weight * size.top_speed, "W", most=size.power),
+        SizeFigure("peel of the top pad", peel_of_top_pad(pads), "N", most=pads.grip * GRAVITY),
+    )
+    return rules + tuple(
+        SizeFigure(
+            f"torque of a turn of {turn:g} m",
+            torque_of_turn(pads, tracks, turn),
+            "N m",
+            most=size.torque if turn == least_radius else None,
+        )
+        for turn in sorted({*RADII, least_radius})
+    )
+
+
+def peel_of_top_pad(pads: PadSettings) -> float:
+    """Force that pulls the top pad off a vertical hull, N, where one track holds the vehicle alone.
+
+    The weight's lever is borne by forces that grow with the distance from the middle:
+    W h x_max / sum of x².
+    """
+    places = _pad_places(pads)
+    lever = pads.mass * GRAVITY * pads.mass_height
+    return float(lever * np.abs(places).max() / np.sum(places**2))
+
+
+def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> float:
+    """Torque of the harder working motor while its tracks are driven along a circle, N m.
+
+    Taken from `PadPlant` once every pad has been renewed twice; the vehicle, which slips, runs
+    a wider circle.
+
+    Parameters
+    ----------
+    pads : PadSettings
+        How the hull lies too: it climbs, or runs level.
+    tracks : TrackGeometry
+    radius : float
+        Of the circle that the tracks are driven on, metres.
+    """
+    plant = PadPlant(pads, tracks, np.zeros(3))
+    step, half = pads.contact_length / STEPS_PER_LENGTH, tracks.gauge / (2 * radius)
+    torques = []
+    for k in range(3 * STEPS_PER_LENGTH):
+        plant.advance(step * (1 + half), step * (1 - half), 1.0)
+        if k >= 2 * STEPS_PER_LENGTH:
+            torques.append(np.abs(plant.torques).max())
+    return float(np.mean(torques))
+
+
+STEPS_PER_LENGTH: Final = 140
+"""Steps in which a pad goes from the front of its track to the rear."""
+
+
+def _pad_places(pads: PadSettings) -> Array:
+    """Places of a track's pads along it, from its middle, metres."""
+    return ((np.arange(pads.pads) + 0.5) / pads.pads - 0.5) * pads.contact_length

@@ -1,0 +1,71 @@
+"""Follow a joint with a vehicle that slips, and learn how it slips."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.odometry_filter import OdometryFilter
+from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
+from tjscan.crawler.slip_model import CrawlerGeometry, SlipState
+from tjscan.crawler.steering import SteeringSettings, track_turn_rate
+from tjscan.vehicle.vehicle import Twist
+
+DRIVE_LAG: Final = 0.05
+"""Seconds: time constant of the drives (assumption)."""
+
+
+class SlipAwareMethod:
+    """A `FollowingMethod` that knows slip, crab and the joint's curvature.
+
+    Parameters
+    ----------
+    geometry : CrawlerGeometry
+    belief : SlipBelief
+        What is known at first: from a calibration, or `SlipBelief.before_any_reading`.
+    uncertainty : SlipUncertainty
+    steering : SteeringSettings
+    """
+
+    def __init__(
+        self,
+        geometry: CrawlerGeometry,
+        belief: SlipBelief,
+        uncertainty: SlipUncertainty,
+        steering: SteeringSettings,
+    ) -> None:
+        self._estimator = SlipEstimator(geometry, belief, uncertainty)
+        self._odometry, self._steering = OdometryFilter(DRIVE_LAG), steering
+
+    @property
+    def slip(self) -> SlipBelief:
+        """What is known now."""
+        return self._estimator.belief
+
+    def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
+        """Take in a period of motion; see `FollowingMethod.move`."""
+        self._estimator.move(self._odometry.smooth(odometry, period, commanded))
+
+    def read(self, d: float, sigma: float) -> None:
+        """Take in a reading of the joint."""
+        self._estimator.read(d, sigma)
+
+    @property
+    def torch(self) -> TorchEstimate:
+        """Where the torch is believed to be."""
+        slip = self.slip
+        return TorchEstimate(
+            float(slip.x[SlipState.OFFSET]),
+            slip.sigma(SlipState.OFFSET),
+            float(slip.x[SlipState.HEADING]),
+        )
+
+    def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
+        """Turn rate to ask of the tracks; see `FollowingMethod.turn_rate`."""
+        return track_turn_rate(
+            self.slip.x,
+            speed,
+            self._estimator.geometry,
+            self._steering,
+            turns_back=turns_back,
+        )

@@ -1,0 +1,194 @@
+"""Estimate where the torch is and how the vehicle slips, from encoders and the laser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Annotated, Final, Self
+
+import numpy as np
+from annotated_types import Gt, Le
+
+from tjscan.core.frames import Array
+from tjscan.core.units import MM, MRAD, SettingsTable
+from tjscan.crawler.slip_model import (
+    STATES,
+    CrawlerGeometry,
+    SlipState,
+    TrackOdometry,
+    laser_offset,
+    propagate_state,
+)
+
+DEGREES_OF_FREEDOM: Final = 4.0
+"""Of Student's t distribution of a reading's error: what is farther off counts less."""
+
+Deviation = Annotated[float, Gt(0), Le(1000)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlipUncertainty(SettingsTable):
+    """Standard deviations of slip: before anything was measured, and of its change over a metre.
+
+    All defaults are assumptions, wide enough for dry and wet steel.
+
+    Parameters
+    ----------
+    offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
+        Before anything was measured; as `SlipState` names them, in its units.
+    rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk : float
+        Of the change over one metre of travel.
+    turn_rate : float
+        Of the tracks' turn rate, rad/s, over one second.
+    unevenness : float
+        Of a reading beyond its own, metres: the plates' edges are cut, not ground.
+    """
+
+    offset: Annotated[Deviation, MM] = 8e-3
+    heading: Annotated[Deviation, MRAD] = 25e-3
+    rotation_centre: Annotated[Deviation, MM] = 40e-3
+    yaw_efficiency: Deviation = 0.15
+    drift: Annotated[Deviation, MRAD] = 10e-3
+    crab: Annotated[Deviation, MRAD] = 6e-3
+    turning_crab: Annotated[Deviation, MM] = 30e-3
+    rotation_centre_walk: Annotated[Deviation, MM] = 6e-3
+    yaw_efficiency_walk: Deviation = 0.02
+    drift_walk: Annotated[Deviation, MRAD] = 0.8e-3
+    crab_walk: Annotated[Deviation, MRAD] = 0.2e-3
+    turn_rate: Deviation = 2e-5
+    unevenness: Annotated[Deviation, MM] = 0.02e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlipBelief:
+    """What is known of a vehicle beside a joint: a state and its covariance.
+
+    Parameters
+    ----------
+    x : ndarray, shape (8,)
+        As `SlipState` orders it.
+    P : ndarray, shape (8, 8)
+        Its covariance.
+    """
+
+    x: Array
+    P: Array
+
+    @classmethod
+    def before_any_reading(
+        cls,
+        uncertainty: SlipUncertainty,
+        *,
+        yaw_efficiency: float = 0.85,
+        curvature: float = 0.0,
+        curvature_sigma: float = 1e-6,
+    ) -> Self:
+        """What is known before anything was measured.
+
+        Parameters
+        ----------
+        uncertainty : SlipUncertainty
+        yaw_efficiency : float, optional
+            What is likeliest.
+        curvature, curvature_sigma : float, optional
+            Of the joint, 1/m, as the job states them.
+        """
+        x = np.zeros(STATES)
+        x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = yaw_efficiency, curvature
+        own = uncertainty
+        sigmas = np.array(
+            [
+                own.offset,
+                own.heading,
+                own.rotation_centre,
+                own.yaw_efficiency,
+                own.drift,
+                own.crab,
+                curvature_sigma,
+                own.turning_crab,
+            ]
+        )
+        return cls(x, np.diag(sigmas**2))
+
+    def sigma(self, which: SlipState) -> float:
+        """Standard deviation of one quantity."""
+        return sqrt(self.P[which, which])
+
+    def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
+        """What stays known where the vehicle is set down anew: how it slips, not where it is."""
+        x, P = self.x.copy(), self.P.copy()
+        place = [SlipState.OFFSET, SlipState.HEADING]
+        x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
+        P[place, place] = uncertainty.offset**2, uncertainty.heading**2
+        return type(self)(x, P)
+
+
+class SlipEstimator:
+    """Extended Kalman filter of `SlipState`; what it learned stays through reversals and passes.
+
+    Parameters
+    ----------
+    geometry : CrawlerGeometry
+        Where laser and torch sit.
+    belief : SlipBelief
+        What is known at first.
+    uncertainty : SlipUncertainty
+        How slip changes, and how uneven the joint is.
+    """
+
+    def __init__(
+        self, geometry: CrawlerGeometry, belief: SlipBelief, uncertainty: SlipUncertainty
+    ) -> None:
+        self.geometry, self.belief, self._uncertainty = geometry, belief, uncertainty
+        own = uncertainty
+        walks = np.zeros(STATES)
+        walks[[2, 3, 4, 5]] = (
+            own.rotation_centre_walk,
+            own.yaw_efficiency_walk,
+            own.drift_walk,
+            own.crab_walk,
+        )
+        self._walk_per_metre = walks**2
+
+    def move(self, odometry: TrackOdometry) -> None:
+        """Go on by one period in which the tracks moved as the encoders show."""
+        x, F = propagate_state(self.belief.x, odometry, self.geometry)
+        P = F @ self.belief.P @ F.T
+        travel = abs(odometry.speed) * odometry.period
+        P[np.diag_indices(STATES)] += self._walk_per_metre * travel
+        # White noise of the turn rate: its spectral density does not depend on the period.
+        by_turn = F[:2, SlipState.YAW_EFFICIENCY] / (odometry.turn_rate or 1.0)
+        if odometry.turn_rate == 0.0:
+            by_turn = np.array([0.0, odometry.period])
+        by_turn = by_turn * self.belief.x[SlipState.YAW_EFFICIENCY]
+        P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
+        self.belief = SlipBelief(x, (P + P.T) / 2)
+
+    def read(self, d: float, sigma: float) -> float:
+        """Take in a reading of the joint.
+
+        Parameters
+        ----------
+        d : float
+            Laser minus joint, metres.
+        sigma : float
+            Its standard deviation.
+
+        Returns
+        -------
+        float
+            How far off it was, squared, in its variance.
+        """
+        x, P = self.belief.x, self.belief.P
+        expected, H = laser_offset(x, self.geometry)
+        variance = sigma**2 + self._uncertainty.unevenness**2
+        PH = P @ H
+        before = float(H @ PH)
+        off = (d - expected) ** 2 / (before + variance)
+        nu = DEGREES_OF_FREEDOM
+        variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
+        gain = PH / (before + variance)
+        rest = np.eye(STATES) - np.outer(gain, H)
+        P = rest @ P @ rest.T + np.outer(gain, gain) * variance
+        self.belief = SlipBelief(x + gain * (d - expected), P)
+        return off

@@ -1,0 +1,179 @@
+"""From a crawl job to its vehicle, laser and torch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import Final, Self
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.crawler.journal import SimulatedPlace
+from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchAxes
+from tjscan.job.crawl_job import CrawlJob, CrawlSimulationSettings
+from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull_section import hull_section
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.over_joint import SimulatedSectionLaser
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
+from tjscan.vehicle.drivers import VEHICLES, VehicleDriverFactory, VehicleDriverInputs
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.vehicle import Vehicle, VehicleState
+
+RANDOM_STREAM: Final = 2
+"""Keeps the random numbers of the laser apart from the vehicle's, which has the bare seed."""
+
+
+@dataclass(slots=True)
+class SimulatedWeld:
+    """The joint of a simulation, which is welded where the torch's arc burns.
+
+    Parameters
+    ----------
+    job : CrawlJob
+        With a [simulation].
+    vehicle : SimulatedVehicle
+    torch : SimulatedTorchAxes
+        Whose arc it is.
+    """
+
+    job: CrawlJob
+    vehicle: SimulatedVehicle
+    torch: SimulatedTorchAxes
+    _welded: list[list[float]] = field(default_factory=list)
+    _burned: bool = False
+
+    @property
+    def _world(self) -> CrawlSimulationSettings:
+        assert self.job.simulation is not None
+        return self.job.simulation
+
+    def place(self, ahead: float) -> tuple[float, float, float]:
+        """x, y and heading of what lies ahead of the vehicle's centre, in frame w."""
+        T = self.vehicle.true_pose()
+        heading = float(np.arctan2(T[1, 0], T[0, 0]))
+        x, y = T[:2, 3] + ahead * T[:2, 0]
+        return float(x), float(y), heading
+
+    @property
+    def pose_w(self) -> tuple[float, float, float]:
+        """x, y and heading of the vehicle, in frame w, metres and radians."""
+        return self.place(0.0)
+
+    def torch_place(self) -> tuple[float, float]:
+        """Where the torch's zero truly is: along the joint, and to the right of it, metres."""
+        x, y, _ = self.place(-self.job.vehicle.centre_to_torch)
+        return place_beside_joint(self._world.joint, x, y)
+
+    def view(self) -> tuple[Array, SectionLaserPose]:
+        """Section below the laser, and the laser's pose over it."""
+        self._weld()
+        vehicle, joint = self.job.vehicle, self._world.joint
+        place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
+        along, offset = laser_offset(joint, *place)
+        relative = place[2] - joint_pose(joint, along)[2]
+        passes = sum(start <= along <= end for start, end in self._welded)
+        return hull_section(joint, along, passes), SectionLaserPose(offset=offset, heading=relative)
+
+    def laser_model(self) -> SectionLaserModel:
+        """Optics of the laser: while the arc burns, it blinds some of its columns."""
+        arc = self._world.arc_points if self.torch.arc else 0.0
+        return replace(self._world.laser, arc=arc)
+
+    def _weld(self) -> None:
+        self.vehicle.body.arc_burning = self.torch.arc
+        if self.torch.arc:
+            along, _ = self.torch_place()
+            if not self._burned:
+                self._welded.append([along, along])
+            self._welded[-1][1] = max(self._welded[-1][1], along)
+        self._burned = self.torch.arc
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrawlCell:
+    """Vehicle, laser and torch of a crawl; a context manager for the devices.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    laser : LineLaser
+    torch : TorchAxes
+    world : SimulatedWeld or None
+        The truth of a simulation, which no algorithm sees.
+    """
+
+    vehicle: Vehicle
+    laser: LineLaser
+    torch: TorchAxes
+    world: SimulatedWeld | None = None
+
+    @property
+    def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
+        """Function that tells where a simulated vehicle truly is; None for a real one."""
+        world = self.world
+        if world is None:
+            return None
+        return lambda: SimulatedPlace(world.pose_w, world.torch_place())
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(self.vehicle)
+            stack.enter_context(self.laser)
+            stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            self.laser.__exit__(None, None, None)
+        finally:
+            self.vehicle.__exit__(None, None, None)
+
+
+def make_crawl_cell(job: CrawlJob, left: tuple[Array, float] | None = None) -> CrawlCell:
+    """Make the devices that a crawl job names; connect nothing.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    left : tuple of ndarray and float, optional
+        Where an interrupted run left a simulated vehicle, and what its clock showed.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job lacks what a driver needs.
+    """
+    world = job.simulation
+    factory: VehicleDriverFactory = VEHICLES.load(job.vehicle.driver)
+    with VEHICLES.explain_missing_package(job.vehicle.driver):
+        vehicle = factory.make(
+            VehicleDriverInputs(
+                job.vehicle.tracks,
+                seed=0 if world is None else world.seed,
+                simulation=None if world is None else world.vehicle,
+                left=left,
+                recording=_no_recording,
+            ),
+            job.vehicle.driver_settings,
+        )
+    if world is None or not isinstance(vehicle, SimulatedVehicle):
+        raise ConfigurationError(
+            "only the simulated vehicle has a laser and a torch so far", key="vehicle.driver"
+        )
+    torch = SimulatedTorchAxes(job.torch)
+    weld = SimulatedWeld(job, vehicle, torch)
+    laser = SimulatedSectionLaser(
+        weld.view,
+        weld.laser_model,
+        rng=np.random.default_rng([world.seed, RANDOM_STREAM]),
+        clock=lambda: vehicle.body.time,
+    )
+    return CrawlCell(vehicle, laser, torch, weld)
+
+
+def _no_recording() -> tuple[VehicleState, ...]:
+    raise ConfigurationError("a crawl names no recording to replay", key="vehicle.driver")

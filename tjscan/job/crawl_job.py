@@ -1,0 +1,138 @@
+"""The job of a crawler: vehicle, laser, joint, passes, guards, and the world of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+from annotated_types import Ge, Le, MaxLen, MinLen
+from pydantic import Field, model_validator
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
+from tjscan.crawler.plan import (
+    AlignmentSettings,
+    CourseSettings,
+    GuardSettings,
+    TorchAxesSettings,
+    WeldSettings,
+)
+from tjscan.crawler.proximity import ProximitySettings
+from tjscan.crawler.sizing import SizeSettings
+from tjscan.crawler.slip_estimator import SlipUncertainty
+from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.steering import SteeringSettings
+from tjscan.crawler.torch_path import PassSettings
+from tjscan.job.devices import DeviceSettings
+from tjscan.joint.hull import HullJoint
+from tjscan.laser.section_laser import SectionLaserModel
+from tjscan.vehicle.drivers import VEHICLES
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
+
+PERCENT: Final = FileUnit("percent", 0.01)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSettings(DeviceSettings):
+    """The table [vehicle]: which vehicle, and where laser and torch sit on it.
+
+    Parameters
+    ----------
+    laser_to_torch : float
+        How far the laser's line lies ahead of the torch, metres.
+    centre_to_torch : float
+        How far the vehicle's centre lies ahead of the torch, metres.
+    body_length, body_width : float
+        Between its proximity sensors, along and across, metres.
+    tracks : TrackGeometry
+        Sprockets and gauge.
+    """
+
+    registry: ClassVar[Registry[Any]] = VEHICLES
+
+    laser_to_torch: Annotated[float, Ge(10), Le(5000), MM] = 0.50
+    centre_to_torch: Annotated[float, Ge(-5000), Le(5000), MM] = 0.0
+    body_length: Annotated[float, Ge(50), Le(1e4), MM] = 0.80
+    body_width: Annotated[float, Ge(50), Le(1e4), MM] = 0.50
+    tracks: TrackGeometry = field(default_factory=TrackGeometry)
+
+    @property
+    def geometry(self) -> CrawlerGeometry:
+        """Where laser and torch sit."""
+        return CrawlerGeometry(self.laser_to_torch, self.centre_to_torch)
+
+    @property
+    def device_id(self) -> str:
+        """Id of the vehicle in calibrations: its own id, or its driver where it has none."""
+        return self.id or self.driver
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrawlSimulationSettings(SettingsTable):
+    """The table [simulation]: the world of a simulated crawl.
+
+    Parameters
+    ----------
+    seed : int
+        Of all random numbers.
+    arc_points : float
+        Share of the laser's columns that show the arc's light while it burns.
+    joint : HullJoint
+        The joint as it truly is. It starts at x = 0 of the hull.
+    laser : SectionLaserModel
+    vehicle : VehicleSimulationSettings
+    """
+
+    seed: Annotated[int, Ge(0)] = 1
+    arc_points: Annotated[float, Ge(0), Le(90), PERCENT] = 0.05
+    joint: HullJoint = field(default_factory=HullJoint)
+    laser: SectionLaserModel = field(default_factory=SectionLaserModel)
+    vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
+
+
+class CrawlJob(StrictFileModel):
+    """A job file that describes a crawl."""
+
+    method: Literal["slip-aware", "paper"] = "slip-aware"
+    calibration: Annotated[str | None, MinLen(1)] = None
+    vehicle: VehicleSettings = VehicleSettings()
+    course: CourseSettings = CourseSettings()
+    alignment: AlignmentSettings = AlignmentSettings()
+    weld: WeldSettings = WeldSettings()
+    passes: Annotated[
+        tuple[PassSettings, ...],
+        MinLen(1),
+        MaxLen(50),
+        LIST_OR_WORD_IN_FILE,
+        Field(alias="pass"),
+    ] = (PassSettings(),)
+    torch: TorchAxesSettings = TorchAxesSettings()
+    steering: SteeringSettings = SteeringSettings()
+    slip: SlipUncertainty = SlipUncertainty()
+    proximity: ProximitySettings = ProximitySettings()
+    guards: GuardSettings = GuardSettings()
+    size: SizeSettings = SizeSettings()
+    simulation: CrawlSimulationSettings | None = None
+
+    @model_validator(mode="after")
+    def _simulated_vehicle_has_a_world(self) -> CrawlJob:
+        if self.simulation is None and self.vehicle.driver_kind is DriverKind.SIMULATED:
+            raise ConfigurationError(
+                "a simulated vehicle needs a [simulation] table", key="simulation"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _turns_are_no_tighter_than_the_joint(self) -> CrawlJob:
+        radius = self.course.radius
+        if radius is not None and not abs(radius) > self.steering.least_radius:
+            raise ConfigurationError(
+                f"the joint bends with {abs(radius):g} m, and the vehicle turns no tighter than "
+                f"steering.least_radius_mm allows, {self.steering.least_radius:g} m",
+                key="course.radius_m",
+            )
+        return self

@@ -1,0 +1,121 @@
+"""What the report of a run shows of its crawl."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.crawler.joint_history import GRID, section_histories
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.topics import CRAWL_RECORDING
+from tjscan.job import read_crawl_job
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.directory import JOB
+from tjscan.runs.crawl_results import RecordedCrawl, read_recorded_crawl
+
+MOST_POINTS: Final = 2000
+"""Of a line in a chart."""
+
+SLIP: Final = (
+    (SlipState.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
+    (SlipState.CRAB, "crab", "crab / mrad", 1e3),
+    (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
+    (SlipState.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
+)
+"""What is believed of slip: quantity, title, label and scale of its chart."""
+
+
+def crawl_chapter(directory: Path) -> ReportChapter:
+    """Make a crawl's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
+    if not (directory / f"{CRAWL_RECORDING}.mcap").is_file():
+        return ReportChapter()
+    job, found = read_crawl_job(directory / JOB), read_recorded_crawl(directory)
+    events = tuple(
+        ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)
+        for event in found.events
+    )
+    return ReportChapter(
+        facts=tuple(_facts(job, found)),
+        findings=tuple(_findings(job, found)),
+        charts=tuple(_charts(job, found)),
+        events=events,
+    )
+
+
+def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
+    yield "joint", job.weld.joint
+    yield "vehicle", f"{job.vehicle.device_id} ({job.vehicle.driver}), followed by {job.method}"
+    yield "welder, procedure", f"{job.weld.welder}, {job.weld.procedure}"
+    for one in found.passes:
+        yield (
+            f"pass {one.number}",
+            f"{1e3 * one.length:.0f} mm in {one.seconds:.0f} s, vehicle "
+            f"{1e3 * one.offset_rms:.2f} mm off (rms), torch's place known to "
+            f"{1e3 * np.sqrt(np.mean(one.sigma**2)):.2f} mm, {one.stops} stops, joint read in "
+            f"{100 * one.read_share:.0f} % of profiles",
+        )
+
+
+def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
+    if job.simulation is not None:
+        yield "Simulated: no real crawler welded this joint."
+    missing = len(job.passes) - len(found.passes)
+    if missing:
+        yield f"{missing} of {len(job.passes)} passes are not welded."
+    for event in found.events:
+        if event.name == Phase.STOP:
+            yield f"It was stopped: {event.detail}"
+
+
+def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
+    where = "along the weld / mm"
+    for one in found.passes:
+        for title, x, y in (
+            ("vehicle beside the joint, as estimated", one.travel, one.offset),
+            ("torch beside its path, as the simulation knows", one.true_travel, one.true_deviation),
+        ):
+            if len(x):
+                thin = slice(None, None, max(len(x) // MOST_POINTS, 1))
+                yield ReportChart(
+                    title,
+                    where,
+                    "to the right / mm",
+                    1e3 * x[thin],
+                    1e3 * y[thin],
+                    line=f"pass {one.number}",
+                )
+    histories = section_histories(found.profiles, job.weld.length, job.vehicle.laser_to_torch)
+    for number, height in histories.items():
+        yield ReportChart(
+            "cross-section of the joint, median of each pass",
+            "across the joint / mm",
+            "over the hull / mm",
+            1e3 * GRID,
+            1e3 * height,
+            line=f"before pass {number}",
+        )
+    slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
+    known = [(time, slip) for time, slip in slips if slip is not None]
+    for which, title, label, scale in SLIP if known else ():
+        times = np.array([time for time, _ in known])
+        values = np.array([slip.x[which] for _, slip in known])
+        sigmas = np.array([slip.sigma(which) for _, slip in known])
+        for line, off in (("estimate", 0.0), ("+ 2 sigma", 2.0), ("- 2 sigma", -2.0)):
+            yield ReportChart(
+                title,
+                "vehicle's clock / s",
+                label,
+                times,
+                scale * (values + off * sigmas),
+                line=line,
+            )
+
+
+def _every(found: RecordedCrawl) -> int:
+    return max(len(found.cycles) // MOST_POINTS, 1)

@@ -1,0 +1,180 @@
+"""What a crawl leaves behind: ``passes.csv`` and ``weld-log.json``."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from math import isnan
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import write_files_atomically
+from tjscan.core.provenance import Provenance
+from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+from tjscan.crawler.pass_record import PassRecord, pass_records
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.topics import CRAWL_RECORDING, CrawlEvent, CrawlProfile, read_crawl
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.laser.profile import Profile
+from tjscan.recording.writer import recording_files
+from tjscan.result.directory import job_label_of_run
+
+PASSES: Final = "passes.csv"
+WELD_LOG: Final = "weld-log.json"
+
+COLUMNS: Final = (
+    "pass",
+    "length_mm",
+    "speed_mm_s",
+    "vehicle_offset_rms_mm",
+    "deviation_rms_mm",
+    "deviation_max_mm",
+    "sigma_rms_mm",
+    "true_deviation_rms_mm",
+    "profiles_read_percent",
+    "stops",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedCrawl:
+    """What a crawl recorded, sorted.
+
+    Parameters
+    ----------
+    cycles : tuple of CrawlCycle
+    passes : tuple of PassRecord
+    events : tuple of CrawlEvent
+    profiles : tuple of (CrawlCycle, Profile)
+    """
+
+    cycles: tuple[CrawlCycle, ...]
+    passes: tuple[PassRecord, ...]
+    events: tuple[CrawlEvent, ...]
+    profiles: tuple[tuple[CrawlCycle, Profile], ...]
+
+
+def read_recorded_crawl(directory: Path) -> RecordedCrawl:
+    """Read what a crawl recorded, over all its parts; raises as `read_crawl` does."""
+    cycles: list[CrawlCycle] = []
+    places: list[tuple[CrawlCycle, SimulatedPlace]] = []
+    events: list[CrawlEvent] = []
+    profiles: list[tuple[CrawlCycle, Profile]] = []
+    for entry in read_crawl(directory):
+        if isinstance(entry, CrawlCycle):
+            cycles.append(entry)
+        elif isinstance(entry, CrawlProfile):
+            profiles.append((entry.cycle, entry.profile))
+        elif isinstance(entry, CrawlEvent):
+            events.append(entry)
+        elif cycles:
+            places.append((cycles[-1], entry))
+    passes = pass_records(cycles, places)
+    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(profiles))
+
+
+def write_crawl_results(directory: Path, job: CrawlJob) -> tuple[PassRecord, ...]:
+    """Write the results of a crawl from its recording, whole or cut off.
+
+    Raises
+    ------
+    RecordingError
+        If a file can't be written, or the recording is damaged.
+    """
+    recorded = read_recorded_crawl(directory)
+    passes, events = recorded.passes, recorded.events
+    log = weld_log(directory, job, passes, events)
+    with write_files_atomically(directory) as draft:
+        (draft / PASSES).write_text(_table(directory, passes), encoding="utf-8", newline="")
+        (draft / WELD_LOG).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
+    return passes
+
+
+def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
+    """Rows of a run's ``passes.csv``, as they stand there.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none.
+    """
+    try:
+        text = (directory / PASSES).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(
+            f"can't be read: {error.strerror}. A crawl's run directory holds it",
+            file=directory / PASSES,
+        ) from None
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    return tuple(csv.DictReader(lines))
+
+
+def weld_log(
+    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[CrawlEvent]
+) -> dict[str, Any]:
+    """The log of a weld as files of ISO 3834 ask for it: who, how, when, how fast, how far off."""
+    weld = job.weld
+    return {
+        "joint": weld.joint,
+        "welder": weld.welder,
+        "job": job_label_of_run(directory),
+        "recordings": [
+            {"file": file.name, "sha256": sha256(file.read_bytes()).hexdigest()}
+            for file in recording_files(directory, CRAWL_RECORDING)
+        ],
+        "passes": [
+            {
+                "pass": one.number,
+                "procedure": job.passes[one.number - 1].procedure or weld.procedure,
+                "arcs_mm": [[round(1e3 * place, 2) for place in arc] for arc in one.arcs],
+                "seconds": round(one.seconds, 2),
+                "length_mm": round(1e3 * one.length, 2),
+                "travel_speed_mm_s": round(1e3 * one.speed, 3),
+                "deviation_rms_mm": round(1e3 * one.deviation_rms, 3),
+                "deviation_max_mm": round(1e3 * one.deviation_max, 3),
+                "stops": one.stops,
+            }
+            for one in passes
+        ],
+        "stops": [
+            {"time": _moment(event.time), "reason": event.detail}
+            for event in events
+            if event.name == Phase.STOP
+        ],
+    }
+
+
+def _table(directory: Path, passes: Sequence[PassRecord]) -> str:
+    stream = io.StringIO()
+    head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
+    stream.write(head.comment_lines("#"))
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for one in passes:
+        writer.writerow(
+            (
+                one.number,
+                f"{1e3 * one.length:.2f}",
+                f"{1e3 * one.speed:.3f}",
+                f"{1e3 * one.offset_rms:.3f}",
+                f"{1e3 * one.deviation_rms:.3f}",
+                f"{1e3 * one.deviation_max:.3f}",
+                f"{1e3 * np.sqrt(np.mean(one.sigma**2)):.3f}",
+                "" if isnan(one.true_deviation_rms) else f"{1e3 * one.true_deviation_rms:.3f}",
+                f"{100 * one.read_share:.1f}",
+                one.stops,
+            )
+        )
+    return stream.getvalue()
+
+
+def _moment(time: int) -> str:
+    return datetime.fromtimestamp(1e-9 * time, UTC).isoformat(timespec="milliseconds")
