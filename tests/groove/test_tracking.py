@@ -221,6 +221,15 @@ def test_capped_joint_is_refused_without_that() -> None:
             tracker.read(see(CAPPED, rng))
 
 
+def test_refused_start_leaves_nothing_behind() -> None:
+    tracker, rng = JointTracker(), np.random.default_rng(3)
+    for _ in range(5):
+        with pytest.raises(GrooveNotFound):
+            tracker.read(see(CAPPED, rng))
+    reading = tracker.read(see(EMPTY, rng))
+    assert reading.centre == pytest.approx(0.0, abs=5 * reading.centre_sigma)
+
+
 def test_frozen_profile_is_no_reading() -> None:
     tracker, rng = started(), np.random.default_rng(0)
     profile = see(EMPTY, rng)

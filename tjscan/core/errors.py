@@ -239,7 +239,7 @@ class GrooveNotFound(TjscanError):
     ----------
     reason : str
         One of the short reasons: ``too few points``, ``no bevel``, ``ambiguous``,
-        ``out of range``, ``implausible``.
+        ``out of range``, ``implausible``, ``frozen``.
     detail : str
         The evidence in words, with numbers.
     points_s : array_like, shape (n, 2), optional

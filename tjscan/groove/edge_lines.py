@@ -87,20 +87,23 @@ class EdgeLines:
     @property
     def points(self) -> Array:
         """Places (x, z) of the left and of the right top edge, in metres, shape (2, 2)."""
-        z = 1 / (self.lines[[LEFT_PLATE, RIGHT_PLATE]] * _terms(self.edges)).sum(axis=1)
-        return np.column_stack((z * self.edges, z))
+        left, *_, right = self.lines.tolist()
+        t, u = self.edges.tolist()
+        z, w = 1 / (left[0] + left[1] * t), 1 / (right[0] + right[1] * u)
+        return np.array(((t * z, z), (u * w, w)))
 
     @property
     def point_covariances(self) -> Array:
         """Covariance of x and z of each top edge, in m², shape (2, 2, 2)."""
-        found = np.empty((2, 2, 2))
+        found, points = np.empty((2, 2, 2)), self.points.tolist()
         for k, (plate, bevel) in enumerate(SIDES):
-            t, (x, z) = float(self.edges[k]), self.points[k].tolist()
+            t, (x, z) = float(self.edges[k]), points[k]
             slope = float(self.lines[plate, 1] - self.lines[bevel, 1])
-            moves = _terms(t) / slope  # of t by the bevel's a and b; by the plate's, minus these
+            terms = np.array((1.0, t))
+            moves = terms / slope  # of t by the bevel's a and b; by the plate's, minus these
             total = np.zeros((2, 2))
             for line, dt in ((plate, -moves), (bevel, moves)):
-                dq = self.lines[plate, 1] * dt + (_terms(t) if line == plate else 0.0)
+                dq = self.lines[plate, 1] * dt + (terms if line == plate else 0.0)
                 jacobian = np.array((z * dt - x * z * dq, -z * z * dq))
                 total += jacobian @ self.covariances[line] @ jacobian.T
             found[k] = total
@@ -177,11 +180,14 @@ def fit_edge_lines(
     """
     # One over z errs by z² less than z does.
     certain = z**4 / start.noise**2
-    moments = np.stack((certain, certain * t, certain * t * t, certain / z, certain * t / z))
+    moments = np.stack(
+        (certain, certain * t, certain * t * t, certain / z, certain * t / z, np.ones_like(t))
+    )
+    prior = _angle_prior(start, bevel_angles)
     found = start
     for k in range(len(CAPTURE) + ROUNDS):
         sigma = max(CAPTURE[k], start.noise) if k < len(CAPTURE) else start.noise
-        after = _round(t, z, moments, found, sigma, bevel_angles)
+        after = _round(t, z, moments, found, sigma, prior)
         if after is None:
             return None
         moved = float(np.abs(after.edges - found.edges).max()) * float(z[len(z) // 2])
@@ -202,19 +208,18 @@ def _round(
     moments: Array,
     before: EdgeLines,
     sigma: float,
-    bevel_angles: Array | None,
+    prior: Array,
 ) -> EdgeLines | None:
     """Which points are of the steel, the lines through them, and where they meet."""
     spans = _spans(t, before)
     weight = _probabilities_on_lines(t, z, before, spans, sigma)
     total = np.zeros((6, len(t) + 1))
-    np.cumsum(np.vstack((moments, np.ones_like(t))) * weight, axis=1, out=total[:, 1:])
+    np.cumsum(moments * weight, axis=1, out=total[:, 1:])
     sums = (total[:, spans[:, 1]] - total[:, spans[:, 0]]).T
     normal = sums[:, (0, 1, 1, 2)].reshape(4, 2, 2)
-    if bevel_angles is not None:
-        _add_prior(normal, before, bevel_angles)
+    normal += prior
     on = sums[:, 5]
-    if on.min() < (2 if bevel_angles is None else 1):
+    if on.min() < (1 if prior.any() else 2):
         return None
     covariances = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     lines = (covariances @ sums[:, 3:5, None])[:, :, 0]
@@ -258,13 +263,16 @@ def _probabilities_on_lines(
     return found
 
 
-def _add_prior(normal: Array, before: EdgeLines, bevel_angles: Array) -> None:
-    """Add to the bevels' normal matrices what is known of their angles."""
-    for line, angle in zip((LEFT_BEVEL, RIGHT_BEVEL), bevel_angles.tolist(), strict=True):
-        # (a, b) is (cos, -sin) of the line's angle over its distance from the sensor.
-        across = np.array((sin(angle), cos(angle)))
-        length = hypot(*before.lines[line].tolist())
-        normal[line] += np.outer(across, across) / (BEVEL_SPREAD * length) ** 2
+def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
+    """What is known of the bevels' angles, as normal matrices of the lines, shape (4, 2, 2)."""
+    found = np.zeros((4, 2, 2))
+    if bevel_angles is not None:
+        for line, angle in zip((LEFT_BEVEL, RIGHT_BEVEL), bevel_angles.tolist(), strict=True):
+            # (a, b) is (cos, -sin) of the line's angle over its distance from the sensor.
+            across = np.array((sin(angle), cos(angle)))
+            length = hypot(*start.lines[line].tolist())
+            found[line] = np.outer(across, across) / (BEVEL_SPREAD * length) ** 2
+    return found
 
 
 def _feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
@@ -296,8 +304,3 @@ def _feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
         foot = float(u[k]) + inward * after / 2
         feet.append(min(foot, found.root) if inward > 0 else max(foot, found.root))
     return np.array(feet)
-
-
-def _terms(t: float | Array) -> Array:
-    """1 and t."""
-    return np.stack((np.ones_like(t), t), axis=-1)

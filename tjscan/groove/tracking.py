@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import radians, sqrt
+from math import nan, radians, sqrt
 from statistics import median
 from typing import Final
 
@@ -62,6 +62,9 @@ than a sensor's period."""
 LEARNING: Final = 0.05
 """Share that each profile has in what is known of noise, width and the bevels' angles."""
 
+CORRELATION_EVERY: Final = 5
+"""Of how many profiles one shows how its noise is correlated: that takes a while, and stays."""
+
 DEPTHS, DEPTH_EVERY = 21, 50
 """How many depths tell what is usual, and of how many profiles one is taken: a tack passes sooner
 than half of them."""
@@ -94,7 +97,8 @@ class ButtJointReading(JointPlacement):
     edge_covariances : ndarray, shape (2, 2, 2)
         In m².
     depth_left : float
-        Of the middle of the bottom below the line between the top edges, in metres.
+        Of the middle of the bottom below the line between the top edges, in metres; NaN where
+        no point of it is seen.
     area_left : float
         Of the cross-section that is left to fill, in m².
     conditions : tuple of str
@@ -121,10 +125,13 @@ class ButtJointReading(JointPlacement):
 class JointTracker:
     """Reads the centre of a butt joint off one profile after the other.
 
+    It goes on from its last reading, and knows the joint by its width: another joint needs another
+    tracker.
+
     Parameters
     ----------
     settings : GrooveSettings
-        Model and noise for the first reading.
+        What the first reading is searched with; the noise is learned from then on.
     """
 
     def __init__(self, settings: GrooveSettings = HULL_JOINT) -> None:
@@ -215,16 +222,25 @@ class JointTracker:
         lines = fit_edge_lines(row.t, row.z, start, angles)
         if lines is None:
             raise GrooveNotFound("ambiguous", "the lines of the last profile are gone", row.points)
-        self._check(row, lines)
-        self._learn(row, lines, known=known)
-        self._lines = lines
-        edges, covariances = lines.points, self._inflation * lines.point_covariances
+        edges = lines.points
+        width = float(np.hypot(*(edges[1] - edges[0])))
+        self._check(row, lines, width)
+        covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
-        if sigma > self._settings.largest_sigma:
-            raise GrooveNotFound(
-                "ambiguous", f"its centre is known to {1e3 * sigma:.2f} mm only", row.points
-            )
+        self._check_sigma(row, sigma)
         depth, area = _left_to_fill(row, lines)
+        if not known:
+            if depth < LEAST_DEPTH:
+                raise GrooveNotFound(
+                    "no bevel",
+                    f"what is found is {1e3 * depth:.1f} mm deep: too little to be sure of it "
+                    "without having seen it before",
+                    row.points,
+                )
+            self._depths.clear()
+            self._count = 0
+        self._learn(row, lines, width, known=known)
+        self._lines = lines
         return ButtJointReading(
             time=row.time,
             centre=float(edges[:, 0].mean()),
@@ -249,10 +265,7 @@ class JointTracker:
         placement, _ = found
         noise = placement.centre_sigma**2 - reference.centre_sigma**2
         sigma = sqrt(self._inflation * noise + reference.centre_sigma**2)
-        if sigma > self._settings.largest_sigma:
-            raise GrooveNotFound(
-                "ambiguous", f"its centre is known to {1e3 * sigma:.2f} mm only", row.points
-            )
+        self._check_sigma(row, sigma)
         if self._lines is not None:
             self._lines = self._lines.moved(
                 placement.roll - last.roll,
@@ -262,7 +275,8 @@ class JointTracker:
         u, h = placement.joint_coordinates(row.x, row.z)
         inside = np.abs(u) < self._width / 2
         across, depth = _bottom(u[inside], h[inside])
-        left = float(np.median(depth[np.abs(across) < self._width / 4]))
+        middle = depth[np.abs(across) < self._width / 4]
+        left = float(np.median(middle)) if len(middle) else nan
         area = float(np.trapezoid(np.maximum(depth, 0.0), across))
         return ButtJointReading(
             time=row.time,
@@ -280,23 +294,12 @@ class JointTracker:
     def _search(self, row: _Row, profile: Profile) -> ButtJointReading:
         """Read without a last reading."""
         _, fitted = fit_groove_to_profile(profile, self._settings)
-        self._depths.clear()
-        self._count = 0
-        reading = self._by_edges(row, _start(fitted, self._noise), known=False)
-        if reading.depth_left < LEAST_DEPTH:
-            raise GrooveNotFound(
-                "no bevel",
-                f"what is found is {1e3 * reading.depth_left:.1f} mm deep: too little to be sure "
-                "of without having seen it before",
-                row.points,
-            )
-        return reading
+        return self._by_edges(row, _start(fitted, self._noise), known=False)
 
-    def _check(self, row: _Row, lines: EdgeLines) -> None:
+    def _check(self, row: _Row, lines: EdgeLines, width: float) -> None:
         """Refuse lines that are not those of a joint's edges."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
         counts = lines.counts[[LEFT_PLATE, RIGHT_PLATE, LEFT_BEVEL, RIGHT_BEVEL]]
-        width = float(np.hypot(*(lines.points[1] - lines.points[0])))
         for refused, why in (
             (counts[:2].min() < FEWEST_ON_PLATE, "too little of a plate is seen"),
             (counts[2:].min() < FEWEST_ON_BEVEL, "too little of a bevel is left"),
@@ -312,7 +315,14 @@ class JointTracker:
             if refused:
                 raise GrooveNotFound("ambiguous", why, row.points)
 
-    def _learn(self, row: _Row, lines: EdgeLines, *, known: bool) -> None:
+    def _check_sigma(self, row: _Row, sigma: float) -> None:
+        """Refuse a centre that is too uncertain."""
+        if sigma > self._settings.largest_sigma:
+            raise GrooveNotFound(
+                "ambiguous", f"its centre is known to {1e3 * sigma:.2f} mm only", row.points
+            )
+
+    def _learn(self, row: _Row, lines: EdgeLines, width: float, *, known: bool) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
         share = LEARNING if known else 1.0
         edges = np.searchsorted(row.t, lines.edges).tolist()
@@ -331,13 +341,13 @@ class JointTracker:
             left = 0.973 * (1 - 4 / np.count_nonzero(on))
             noise = sqrt(float(np.mean(residuals[on] ** 2)) / left)
             self._noise += LEARNING * (noise - self._noise)
-            order = np.argsort(columns[on])
-            correlation = estimate_correlation(
-                residuals[on][order] / noise, columns[on][order], row.count, 4
-            )
-            self._inflation += LEARNING * (correlation.variance_inflation - self._inflation)
-        points = lines.points
-        width = float(np.hypot(*(points[1] - points[0])))
+            if self._count % CORRELATION_EVERY == 0:
+                order = np.argsort(columns[on])
+                correlation = estimate_correlation(
+                    residuals[on][order] / noise, columns[on][order], row.count, 4
+                )
+                more = correlation.variance_inflation - self._inflation
+                self._inflation += LEARNING * more
         self._width += share * (width - self._width)
         angles = lines.angles
         against = angles[[LEFT_BEVEL, RIGHT_BEVEL]] - angles[[LEFT_PLATE, RIGHT_PLATE]].mean()
