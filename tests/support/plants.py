@@ -20,8 +20,9 @@ def slip_plant(start: Array = LEVEL_START, **settings: float) -> SlipPlant:
     return SlipPlant(SlipSettings(**settings), TRACKS.gauge, start)
 
 
-def pad_plant(friction: float = 0.5, down: float = pi / 2) -> PadPlant:
-    return PadPlant(PadSettings(friction=friction, down=down), TRACKS, LEVEL_START)
+def pad_plant(friction: float = 0.5, down: float = pi / 2, inclination: float = pi / 2) -> PadPlant:
+    settings = PadSettings(friction=friction, down=down, inclination=inclination)
+    return PadPlant(settings, TRACKS, LEVEL_START)
 
 
 def drive(

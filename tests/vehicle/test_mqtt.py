@@ -6,9 +6,11 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from math import inf, nan
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command import tjscan
 
 from tjscan.core.errors import (
     ConfigurationError,
@@ -258,7 +260,7 @@ def test_messages_that_are_none_never_steer(
 def test_what_is_not_there_is_said(broker: MosquittoProcess) -> None:
     with MosquittoProcess() as gone:
         pass
-    with pytest.raises(VehicleLinkLost, match="no MQTT broker"), driver(gone):
+    with pytest.raises(VehicleLinkLost, match="MQTT broker at"), driver(gone):
         pass
     with pytest.raises(VehicleLinkLost, match="no vehicle"), driver(broker, 9, connect_limit=0.3):
         pass
@@ -266,6 +268,25 @@ def test_what_is_not_there_is_said(broker: MosquittoProcess) -> None:
         driver(broker).next_state()
     with pytest.raises(ConfigurationError, match="vehicle-loopback"):
         driver(broker).true_pose()
+
+
+def test_the_command_takes_a_job_and_says_what_is_wrong(
+    broker: MosquittoProcess, tmp_path: Path
+) -> None:
+    job = tmp_path / "job.toml"
+    job.write_text("[simulation.vehicle]\nstart_mm = [500, 0]\n", encoding="utf-8")
+    with (
+        VehicleLoopbackProcess(broker.address, "--prefix", "own", "--settings", str(job)),
+        MqttVehicle(MqttSettings(port=broker.port, prefix="own/1")) as vehicle,
+    ):
+        drive(vehicle, 0.1)
+        assert vehicle.true_pose()[0, 3] == 0.5
+    job.write_text("[simulation.vehicle]\nstrat_mm = [500, 0]\n", encoding="utf-8")
+    command = ("vehicle-loopback", "--broker", broker.address)
+    assert tjscan(*command, "--settings", job, pictures=True) == 2
+    with MosquittoProcess() as gone:
+        pass
+    assert tjscan("vehicle-loopback", "--broker", gone.address, pictures=True) == 4
 
 
 def test_addresses_of_other_machines_and_odd_topics_are_refused() -> None:

@@ -117,6 +117,17 @@ def test_pads_slip_within_the_ranges_of_an_independent_brush_model(
         assert 1e-3 <= abs(crab) <= 16e-3
 
 
+def test_pads_that_do_not_slide_turn_as_two_brushes_do_in_closed_form() -> None:
+    # Shear grows along the contact. Side forces cancel where the centre of rotation lies L / 6
+    # ahead; their moment is that of the tracks' shear at an efficiency of 1 / (1 + L² / 9 b²).
+    length, gauge, curvature = 0.7, TRACKS.gauge, 1 / 400
+    plant = pad_plant(inclination=0.0)
+    drive(plant, 0.8, curvature)
+    _, crab, turn = path_figures(drive(plant, 0.7, curvature))
+    assert turn / curvature == pytest.approx(1 / (1 + length**2 / (9 * gauge**2)), rel=0.01)
+    assert -crab / turn == pytest.approx(length / 6, rel=0.05)  # of 24 pads, not a continuum
+
+
 def test_a_tighter_turn_needs_more_torque() -> None:
     most = []
     for radius in (inf, 50.0, 20.0, 5.0):

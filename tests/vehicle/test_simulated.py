@@ -180,6 +180,9 @@ def test_drivers_make_their_vehicle() -> None:
     with driver.make(inputs, None) as made:
         assert made.next_state().time == pytest.approx(5.0 + PERIOD)
         np.testing.assert_allclose(driver.truth(made)[:2, 3], (1.0, 2.0))
+    pytest.importorskip("paho.mqtt")
+    driver = VEHICLES.load("mqtt")
+    assert driver.make(inputs, driver.table()).dead_man == 0.5
     driver = VEHICLES.load("replay")
     with driver.make(inputs, None) as replayed:
         assert replayed.next_state() == VehicleState(0.0, REST)
