@@ -116,9 +116,10 @@ def _linked(
 
 
 def _run(served: list[Served], orders: SimpleQueue[str | None], *, attached: bool) -> None:
-    before = time.monotonic()
+    before = due = time.monotonic()
     while True:
-        time.sleep(max(before + PERIOD - time.monotonic(), 0.0))
+        due = max(due + PERIOD, time.monotonic())  # a process that was held up does not hurry
+        time.sleep(due - min(time.monotonic(), due))
         while not orders.empty():
             line = orders.get()
             if line is not None:
