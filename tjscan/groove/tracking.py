@@ -196,18 +196,19 @@ class JointTracker:
     def _track(self, row: _Row, reference: ReferenceProfile | None) -> ButtJointReading:
         """Read from where the joint was last: by its edges, or else by the reference."""
         try:
-            return self._by_last_edges(row)
+            return self._by_last_edges(row, tries=1 if reference is not None else 3)
         except GrooveNotFound:
             if reference is None or self._reading is None:
                 raise
             return self._by_reference(row, reference, self._reading)
 
-    def _by_last_edges(self, row: _Row) -> ButtJointReading:
+    def _by_last_edges(self, row: _Row, tries: int) -> ButtJointReading:
         """Read by the edges, from where they were; the bevels may have got longer or shorter."""
         if self._lines is None:
             raise GrooveNotFound("no bevel", "no joint has been found so far", row.points)
         edges, root = self._lines.edges, self._lines.root
-        for feet in (self._lines.feet, np.full(2, root), edges + SHORT * (root - edges)):
+        ends = (self._lines.feet, np.full(2, root), edges + SHORT * (root - edges))
+        for feet in ends[:tries]:
             try:
                 return self._by_edges(row, replace(self._lines, feet=feet))
             except GrooveNotFound as error:
