@@ -76,6 +76,18 @@ def moved(vehicle: MqttVehicle, since: Array) -> float:
     return float(np.linalg.norm((vehicle.true_pose() - since)[:2, 3]))
 
 
+def wait_until_it_drives(vehicle: MqttVehicle) -> None:
+    """It comes back, and drives again when told to."""
+    until = time.monotonic() + 10
+    while True:
+        try:
+            drive(vehicle, 0.3, Twist(0.05, 0.0))
+        except VehicleLinkLost:
+            assert time.monotonic() < until
+        else:
+            return
+
+
 def test_it_drives_as_told_and_reports_states(
     broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
 ) -> None:
@@ -102,6 +114,7 @@ def test_the_dead_man_is_of_whoever_commands(
 ) -> None:
     with driver(broker) as vehicle:
         drive(vehicle, 0.3, Twist(0.1, 0.0))
+        vehicles.unread_output()  # of rests before
         since = time.monotonic()
         drive(vehicle, 1.0)  # states are read, nothing is commanded, the driver lives
         assert vehicles.wait_until_at_rest() - since < LONGEST
@@ -123,6 +136,7 @@ def test_a_stop_holds_until_it_is_taken_back(
 ) -> None:
     with driver(broker) as vehicle:
         drive(vehicle, 0.3, Twist(0.1, 0.0))
+        vehicles.unread_output()  # of rests before
         since = time.monotonic()
         thread = threading.Thread(target=vehicle.stop)
         thread.start()
@@ -146,8 +160,8 @@ def test_a_vehicle_that_is_not_heard_of_is_lost(
     events: list[tuple[str, str]] = []
     with driver(broker) as vehicle:
         vehicle.report_events_to(lambda name, sentence: events.append((name, sentence)))
-        drive(vehicle, 0.2, Twist(0.05, 0.0))
-        vehicles.schedule_fault(f"{fault} 1")
+        drive(vehicle, 0.3, Twist(0.05, 0.0))
+        vehicles.schedule_fault(f"{fault} 1")  # reads what was printed before
         with pytest.raises(VehicleLinkLost):
             drive(vehicle, 3.0, Twist(0.05, 0.0))
         with pytest.raises(VehicleLinkLost):
@@ -157,13 +171,23 @@ def test_a_vehicle_that_is_not_heard_of_is_lost(
         assert {name for name, _ in events} <= {"message-dropped", "link-lost"}
         assert bool(events) == (fault != "freeze")
         vehicles.schedule_fault("clear")
-        until = time.monotonic() + 5
-        while True:  # it comes back, and drives again when told to
-            try:
-                drive(vehicle, 0.3, Twist(0.05, 0.0))
-                break
-            except VehicleLinkLost:
-                assert time.monotonic() < until
+        wait_until_it_drives(vehicle)
+
+
+def test_a_broker_that_is_started_again_is_used_again_when_told_to(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.3, Twist(0.05, 0.0))
+        vehicles.unread_output()
+        broker.kill()
+        with pytest.raises(VehicleLinkLost):
+            drive(vehicle, 3.0, Twist(0.05, 0.0))
+        vehicles.wait_until_at_rest()
+        broker.start()
+        time.sleep(1.5)  # both ends are back
+        assert not any(line.startswith("moving") for line in vehicles.unread_output())
+        wait_until_it_drives(vehicle)
 
 
 def test_a_fault_of_the_drives_stands_in_the_state_and_refuses_commands(
