@@ -71,7 +71,7 @@ app.command(
 app.command(
     "tjscan.cli.study:study",
     name="study",
-    help="Run many simulated scans and write their results into one table.",
+    help="Run many simulated scans or crawls and write their results into one table.",
 )
 crawl = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")
 crawl.command("tjscan.cli.crawl_run:crawl_run", name="run", help="Crawl and weld as a job says.")

@@ -15,7 +15,7 @@ def study(
     dry_run: bool = False,
     json: bool = False,
 ) -> None:
-    """Run many simulated scans and write them in one table.
+    """Run many simulated scans or crawls and write them in one table.
 
     Parameters
     ----------

@@ -31,8 +31,10 @@ class PassRecord:
         metres.
     read_share : float
         Share of the profiles, while it burned, in which the joint was read.
-    true_travel, true_deviation : ndarray, shape (m,)
-        Place and true deviation of the torch, where a simulation knows it; metres.
+    true_travel, true_offset, true_deviation, offset_error : ndarray, shape (m,)
+        Where a simulation knows the truth, metres: place along the weld, offset of the vehicle
+        from the joint, deviation of the torch from its path, and how far the estimated offset
+        lies to the right of the true one.
     """
 
     number: int
@@ -44,7 +46,9 @@ class PassRecord:
     sigma: Array
     read_share: float
     true_travel: Array
+    true_offset: Array
     true_deviation: Array
+    offset_error: Array
 
     @property
     def length(self) -> float:
@@ -64,18 +68,27 @@ class PassRecord:
     @property
     def deviation_rms(self) -> float:
         """Root mean square of the deviation, metres."""
-        return float(np.sqrt(np.mean(self.deviation**2)))
+        return root_mean_square(self.deviation)
 
     @property
     def offset_rms(self) -> float:
         """Root mean square of the vehicle's offset, metres."""
-        return float(np.sqrt(np.mean(self.offset**2)))
+        return root_mean_square(self.offset)
 
     @property
     def true_deviation_rms(self) -> float:
         """Root mean square of the true deviation, metres; NaN where it is not known."""
-        known = self.true_deviation
-        return float(np.sqrt(np.mean(known**2))) if len(known) else nan
+        return root_mean_square(self.true_deviation)
+
+    @property
+    def offset_error_rms(self) -> float:
+        """Root mean square of the estimated offset's error, metres; NaN where it is not known."""
+        return root_mean_square(self.offset_error)
+
+    @property
+    def sigma_rms(self) -> float:
+        """Root mean square of what the estimate states as its standard deviation, metres."""
+        return root_mean_square(self.sigma)
 
     @property
     def deviation_max(self) -> float:
@@ -86,6 +99,11 @@ class PassRecord:
     def stops(self) -> int:
         """How often the arc was cut short and struck again."""
         return len(self.arcs) - 1
+
+
+def root_mean_square(values: Array) -> float:
+    """Root mean square of values, shape (n,); NaN of none."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else nan
 
 
 def pass_records(
@@ -105,21 +123,23 @@ def pass_records(
     for (arc, number), group in groupby(cycles, key=lambda c: (c.arc, c.number)):
         if arc:
             burning.setdefault(number, []).append(list(group))
-    truth: dict[int, list[tuple[float, float]]] = {}
+    truth: dict[int, list[tuple[float, ...]]] = {}
     for cycle, place in places:
         if cycle.arc:
             along, right = place.torch
             off = right + cycle.torch_y - cycle.path
-            truth.setdefault(cycle.number, []).append((along, off))
+            truth.setdefault(cycle.number, []).append(
+                (along, right, off, cycle.torch.offset - right)
+            )
     return tuple(_record(n, burning[n], truth.get(n, [])) for n in sorted(burning))
 
 
 def _record(
-    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, float]]
+    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, ...]]
 ) -> PassRecord:
     every = [cycle for arc in arcs for cycle in arc]
     times = [(arc[0].state.time, arc[-1].state.time) for arc in arcs]
-    known = np.reshape(truth, (-1, 2))
+    known = np.reshape(truth, (-1, 4))
     return PassRecord(
         number,
         tuple((arc[0].travel, arc[-1].travel) for arc in arcs),
@@ -129,6 +149,5 @@ def _record(
         np.array([cycle.deviation for cycle in every]),
         np.array([cycle.torch.sigma for cycle in every]),
         float(np.mean([np.isfinite(cycle.d) for cycle in every])),
-        known[:, 0],
-        known[:, 1],
+        *known.T,
     )

@@ -1,4 +1,4 @@
-"""What the crawler brings to reports."""
+"""What the crawler brings to reports and studies."""
 
 from __future__ import annotations
 
@@ -7,5 +7,8 @@ from typing import Final
 from tjscan.core.registry import TaskPlugin
 
 TASK: Final = TaskPlugin(
-    "crawl", report="tjscan.runs.crawl_report:crawl_chapter", recording="crawl.mcap"
+    "crawl",
+    report="tjscan.runs.crawl_report:crawl_chapter",
+    study="tjscan.runs.crawl_study.backend:CRAWL_STUDY",
+    recording="crawl.mcap",
 )

@@ -57,7 +57,7 @@ def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
             f"pass {one.number}",
             f"{1e3 * one.length:.0f} mm in {one.seconds:.0f} s, vehicle "
             f"{1e3 * one.offset_rms:.2f} mm off (rms), torch's place known to "
-            f"{1e3 * np.sqrt(np.mean(one.sigma**2)):.2f} mm, {one.stops} stops, joint read in "
+            f"{1e3 * one.sigma_rms:.2f} mm, {one.stops} stops, joint read in "
             f"{100 * one.read_share:.0f} % of profiles",
         )
 

@@ -13,8 +13,6 @@ from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
@@ -39,6 +37,7 @@ COLUMNS: Final = (
     "deviation_max_mm",
     "sigma_rms_mm",
     "true_deviation_rms_mm",
+    "offset_error_rms_mm",
     "profiles_read_percent",
     "stops",
 )
@@ -167,8 +166,9 @@ def _table(directory: Path, passes: Sequence[PassRecord]) -> str:
                 f"{1e3 * one.offset_rms:.3f}",
                 f"{1e3 * one.deviation_rms:.3f}",
                 f"{1e3 * one.deviation_max:.3f}",
-                f"{1e3 * np.sqrt(np.mean(one.sigma**2)):.3f}",
+                f"{1e3 * one.sigma_rms:.3f}",
                 "" if isnan(one.true_deviation_rms) else f"{1e3 * one.true_deviation_rms:.3f}",
+                "" if isnan(one.offset_error_rms) else f"{1e3 * one.offset_error_rms:.3f}",
                 f"{100 * one.read_share:.1f}",
                 one.stops,
             )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import TASKS
 from tjscan.study.row import RunOutcome, StudyRow
 
@@ -104,6 +106,24 @@ class StudyBackend(ABC, Generic[O]):
             What is done so far, one at least.
         """
         yield from ()
+
+
+@contextmanager
+def blame_study_for_its_keys(keys: Mapping[str, Any]) -> Iterator[None]:
+    """Name no file in errors of the block about a key of the study: it is not the job's to mend.
+
+    Parameters
+    ----------
+    keys : mapping
+        Dotted keys that the study sets in the job that the block reads.
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        blamed = error.key or ""
+        if any(key == blamed or key.startswith(f"{blamed}.") for key in keys):
+            raise ConfigurationError(error.message, key=error.key) from None
+        raise
 
 
 def study_backend_of_task(task: str) -> StudyBackend[Any]:

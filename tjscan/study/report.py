@@ -38,7 +38,9 @@ def write_study_report(
     RecordingError
         If a picture can't be written.
     """
-    chapters = [*kind.special_report_lines(folder, rows)] or [*_by_keys(folder, kind, rows)]
+    chapters = [*kind.special_report_lines(folder, rows)] or [
+        *write_overview_lines(folder, kind, rows)
+    ]
     lines = [*_ended(rows, planned), *chapters, *_causes(rows)]
     (folder / REPORT).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -58,7 +60,20 @@ def _ended(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
     yield ""
 
 
-def _by_keys(folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+def write_overview_lines(
+    folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]]
+) -> Iterator[str]:
+    """Yield a table of every key that was varied, and write a picture of them all.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the picture goes.
+    kind : StudyBackend
+        Says what is measured.
+    rows : sequence of StudyRow
+        One at least.
+    """
     keys = keys_to_show(rows, kind.seed)
     for key in keys:
         yield f"| {key} | runs | complete | {' | '.join(m.name for m in kind.measures)} |"

@@ -22,7 +22,12 @@ from tjscan.runs.scan_study.rules import DerivedKeySettings, joint_with_derived_
 from tjscan.runs.scan_study.run import run_study_scan
 from tjscan.runs.scan_study.settings import StudyScanSettings
 from tjscan.runs.scan_study.start import teach_start_poses
-from tjscan.study.backend import ReportedQuantity, ResolvedRun, StudyBackend
+from tjscan.study.backend import (
+    ReportedQuantity,
+    ResolvedRun,
+    StudyBackend,
+    blame_study_for_its_keys,
+)
 from tjscan.study.row import StudyRow
 
 JOINT: Final = "joint."
@@ -49,7 +54,8 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
     def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
         """Resolve and check the settings of one scan; see `StudyBackend.resolve_run`."""
         job_keys, joint_keys, rules = _sorted_out(keys)
-        job = _job(job_file, job_keys)
+        with blame_study_for_its_keys(job_keys):
+            job = read_scan_job(job_file, job_keys)
         if (
             job.joint is None
             or job.simulation is None
@@ -83,17 +89,6 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
 
 
 SCAN_STUDY: Final = ScanStudyBackend()
-
-
-def _job(file: Path, keys: dict[str, Any]) -> ScanJob:
-    """A job with the study's keys; what is wrong with one of these is the study's to mend."""
-    try:
-        return read_scan_job(file, keys)
-    except ConfigurationError as error:
-        blamed = error.key or ""
-        if any(key == blamed or key.startswith(f"{blamed}.") for key in keys):
-            raise ConfigurationError(error.message, key=error.key) from None
-        raise
 
 
 def _sorted_out(

@@ -1,0 +1,1 @@
+"""Studies of crawls: what they vary, make and measure."""
