@@ -90,6 +90,11 @@ crawl.command(
     name="compare",
     help="Compare two crawls, pass by pass.",
 )
+crawl.command(
+    "tjscan.cli.crawl_replay:crawl_replay",
+    name="replay",
+    help="Feed a recorded crawl through another estimator.",
+)
 app.command(crawl)
 app.register_install_completion_command()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import isfinite, nan
 from typing import Protocol
 
 from tjscan.crawler.method import TorchEstimate
@@ -56,6 +56,11 @@ class CrawlCycle:
     d: float = nan
     d_sigma: float = nan
     slip: SlipBelief | None = None
+
+    @property
+    def was_read(self) -> bool:
+        """Whether the joint was read."""
+        return isfinite(self.d)
 
     @property
     def deviation(self) -> float:

@@ -45,6 +45,9 @@ from tjscan.vehicle.vehicle import Twist, VehicleState
 CRAWL_RECORDING: Final = "crawl"
 """What the names of a crawl's recordings begin with."""
 
+REPLAY: Final = "replay"
+"""Name of the event that begins a recording whose estimates were made anew."""
+
 CYCLES_TOGETHER: Final = 50
 """Cycles that are written at once: half a second is lost at most where the program is killed."""
 

@@ -28,7 +28,13 @@ from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import read_slip_calibration
 from tjscan.crawler.slip_estimator import SlipBelief
-from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl, record_crawl
+from tjscan.crawler.topics import (
+    CRAWL_RECORDING,
+    REPLAY,
+    CrawlEvent,
+    read_crawl,
+    record_crawl,
+)
 from tjscan.groove.tracking import JointTracker
 from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
@@ -149,6 +155,10 @@ def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
     """
     directory = context.job_file.parent
     entries = list(read_crawl(directory))
+    if any(isinstance(entry, CrawlEvent) and entry.name == REPLAY for entry in entries):
+        raise ConfigurationError(
+            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
+        )
     cycles = [entry for entry in entries if isinstance(entry, CrawlCycle)]
     start = start_after_stop(cycles, context.job, overlap, directory)
     places = [entry for entry in entries if isinstance(entry, SimulatedPlace)]

@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.crawler.joint_history import GRID, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY
 from tjscan.job import read_crawl_job
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
@@ -68,6 +68,9 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     missing = len(job.passes) - len(found.passes)
     if missing:
         yield f"{missing} of {len(job.passes)} passes are not welded."
+    replays = [event.detail for event in found.events if event.name == REPLAY]
+    if replays:
+        yield f"A replay, {replays[0]}: what the method {job.method} would have believed."
     for event in found.events:
         if event.name == Phase.STOP:
             yield f"It was stopped: {event.detail}"

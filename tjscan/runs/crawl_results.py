@@ -80,7 +80,7 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(profiles))
 
 
-def write_crawl_results(directory: Path, job: CrawlJob) -> tuple[PassRecord, ...]:
+def write_crawl_results(directory: Path, job: CrawlJob) -> None:
     """Write the results of a crawl from its recording, whole or cut off.
 
     Raises
@@ -89,12 +89,23 @@ def write_crawl_results(directory: Path, job: CrawlJob) -> tuple[PassRecord, ...
         If a file can't be written, or the recording is damaged.
     """
     recorded = read_recorded_crawl(directory)
-    passes, events = recorded.passes, recorded.events
-    log = weld_log(directory, job, passes, events)
+    log = weld_log(directory, job, recorded.passes, recorded.events)
     with write_files_atomically(directory) as draft:
-        (draft / PASSES).write_text(_table(directory, passes), encoding="utf-8", newline="")
+        _write_table(draft / PASSES, directory, recorded.passes)
         (draft / WELD_LOG).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
-    return passes
+
+
+def write_passes(directory: Path) -> None:
+    """Write ``passes.csv`` alone: of what was not welded there is no log.
+
+    Raises
+    ------
+    RecordingError
+        As `write_crawl_results` does.
+    """
+    recorded = read_recorded_crawl(directory)
+    with write_files_atomically(directory) as draft:
+        _write_table(draft / PASSES, directory, recorded.passes)
 
 
 def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
@@ -151,7 +162,7 @@ def weld_log(
     }
 
 
-def _table(directory: Path, passes: Sequence[PassRecord]) -> str:
+def _write_table(file: Path, directory: Path, passes: Sequence[PassRecord]) -> None:
     stream = io.StringIO()
     head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
     stream.write(head.comment_lines("#"))
@@ -173,7 +184,7 @@ def _table(directory: Path, passes: Sequence[PassRecord]) -> str:
                 one.stops,
             )
         )
-    return stream.getvalue()
+    file.write_text(stream.getvalue(), encoding="utf-8", newline="")
 
 
 def _moment(time: int) -> str:

@@ -1,0 +1,148 @@
+"""What another estimator would have believed of a recorded crawl; nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import FollowingMethod
+from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.topics import (
+    CRAWL_RECORDING,
+    CYCLE,
+    CYCLES_TOGETHER,
+    LOG,
+    REPLAY,
+    SLIP,
+    TOPICS,
+    read_crawl,
+)
+from tjscan.job import read_crawl_job
+from tjscan.recording.foxglove import event_log_message
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.reader import read_messages
+from tjscan.recording.topic import Topic
+from tjscan.recording.writer import RecordingWriter, recording_files
+from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.runs.context import do_nothing_when_finished
+from tjscan.runs.crawl import CrawlContext, make_crawl_directory
+from tjscan.runs.crawl_results import write_passes
+
+REPLAYABLE: Final = ("method", "calibration", "slip.", "course.")
+"""Keys that say what an estimator makes of a crawl, not how it was done."""
+
+TimedMessage = tuple[int, Topic[Any], Any]
+
+
+def replay_crawl(
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path,
+    finished: Callable[[Path], object] = do_nothing_when_finished,
+) -> None:
+    """Feed what a crawl measured through another estimator, and write a run directory of it.
+
+    The estimator gets the recorded odometry, commands and readings. The vehicle and the torch
+    moved as they did, and a simulation's truth is that of the crawl: deviations are what this
+    estimator would have believed of the recorded motion.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the crawl, whole, cut short or resumed; it stays as it is.
+    overrides : dict
+        Dotted keys and values, those of `REPLAYABLE` only.
+    out : Path
+        The directory to make.
+    finished : callable
+        Is called with it once its results are written.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no crawl, or a key says how it was done.
+    RecordingError
+        If its recording is damaged, or the new directory can't be written.
+    """
+    job_file = directory / JOB
+    refuse_links_outside(directory, JOB, CALIBRATION)
+    for key in overrides:
+        if not key.startswith(REPLAYABLE):
+            raise ConfigurationError(
+                "says how the crawl was done, and it is done. What may change: "
+                f"{', '.join(REPLAYABLE)}",
+                file=job_file,
+                key=key,
+            )
+    if out.resolve().is_relative_to(directory.resolve()):
+        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
+    parts = recording_files(directory, CRAWL_RECORDING)
+    with add_file_to_errors(job_file):
+        method = context.make_method()
+    next(read_messages(parts[0], TOPICS), None)  # refuses what is no crawl before anything is made
+    make_crawl_directory(context, out)
+    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    with lock_and_clean_directory(out):
+        for number, part in enumerate(parts):
+            if number:
+                method = context.make_method(_last_slip(out))
+            with RecordingWriter(out / part.name, TOPICS, origin) as recording:
+                for messages in _in_chunks(_replayed(part, method, f"{directory}")):
+                    recording.write_timed(messages)
+        write_passes(out)
+    finished(out)
+
+
+def _last_slip(directory: Path) -> SlipBelief | None:
+    """What a crawl that is resumed goes on with; see `tjscan.runs.crawl.resume_crawl`."""
+    cycles = [entry for entry in read_crawl(directory) if isinstance(entry, CrawlCycle)]
+    return cycles[-1].slip if cycles else None
+
+
+def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
+    """Messages of a part of a recording, its estimates those of a method."""
+    time: float | None = None
+    cycles = 0
+    for entry in read_messages(part, TOPICS):
+        if entry.topic is SLIP:
+            continue
+        if entry.topic is not CYCLE:
+            yield entry.time, entry.topic, entry.message
+            continue
+        cycle: CrawlCycle = entry.message
+        if time is None:
+            event = event_log_message(
+                entry.time, Log.Level.INFO, REPLAY, f"estimated anew from {source}; nothing moved"
+            )
+            yield entry.time, LOG, event
+        period = 0.0 if time is None else cycle.state.time - time
+        time = cycle.state.time
+        if period > 0:
+            method.move(cycle.state.odometry, period, cycle.commanded)
+        if cycle.was_read:
+            method.read(cycle.d, cycle.d_sigma)
+        yield entry.time, CYCLE, replace(cycle, torch=method.torch)
+        cycles += 1
+        if cycles % CYCLES_TOGETHER == 0 and method.slip is not None:
+            yield entry.time, SLIP, method.slip
+
+
+def _in_chunks(messages: Iterator[TimedMessage]) -> Iterator[list[TimedMessage]]:
+    """Messages, as many together as a crawl writes at once."""
+    chunk: list[TimedMessage] = []
+    for message in messages:
+        chunk.append(message)
+        if len(chunk) >= CYCLES_TOGETHER:
+            yield chunk
+            chunk = []
+    if chunk:
+        yield chunk
