@@ -27,7 +27,7 @@ class ProximitySettings(SettingsTable):
 
     missing: Annotated[float, Gt(0), Le(2000), MM] = 0.060
     present: Annotated[float, Gt(0), Le(2000), MM] = 0.045
-    samples: Annotated[int, Ge(1), Le(20)] = 2
+    samples: Annotated[int, Ge(1), Le(20)] = 3
 
     def __post_init__(self) -> None:
         if not self.present < self.missing:

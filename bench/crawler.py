@@ -1,0 +1,274 @@
+"""How well the crawler follows a joint, and whether anything makes it move where it must not.
+
+The vehicle is `SlipPlant` unless a row says pads; starts 5 mm and 15 mrad off; 5 mm/s. Each row is
+the median of eight seeds. ``--quick`` takes two seeds, and shorter crawls where whole profiles are
+read.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from math import inf
+from shutil import which
+from statistics import median
+from typing import Final
+
+import numpy as np
+from _crawls import Crawl, Crawled, job_of, run
+from _stops import Break, seconds_until_rest
+from _stopwatch import Stopwatch
+from _table import Row, main
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.core.frames import Array
+from tjscan.crawler.guards import Guards
+from tjscan.crawler.plan import GuardSettings
+from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
+from tjscan.crawler.slip_aware import SlipAwareMethod
+from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.groove.tracking import JointTracker
+from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.vehicle.loopback.broker import MosquittoProcess
+from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.simulated_body import SimulatedBody
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.steel import ProximitySensors, SteelArea
+from tjscan.vehicle.steel import ProximitySettings as SensorSettings
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import Twist
+
+SEEDS: Final = range(1, 9)
+QUICK_SEEDS: Final = range(1, 3)
+APPROACHES: Final = 200
+LINK_FAULTS: Final = 100
+QUICK_LINK_FAULTS: Final = 10
+BODY: Final = CornerPlaces(0.8, 0.5)
+FIRST_PAD: Final = 0.35
+"""Metres from the middle to the end of a track: a pad beyond the edge holds no more."""
+
+PADS: Final = Crawl(
+    keys={
+        "simulation": {"vehicle": {"start_mm": [-400.0, 5.0], "heading_deg": 0.86, "plant": "pads"}}
+    }
+)
+PAPER: Final = Crawl(
+    method="paper",
+    passes=1,
+    noise=0.08e-3,
+    keys={"weld": {"length_m": 0.1, "run_up_mm": 0.0}, "alignment": {"return_speed_mm_s": 40.0}},
+)
+CRAWLS: Final[dict[str, Crawl]] = {
+    "slip 0": Crawl(),
+    "slip 10 %": Crawl(0.1),
+    "slip 20 %": Crawl(0.2),
+    "calibrated": Crawl(0.1, passes=1, calibrated=True),
+    "drop-outs": Crawl(0.1, dropouts=0.1),
+    "20 % arc points": Crawl(0.1, arc_points=0.2),
+    "40 % arc points": Crawl(0.1, arc_points=0.4),
+    "radius 50 m": Crawl(0.1, radius=50.0),
+    "radius 20 m": Crawl(0.1, radius=20.0),
+    "encoder noise x 5": Crawl(0.1, encoder_noise=5.0),
+    "paper, no slip": PAPER,
+    "paper, slip 10 %": replace(Crawl(0.1), method="paper", noise=0.08e-3),
+    "pads, dry": PADS,
+}
+
+
+def crawl(name: str, seed: int, *, quick: bool) -> Crawled:
+    """Crawl once, as a row asks."""
+    asked = CRAWLS[name]
+    if quick and asked.arc_points is not None:
+        asked = replace(asked, keys={"weld": {"length_m": 0.1, "run_up_mm": 400.0}}, passes=2)
+    return run(asked, seed)
+
+
+def measure(*, quick: bool) -> Sequence[Row]:
+    """Every row."""
+    seeds = QUICK_SEEDS if quick else SEEDS
+    asked = [(name, seed) for name in CRAWLS for seed in seeds]
+    with ProcessPoolExecutor(2) as pool:
+        every = list(pool.map(partial(_crawl, quick=quick), asked))
+    found: dict[str, list[Crawled]] = {}
+    for (name, _), one in zip(asked, every, strict=True):
+        found.setdefault(name, []).append(one)
+
+    def mid(name: str, value: Callable[[Crawled], float]) -> float:
+        return median(value(one) for one in found[name])
+
+    rows = [
+        Row(
+            "paper's method, no slip: torch at weld start",
+            mid("paper, no slip", lambda c: c.at_start(1, torch=False)),
+            1.0,
+            "mm",
+            at_least=0.2,
+        )
+    ]
+    for slip, rms, p95 in (("0", 0.20, 0.35), ("10 %", 0.30, 0.50), ("20 %", 0.25, 0.40)):
+        name = f"slip {slip}"
+        rows += [
+            Row(f"vehicle, pass 3, {name}: rms", mid(name, lambda c: c.rms(3)), rms, "mm"),
+            Row(f"vehicle, pass 3, {name}: p95", mid(name, lambda c: c.p95(3)), p95, "mm"),
+        ]
+    last = 2 if quick else 3
+    ratio = mid("paper, slip 10 %", lambda c: c.rms(3)) / mid("slip 10 %", lambda c: c.rms(3))
+    rows += [
+        Row("torch, pass 3, slip 20 %: rms", mid("slip 20 %", _torch(3)), 0.20, "mm"),
+        Row("torch, pass 3, slip 20 %: max", mid("slip 20 %", lambda c: c.largest(3)), 0.45, "mm"),
+        Row("calibrated, pass 1, slip 10 %: torch rms", mid("calibrated", _torch(1)), 0.20, "mm"),
+        Row(
+            "calibrated, pass 1, slip 10 %: torch at arc start",
+            mid("calibrated", lambda c: c.at_start(1)),
+            0.30,
+            "mm",
+        ),
+        Row("drop-outs to 1 s: vehicle p95", mid("drop-outs", lambda c: c.p95(3)), 0.40, "mm"),
+        *(
+            Row(f"{name}: vehicle p95", mid(name, lambda c: c.p95(last)), limit, "mm")
+            for name, limit in (("20 % arc points", 0.50), ("40 % arc points", 0.60))
+        ),
+        Row("radius 50 m: torch rms", mid("radius 50 m", _torch(3)), 0.30, "mm"),
+        Row("radius 20 m: torch rms", mid("radius 20 m", _torch(3)), 0.30, "mm"),
+        Row("encoder noise x 5: torch rms", mid("encoder noise x 5", _torch(3)), 0.50, "mm"),
+        Row(
+            "NEES / dimension of offset and heading, slip 20 %",
+            mid("slip 20 %", lambda c: c.nees),
+            1.5,
+            at_least=0.7,
+        ),
+        Row("paper's rms / ours, slip 10 %", ratio, inf, at_least=20.0),
+        Row("pads, dry, horizontal: vehicle rms", mid("pads, dry", lambda c: c.rms(3)), 0.80, "mm"),
+        Row("pads, dry, horizontal: torch rms", mid("pads, dry", _torch(3)), 0.25, "mm"),
+        *wet_rows(seeds),
+        cycle_time(),
+        Row(f"{APPROACHES} approaches to an edge: falls", float(falls()), 0),
+        Row("false stops in an hour of arc", float(false_stops()), 0),
+    ]
+    if which("mosquitto"):
+        rows.append(
+            Row(
+                "link cuts, kills, drive faults: moving after 0.6 s",
+                float(late_stops(QUICK_LINK_FAULTS if quick else LINK_FAULTS)),
+                0,
+            )
+        )
+    return rows
+
+
+def _crawl(key: tuple[str, int], *, quick: bool) -> Crawled:
+    return crawl(*key, quick=quick)
+
+
+def _torch(number: int) -> Callable[[Crawled], float]:
+    return lambda c: c.rms(number, torch=True)
+
+
+def wet_rows(seeds: Sequence[int]) -> list[Row]:
+    """On wet pads the vehicle may stop, but not weld beside the joint."""
+    world = {**PADS.keys["simulation"]["vehicle"], "pads": {"friction": 0.3}}
+    wet = Crawl(passes=1, keys={"simulation": {"vehicle": world}, "guards": {"torque_n_m": 1e3}})
+    wet = replace(wet, keys={**wet.keys, "alignment": {}})
+    crawled = [run(wet, seed) for seed in seeds]
+    off = [
+        float(np.abs(one.torch[1]).max()) for one in crawled if 1 in one.torch and len(one.torch[1])
+    ]
+    return [Row("pads, wet: torch off the joint while it welds, max", max(off, default=0), 1, "mm")]
+
+
+def cycle_time() -> Row:
+    """From a profile with 20 % arc points to the next command."""
+    job = job_of(Crawl(0.1, arc_points=0.2), 1)
+    cell = make_crawl_cell(job)
+    course = job.course
+    known = SlipBelief.before_any_reading(
+        job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
+    )
+    method = SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
+    reader, watch = JointTracker(), Stopwatch()
+    cell.torch.set_arc(burning=True)
+    with cell:
+        reader.read(cell.laser.capture())
+        for _ in range(1000):
+            state = cell.vehicle.next_state()
+            profile = cell.laser.capture()
+            with watch:
+                method.move(state.odometry, 0.01, Twist(0.0, 0.0))
+                reading = reader.read(profile)
+                method.read(-reading.centre, reading.centre_sigma)
+                method.turn_rate(0.005)
+    return watch.row("from profile to command, 99th percentile", _percentile_99, 5.0)
+
+
+def _percentile_99(seconds: Sequence[float]) -> float:
+    return float(np.percentile(seconds, 99))
+
+
+def falls() -> int:
+    """Approaches at 0.1 m/s to an edge at any angle in which a pad leaves the steel."""
+    fallen = 0
+    for seed in range(APPROACHES):
+        rng = np.random.default_rng(seed)
+        angle, way = rng.uniform(-0.7, 0.7), rng.choice([-1.0, 1.0])
+        distance = rng.uniform(0.8, 1.2)
+        across = np.array([np.sin(angle), np.cos(angle)])
+        along = np.array([np.cos(angle), -np.sin(angle)]) * way
+        corners = [along * distance + across * 9, along * distance - across * 9]
+        corners += [corners[1] - along * 20, corners[0] - along * 20]
+        outline = tuple((float(x), float(y)) for x, y in corners)
+        settings = VehicleSimulationSettings(steel=outline)
+        body = SimulatedBody(TrackGeometry(), settings, seed=seed)
+        body.arc_burning = True
+        guards = Guards(GuardSettings(), ProximityFilter(ProximitySettings()), BODY)
+        with SimulatedVehicle(body) as vehicle:
+            for _ in range(60):
+                guards.watch_vehicle(vehicle.next_state())
+            try:
+                for _ in range(2000):
+                    twist = Twist(0.1 * way, 0.0)
+                    guards.check_command(twist)
+                    vehicle.command(twist)
+                    guards.watch_vehicle(vehicle.next_state())
+            except CrawlStopped:
+                vehicle.stop()
+            for _ in range(100):
+                vehicle.next_state()
+            fallen += not body.steel.holds(_track_ends(body.plant.pose_w)).all()
+    return fallen
+
+
+def _track_ends(pose_w: Array) -> Array:
+    """Ends of both tracks at x, y and heading, shape (4, 2)."""
+    c, s = np.cos(pose_w[2]), np.sin(pose_w[2])
+    ends = np.array([(x, y) for x in (-FIRST_PAD, FIRST_PAD) for y in (-0.2, 0.2)])
+    return np.asarray(pose_w[:2] + ends @ np.array([(c, s), (-s, c)]))
+
+
+def false_stops() -> int:
+    """Corners that are taken for missing in an hour over steel while the arc burns."""
+    sensors = ProximitySensors(SensorSettings(), SteelArea(), 1)
+    found = ProximityFilter(ProximitySettings())
+    stops = 0
+    for k in range(36_000):
+        found.add_sample(sensors.read(np.zeros(3), arc_burning=True))
+        stops += k > 10 and bool(found.missing_corners)
+    return stops
+
+
+def late_stops(count: int) -> int:
+    """Faults over the broker after which the vehicle still moves 0.6 s later."""
+    late = 0
+    with MosquittoProcess() as broker, VehicleLoopbackProcess(broker.address) as vehicles:
+        for k in range(count):
+            what = tuple(Break)[k % len(Break)]
+            late += seconds_until_rest(what, broker, vehicles) > 0.6
+    return late
+
+
+if __name__ == "__main__":
+    words = [word for word in sys.argv[1:] if word != "--quick"]
+    sys.exit(main("Crawler", partial(measure, quick=len(words) < len(sys.argv) - 1), words))
