@@ -1,5 +1,7 @@
 """Every phase is reached and left, and a stop holds."""
 
+from pathlib import Path
+
 import pytest
 
 from tjscan.crawler.phases import TRANSITIONS, Event, Phase, draw_state_diagram, next_phase
@@ -41,3 +43,8 @@ def test_what_can_not_happen_is_refused() -> None:
 
 def test_the_diagram_shows_every_transition() -> None:
     assert draw_state_diagram().count("-->") == len(TRANSITIONS) - 1 + 1  # Stop to Stop; start
+
+
+def test_the_documented_diagram_is_that_of_the_code() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "crawler.md").read_text(encoding="utf-8")
+    assert draw_state_diagram() in text

@@ -36,7 +36,7 @@ class SlipUncertainty(SettingsTable):
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
         Before anything was measured; as `SlipState` names them, in its units.
-    rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk : float
+    rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
         Of the change over one metre of travel.
     turn_rate : float
         Of the tracks' turn rate, rad/s, over one second.
@@ -46,16 +46,17 @@ class SlipUncertainty(SettingsTable):
 
     offset: Annotated[Deviation, MM] = 8e-3
     heading: Annotated[Deviation, MRAD] = 25e-3
-    rotation_centre: Annotated[Deviation, MM] = 40e-3
+    rotation_centre: Annotated[Deviation, MM] = 80e-3
     yaw_efficiency: Deviation = 0.15
     drift: Annotated[Deviation, MRAD] = 10e-3
     crab: Annotated[Deviation, MRAD] = 6e-3
-    turning_crab: Annotated[Deviation, MM] = 30e-3
-    rotation_centre_walk: Annotated[Deviation, MM] = 6e-3
-    yaw_efficiency_walk: Deviation = 0.02
+    turning_crab: Annotated[Deviation, MM] = 50e-3
+    rotation_centre_walk: Annotated[Deviation, MM] = 25e-3
+    yaw_efficiency_walk: Deviation = 0.03
     drift_walk: Annotated[Deviation, MRAD] = 0.8e-3
     crab_walk: Annotated[Deviation, MRAD] = 0.2e-3
-    turn_rate: Deviation = 2e-5
+    turning_crab_walk: Annotated[Deviation, MM] = 25e-3
+    turn_rate: Deviation = 4e-5
     unevenness: Annotated[Deviation, MM] = 0.02e-3
 
 
@@ -142,11 +143,12 @@ class SlipEstimator:
         self.geometry, self.belief, self._uncertainty = geometry, belief, uncertainty
         own = uncertainty
         walks = np.zeros(STATES)
-        walks[[2, 3, 4, 5]] = (
+        walks[[2, 3, 4, 5, 7]] = (
             own.rotation_centre_walk,
             own.yaw_efficiency_walk,
             own.drift_walk,
             own.crab_walk,
+            own.turning_crab_walk,
         )
         self._walk_per_metre = walks**2
 
