@@ -19,10 +19,10 @@ GRID: Final = np.arange(-0.030, 0.030001, 0.25e-3)
 def section_histories(
     profiles: Iterable[tuple[CrawlCycle, Profile]], length: float, laser_to_torch: float
 ) -> dict[int, Array]:
-    """Median cross-section of the joint before each pass, registered on the joint's centre.
+    """Median cross-section of the joint after each pass, registered on the joint's centre.
 
-    What a pass finds is what the ones before it left. The paper draws means; a median is not
-    moved by the arc's light.
+    The laser, ahead of the torch, sees what a pass left on the way back from it and on the way to
+    the next one. The paper draws means; a median is not moved by the arc's light.
 
     Parameters
     ----------
@@ -36,14 +36,15 @@ def section_histories(
     Returns
     -------
     dict of int to ndarray, shape (m,)
-        For each pass, height over the hull at each place of `GRID`, metres; NaN where nothing was
-        seen.
+        For each number of passes that were welded, height over the hull at each place of `GRID`,
+        metres; NaN where nothing was seen.
     """
     heights: dict[int, list[Array]] = {}
     for cycle, profile in profiles:
         ahead = cycle.travel + laser_to_torch
-        if cycle.phase is not Phase.WELDING or not 0 <= ahead <= length or not np.isfinite(cycle.d):
+        if not 0 <= ahead <= length or not np.isfinite(cycle.d):
             continue
+        welded = cycle.number - (cycle.phase is Phase.WELDING)
         valid = profile.valid
         across, z = profile.x_s[valid] + cycle.d, profile.z_s[valid]
         hull = np.abs(across) > GRID[-1] * 0.6
@@ -51,6 +52,6 @@ def section_histories(
             continue
         level = np.polynomial.Polynomial.fit(across[hull], z[hull], 1)
         height = np.interp(GRID, across, level(across) - z, left=np.nan, right=np.nan)
-        heights.setdefault(cycle.number, []).append(height)
+        heights.setdefault(welded, []).append(height)
     with np.errstate(all="ignore"):
         return {number: np.nanmedian(rows, axis=0) for number, rows in sorted(heights.items())}

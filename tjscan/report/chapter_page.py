@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import groupby
 from pathlib import Path
 
 from tjscan.core.provenance import Provenance
@@ -42,8 +41,8 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
 
 def draw_chapter_charts(charts: tuple[ReportChart, ...]) -> Iterator[ReportPicture]:
     """Draw charts, the lines of one title together."""
-    for title, group in groupby(charts, key=lambda chart: chart.title):
-        lines = list(group)
+    for title in dict.fromkeys(chart.title for chart in charts):
+        lines = [chart for chart in charts if chart.title == title]
         figure = new_figure(12, 3.6)
         axes = figure.add_subplot()
         for chart in lines:

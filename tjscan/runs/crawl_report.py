@@ -101,7 +101,7 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             "over the hull / mm",
             1e3 * GRID,
             1e3 * height,
-            line=f"before pass {number}",
+            line=f"after {number} passes",
         )
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
     known = [(time, slip) for time, slip in slips if slip is not None]

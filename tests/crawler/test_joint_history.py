@@ -1,0 +1,52 @@
+"""What is drawn of the joint is what the passes left."""
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.crawler.joint_history import GRID, section_histories
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.phases import Phase
+from tjscan.laser.profile import Profile
+from tjscan.vehicle.vehicle import REST, VehicleState
+
+X: Array = np.linspace(-0.04, 0.04, 290)
+
+
+def seen(phase: Phase, number: int, travel: float, d: float, depth: float) -> CrawlCycle:
+    state = VehicleState(0.0, REST)
+    torch = TorchEstimate(0.0, 1e-3, 0.0)
+    return CrawlCycle(phase, number, travel, state, REST, torch, 0.0, 0.0, False, d, 1e-5)
+
+
+def profile(d: float, depth: float) -> Profile:
+    groove = np.abs(X + d) < 0.01
+    return Profile(X, np.where(groove, 0.149 + depth, 0.149))
+
+
+def test_sections_are_those_after_each_pass_wherever_the_vehicle_was() -> None:
+    taken = [
+        (phase, number, 0.01 * k - 0.5, 1e-3 * k, depth)
+        for phase, number, depth in (
+            (Phase.WELDING, 1, 0.02),
+            (Phase.RETURN, 1, 0.012),
+            (Phase.WELDING, 2, 0.012),
+            (Phase.RETURN, 2, 0.004),
+        )
+        for k in range(5)
+    ]
+    found = section_histories(
+        [(seen(*one), profile(one[3], one[4])) for one in taken], length=0.1, laser_to_torch=0.5
+    )
+    assert list(found) == [0, 1, 2]
+    middle = len(GRID) // 2
+    np.testing.assert_allclose(
+        [found[k][middle] for k in found], [-0.02, -0.012, -0.004], atol=1e-5
+    )
+    for height in found.values():
+        np.testing.assert_allclose(height[np.abs(GRID) > 0.011], 0.0, atol=1e-5)
+
+
+def test_what_lies_beside_the_weld_does_not_count() -> None:
+    beside = seen(Phase.WELDING, 1, 0.2, 0.0, 0.02)
+    assert section_histories([(beside, profile(0.0, 0.02))], 0.1, 0.5) == {}
