@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import tjscan
+from crawls import SHORT
 
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
@@ -15,36 +16,6 @@ from tjscan.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl import CrawlContext, resume_crawl, run_crawl
 from tjscan.runs.crawl_results import read_recorded_crawl
-
-SHORT = """
-[vehicle]
-id = "crawler-1"
-[alignment]
-length_mm = 50
-longest_mm = 100
-offset_mm = 20
-offset_sigma_mm = 20
-in_view_s = 0.1
-return_speed_mm_s = 40
-speed_mm_s = 40
-[weld]
-length_m = 0.03
-run_up_mm = 30
-procedure = "WPS-1"
-[[pass]]
-speed_mm_s = 10
-[[pass]]
-speed_mm_s = 10
-weave_mm = 2
-weave_period_s = 1
-procedure = "WPS-2"
-[simulation.vehicle]
-start_mm = [-30.0, 1.0]
-[simulation.vehicle.slip]
-ratio = 0.1
-[[simulation.joint.beads]]
-level_mm = 6
-"""
 
 
 class InterruptedInWeld:

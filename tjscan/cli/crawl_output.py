@@ -10,7 +10,6 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
-from tjscan.core.devices import DriverKind
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
@@ -46,8 +45,7 @@ class TerminalWeldOperator:
 @contextmanager
 def watch_crawl(job: CrawlJob, file: Path) -> Iterator[CrawlContext]:
     """Print a crawl's events, and write its report, while the block runs."""
-    simulated = job.vehicle.driver_kind is DriverKind.SIMULATED
-    operator = WeldsAlways() if simulated else TerminalWeldOperator()
+    operator = TerminalWeldOperator() if job.simulation is None else WeldsAlways()
     yield CrawlContext(job, file, EventPrinter(), operator, write_run_report)
 
 

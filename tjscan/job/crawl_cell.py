@@ -35,14 +35,18 @@ class SimulatedWeld:
     ----------
     job : CrawlJob
         With a [simulation].
-    vehicle : SimulatedVehicle
+    pose : callable
+        Gives the vehicle's true pose T_w_v, shape (4, 4).
     torch : SimulatedTorchAxes
         Whose arc it is.
+    disturb : callable
+        Is told whether the arc burns, which disturbs the vehicle's sensors.
     """
 
     job: CrawlJob
-    vehicle: SimulatedVehicle
+    pose: Callable[[], Array]
     torch: SimulatedTorchAxes
+    disturb: Callable[[bool], None]
     _welded: list[list[float]] = field(default_factory=list)
     _burned: bool = False
 
@@ -53,7 +57,7 @@ class SimulatedWeld:
 
     def place(self, ahead: float) -> tuple[float, float, float]:
         """x, y and heading of what lies ahead of the vehicle's centre, in frame w."""
-        T = self.vehicle.true_pose()
+        T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
         x, y = T[:2, 3] + ahead * T[:2, 0]
         return float(x), float(y), heading
@@ -84,7 +88,7 @@ class SimulatedWeld:
         return replace(self._world.laser, arc=arc)
 
     def _weld(self) -> None:
-        self.vehicle.body.arc_burning = self.torch.arc
+        self.disturb(self.torch.arc)
         if self.torch.arc:
             along, _ = self.torch_place()
             if not self._burned:
@@ -160,17 +164,21 @@ def make_crawl_cell(job: CrawlJob, left: tuple[Array, float] | None = None) -> C
             ),
             job.vehicle.driver_settings,
         )
-    if world is None or not isinstance(vehicle, SimulatedVehicle):
+    if world is None:
         raise ConfigurationError(
-            "only the simulated vehicle has a laser and a torch so far", key="vehicle.driver"
+            "only a simulated joint has a laser and a torch over it so far: add [simulation]",
+            key="simulation",
         )
     torch = SimulatedTorchAxes(job.torch)
-    weld = SimulatedWeld(job, vehicle, torch)
+
+    def disturb(burning: bool) -> None:
+        if isinstance(vehicle, SimulatedVehicle):
+            vehicle.body.arc_burning = burning
+
+    # Over a broker the loopback's vehicle says where it truly is; a real one does not.
+    weld = SimulatedWeld(job, lambda: factory.truth(vehicle), torch, disturb)
     laser = SimulatedSectionLaser(
-        weld.view,
-        weld.laser_model,
-        rng=np.random.default_rng([world.seed, RANDOM_STREAM]),
-        clock=lambda: vehicle.body.time,
+        weld.view, weld.laser_model, rng=np.random.default_rng([world.seed, RANDOM_STREAM])
     )
     return CrawlCell(vehicle, laser, torch, weld)
 

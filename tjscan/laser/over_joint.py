@@ -29,8 +29,6 @@ class SimulatedSectionLaser(DeviceBase):
         Gives its optics and faults at this moment: an arc blinds columns while it burns.
     rng : numpy.random.Generator
         Source of all randomness.
-    clock : callable
-        Gives the time in seconds.
     """
 
     def __init__(
@@ -39,9 +37,8 @@ class SimulatedSectionLaser(DeviceBase):
         model: Callable[[], SectionLaserModel],
         *,
         rng: np.random.Generator,
-        clock: Callable[[], float],
     ) -> None:
-        self._view, self._model, self._rng, self._clock = view, model, rng, clock
+        self._view, self._model, self._rng = view, model, rng
         self._connected = False
 
     def __enter__(self) -> Self:
@@ -62,4 +59,4 @@ class SimulatedSectionLaser(DeviceBase):
         if not self._connected:
             raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
         section, pose = self._view()
-        return simulate_section_profile(section, pose, self._model(), self._rng, self._clock())
+        return simulate_section_profile(section, pose, self._model(), self._rng)
