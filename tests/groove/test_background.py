@@ -8,6 +8,8 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.background import find_runs
 from tjscan.groove.find import find_groove
+from tjscan.groove.refinement import OrderedProfilePoints
+from tjscan.groove.rivals import share_in_long_stretches
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -71,6 +73,53 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
     shown = 1 if (p3[0] / p3[1] > p4[0] / p4[1]) == bool(end) else 2
     assert off[shown] < 0.3 * MM
     assert off[sigma < SURE].max() < 1 * MM
+
+
+def test_only_a_stretch_as_long_as_a_side_speaks_against_it() -> None:
+    points, columns, residuals = bent_line(100), np.arange(100), np.zeros(100)
+    row = OrderedProfilePoints(points, columns / 100, columns, 100)
+    assert share_in_long_stretches(row, residuals, 1, attached=False) == 0
+    residuals[20:30] = residuals[60:66] = -1 * MM
+    for least, share in ((6, 0.16), (7, 0.10), (11, 0.0)):
+        found = share_in_long_stretches(row, residuals, least, attached=False)
+        assert found == pytest.approx(share)
+
+
+def test_a_stretch_that_jumps_at_both_ends_is_attached_to_nothing() -> None:
+    points, columns, residuals = bent_line(100), np.arange(100), np.zeros(100)
+    points[20:30, 1] -= 3 * MM
+    residuals[20:30] = -3 * MM
+    residuals[60:66] = -1 * MM
+    row = OrderedProfilePoints(points, columns / 100, columns, 100)
+    assert share_in_long_stretches(row, residuals, 2, attached=True) == pytest.approx(0.06)
+    assert share_in_long_stretches(row, residuals, 2, attached=False) == pytest.approx(0.16)
+
+
+def with_blobs(profile: Profile, root: Array, rng: np.random.Generator) -> Profile:
+    """One blob of spatter near a place and six farther off, 1 to 2 mm high."""
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    at = int(np.nanargmin(np.hypot(x - root[0], z - root[1])))
+    for centre in (at + rng.integers(-15, 16), *(at + rng.integers(-200, 200, 6))):
+        radius = int(rng.integers(8, 16))
+        k = np.arange(-radius, radius + 1)
+        scale = 1 - rng.uniform(1, 2) * MM * np.sqrt(1 - (k / (radius + 1)) ** 2) / z[centre + k]
+        x[centre + k], z[centre + k] = x[centre + k] * scale, z[centre + k] * scale
+    return Profile(x, z)
+
+
+def test_no_corner_is_surely_on_spatter() -> None:
+    read = 0
+    for seed in range(40):
+        groove, rng = Groove(), np.random.default_rng(seed)
+        profile = with_blobs(draw(groove, NOISE, seed), groove.corners[1:].mean(axis=0), rng)
+        try:
+            section = find_groove(profile)
+        except GrooveNotFound:
+            continue
+        read += 1
+        off, sigma = errors_and_sigmas(section, groove)
+        assert off[sigma < SURE].max(initial=0.0) < 1 * MM, f"seed {seed}"
+    assert read > 20
 
 
 @pytest.mark.parametrize("lift", [-0.25, 0.25])

@@ -225,20 +225,22 @@ def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandid
             enough = every and budget is not SEARCH_BUDGETS[0]
             explained = best.cost < left_out * len(row.points) or _leaves_few_points(best, settings)
             if explained and (enough or _convincing(best, compared=every)):
-                return _with_rivals(best, sound)
+                return _with_rivals(row, best, sound)
     if sound:
-        return _with_rivals(best, sound)
+        return _with_rivals(row, best, sound)
     if search.found:
         best = min(search.found, key=lambda c: c.cost)
         raise GrooveNotFound("ambiguous", str(best.objection), row.points)
     raise _why_not(row, segments, settings, SEARCH_BUDGETS[-1])
 
 
-def _with_rivals(best: GrooveCandidate, sound: list[GrooveCandidate]) -> GrooveCandidate:
-    """A reading that knows how far others are from it, and which sides may be reflections."""
+def _with_rivals(
+    row: OrderedProfilePoints, best: GrooveCandidate, sound: list[GrooveCandidate]
+) -> GrooveCandidate:
+    """A reading that knows how far others are from it, and which sides may be no surface."""
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
-    rivals += reflection_covariance(best.model, best.fitted)
+    rivals += reflection_covariance(row, best.model, best.fitted)
     forms = [(excess, form) for excess, form, _ in others]
     probability = form_probability(best.model, best.fitted, forms)
     return replace(best, rivals=rivals, probability=probability)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.background import find_runs
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import FittedProfile, points_on_sides
+from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, points_on_sides
 
 INDEPENDENT: Final = 0.25
 """Logarithm of the odds that one point explained more is worth: points of a reflection come in
@@ -132,6 +133,37 @@ def reflection_probability(fitted: FittedProfile) -> float:
     return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
 
 
+def share_in_long_stretches(
+    row: OrderedProfilePoints, residuals: Array, least: int, *, attached: bool
+) -> float:
+    """Share of a profile's points that lie far off its sides, in stretches of so many at least.
+
+    It is how probable it is that a side of `least` points is such a stretch itself. One that goes
+    over into another side may be spatter, or light that grows out of the surface; then only the
+    like of these count.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+    residuals : ndarray, shape (n,)
+        How far its points lie behind their sides, in metres.
+    least : int
+        Number of points.
+    attached : bool
+        Whether only those count that begin or end at a side without a jump.
+    """
+    count = len(residuals)
+    far = np.concatenate(([False], np.abs(residuals) > FAR, [False]))
+    first, stop = (far[1:] != far[:-1]).nonzero()[0].reshape(-1, 2).T
+    length = stop - first
+    counted = length >= least
+    if attached and counted.any():
+        cut = np.zeros(count + 1, dtype=np.bool_)
+        cut[find_runs(row.points, row.columns).first] = cut[count] = True
+        counted &= ~(cut[first] & cut[stop])
+    return min(float(length[counted].sum()) / count, MOST_REFLECTED)
+
+
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     """At which corners the points of one side go over into those of the next, shape (k - 1,).
 
@@ -152,11 +184,14 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     return found
 
 
-def reflection_covariance(model: GrooveModel, fitted: FittedProfile) -> Array:
-    """What it adds, shape (2 k, 2 k), that a side which reaches no other may be a reflection.
+def reflection_covariance(
+    row: OrderedProfilePoints, model: GrooveModel, fitted: FittedProfile
+) -> Array:
+    """What it adds, shape (2 k, 2 k), that a side between others may be no surface.
 
     Parameters
     ----------
+    row : OrderedProfilePoints
     model : GrooveModel
     fitted : FittedProfile
         Of k sides.
@@ -164,7 +199,14 @@ def reflection_covariance(model: GrooveModel, fitted: FittedProfile) -> Array:
     covariance = np.zeros((2 * len(model.sides),) * 2)
     meets = sides_that_meet(fitted)
     for k, side in enumerate(model.sides[1:-1], 1):
-        if side.bead or meets[k - 1 : k + 1].any():
+        if side.bead:
+            continue
+        if meets[k - 1 : k + 1].any():
+            points = int(fitted.counts[k])
+            probability = share_in_long_stretches(row, fitted.residuals, points, attached=True)
+        else:
+            probability = reflection_probability(fitted)
+        if not probability:
             continue
         away = np.zeros(len(covariance))
         for i, neighbour in ((k - 1, k - 1), (k, k + 1)):
@@ -174,5 +216,5 @@ def reflection_covariance(model: GrooveModel, fitted: FittedProfile) -> Array:
             # Sideways by so much, a side meets its neighbour farther along it.
             sine = tx * own[1] - tz * own[0]
             away[2 * i : 2 * i + 2] = REFLECTION / sine * np.array((tx, tz))
-        covariance += reflection_probability(fitted) * np.outer(away, away)
+        covariance += probability * np.outer(away, away)
     return covariance

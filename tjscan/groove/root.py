@@ -14,7 +14,12 @@ from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, estimate_noise_correlation
-from tjscan.groove.rivals import reflection_probability, sides_that_meet
+from tjscan.groove.rivals import (
+    FAR,
+    reflection_probability,
+    share_in_long_stretches,
+    sides_that_meet,
+)
 from tjscan.groove.section import TACK
 
 OPEN_ROOT: Final = "open root"
@@ -114,11 +119,13 @@ def find_tee_corners(
     """
     seam = (SEAM_BESIDE,) if _seam_beside(found) else ()
     if found.model.has_root_bead:
-        return _with_root(found, covariance, seam)
+        return _with_root(row, found, covariance, seam)
     return _without_root(row, found, covariance, tolerance, seam)
 
 
-def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...]) -> TeeCorners:
+def _with_root(
+    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, seam: tuple[str, ...]
+) -> TeeCorners:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = found.fitted
     last = len(fitted.corners) - 1
@@ -128,7 +135,7 @@ def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...])
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    spread[2:6, 2:6] += _if_reflected(fitted)
+    spread[2:6, 2:6] += _if_no_surface(row, fitted)
     conditions = seam
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
@@ -149,23 +156,27 @@ def _with_root(found: GrooveCandidate, covariance: Array, seam: tuple[str, ...])
     )
 
 
-def _if_reflected(fitted: FittedProfile) -> Array:
-    """What it adds to the covariance of p3 and p4, shape (4, 4), that a face is a reflection.
+def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
+    """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
-    One that goes over neither into the bevel nor into the leg may be one. Then the corners lie
-    anywhere between the last points of bevel and leg and where these, drawn on, meet. Where it
-    goes over into one of them, only its far end may be.
+    One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
+    over into one of them may be spatter there, or its far end may be a reflection. Then the corners
+    lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
     found = np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
-    probability = reflection_probability(fitted)
-    if not any(meets):
-        probability *= DENSER
+    if all(meets):
+        return found
+    points = int(fitted.counts[-2])
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
-        if meets[k // 2]:
-            continue
+        if any(meets):
+            probability = share_in_long_stretches(
+                row, fitted.residuals, points, attached=meets[k // 2]
+            )
+        else:
+            probability = DENSER * reflection_probability(fitted)
         own = fitted.kept_along(len(fitted.curves) + side)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(end(own)) - place
@@ -218,7 +229,10 @@ def _without_root(
         s3 = s_last + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
         s4 = leg.position_along_chord(*p3.tolist())
-        along = step * hidden / sqrt(12)
+        # What is taken for the leg under it may be a reflection. Then the bevel goes on.
+        reflected = float(np.mean((np.abs(fitted.residuals) > FAR) & ~on_leg))
+        hides = min(abs(apex_bevel - s3), FARTHEST)
+        along = hypot(step * hidden / sqrt(12), sqrt(reflected / 3) * hides)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
