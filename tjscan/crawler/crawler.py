@@ -25,6 +25,9 @@ TURN_BACK: Final = 0.5
 WAVE: Final = 0.05
 """1/m: curvature of the waves of a shuttle, which show how well the vehicle turns."""
 
+STANDS: Final = 30
+"""Cycles for which it stands before it turns back."""
+
 WAVELENGTH: Final = 0.4
 """Metres of a wave."""
 
@@ -192,8 +195,10 @@ class Crawler:
             self._wait_for_joint()
             self._enter(Event.JOINT_IN_VIEW, "a shuttle begins")
             for _ in range(times):
+                self._come_to_rest()
                 while self._travel < length:
                     self._drive_in_waves(self._plan.alignment.speed)
+                self._come_to_rest()
                 while self._travel > 0:
                     self._drive_in_waves(-self._plan.alignment.return_speed)
             self._cycle(REST)
@@ -254,8 +259,14 @@ class Crawler:
                 )
             self._drive(alignment.speed)
 
+    def _come_to_rest(self) -> None:
+        """Stand before the way is turned: what pads and drives do meanwhile, no model knows."""
+        for _ in range(STANDS):
+            self._cycle(REST)
+
     def _go_back(self, place: float) -> None:
         """Go backward to a place along the joint."""
+        self._come_to_rest()
         while (left := self._travel - place) > 0:
             self._drive(-self._plan.alignment.return_speed, turns_back=left < TURN_BACK)
 
@@ -265,6 +276,7 @@ class Crawler:
         self._number = number
         while not self._operator.confirm_weld(number):
             self._cycle(REST)
+        self._come_to_rest()
         self._enter(Event.WELD_CONFIRMED, f"pass {number} at {1e3 * one.speed:g} mm/s")
         burning = 0.0
         while self._travel < end:

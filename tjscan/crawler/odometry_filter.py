@@ -11,6 +11,11 @@ MEMORY: Final = 0.5
 """Seconds over which encoders are averaged about what was asked."""
 
 
+SPEED_RAMP: Final = 2e-3
+TURN_RAMP: Final = 10e-3
+"""m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
+
+
 class OdometryFilter:
     """The tracks' motion: what drives of a known lag make of a command, corrected by the encoders.
 
@@ -42,6 +47,11 @@ class OdometryFilter:
         follow, correct = min(period / self._lag, 1.0), min(period / MEMORY, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
+        ramps = (
+            abs(measured.speed - speed) > SPEED_RAMP
+            or abs(measured.turn_rate - turn_rate) > TURN_RAMP
+        )
+        correct = 1.0 if ramps else correct
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
         return TrackOdometry(self._speed, self._turn_rate, period)

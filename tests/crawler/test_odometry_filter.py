@@ -1,0 +1,32 @@
+"""Noise is smoothed, a ramp is not."""
+
+import numpy as np
+import pytest
+
+from tjscan.crawler.odometry_filter import OdometryFilter
+from tjscan.vehicle.vehicle import Twist
+
+PERIOD = 0.01
+
+
+def test_noise_is_smoothed_and_its_mean_kept() -> None:
+    rng = np.random.default_rng(1)
+    found, asked = OdometryFilter(0.05), Twist(0.005, 1e-3)
+    out = [
+        found.smooth(Twist(0.0052, 1.1e-3 + 3.5e-4 * rng.standard_normal()), PERIOD, asked)
+        for _ in range(4000)
+    ]
+    turn = np.array([one.turn_rate for one in out[1000:]])
+    assert turn.std() < 0.3 * 3.5e-4
+    # What the drives make of a command is corrected towards what the encoders show.
+    assert 1.0e-3 < turn.mean() < 1.1e-3
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.06])
+def test_a_ramp_is_followed_as_the_encoders_show_it(speed: float) -> None:
+    found, travel, seen, now = OdometryFilter(0.05), 0.0, 0.0, -speed
+    for _ in range(100):
+        now = min(now + 0.5 * PERIOD, speed)  # slower than a lag alone
+        travel += now * PERIOD
+        seen += found.smooth(Twist(now, 0.0), PERIOD, Twist(speed, 0.0)).speed * PERIOD
+    assert seen == pytest.approx(travel, abs=0.3e-3)
