@@ -51,7 +51,7 @@ def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
     assert [row["pass"] for row in table] == ["1", "2"]
     for row in table:
         assert float(row["length_mm"]) == pytest.approx(30, abs=0.5)
-        assert float(row["speed_mm_s"]) == pytest.approx(10, rel=0.02)
+        assert float(row["speed_mm_s"]) == pytest.approx(20, rel=0.02)
         assert float(row["profiles_read_percent"]) == 100
     log = json.loads((out / "weld-log.json").read_text())
     assert [one["procedure"] for one in log["passes"]] == ["WPS-1", "WPS-2"]

@@ -16,9 +16,9 @@ length_m = 0.03
 run_up_mm = 30
 procedure = "WPS-1"
 [[pass]]
-speed_mm_s = 10
+speed_mm_s = 20
 [[pass]]
-speed_mm_s = 10
+speed_mm_s = 20
 weave_mm = 2
 weave_period_s = 1
 procedure = "WPS-2"
