@@ -108,7 +108,10 @@ def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
     if not rows:
         print_message(f"{title}: no pass was welded")
         return
-    table = Table(*rows[0], title=title)
-    for row in rows:
-        add_text_row(table, *row.values())
+    # Quantities go down and passes across: a terminal is not as wide as the file.
+    table = Table(title=title)
+    for name in ("", *(f"pass {row['pass']}" for row in rows)):
+        table.add_column(name)
+    for name in list(rows[0])[1:]:
+        add_text_row(table, name, *(row[name] for row in rows))
     stderr.print(table)
