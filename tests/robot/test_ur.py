@@ -233,7 +233,8 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
         assert np.abs(stands.q - HOME).max() < 0.2
         with pytest.raises(ArmFault, match="taken back"):
             arm.move_joint_to_pose(beside_home())
-        np.testing.assert_array_equal(arm.state().q, stands.q)
+        # The brake's last state may come after the stop was confirmed: the links are two.
+        np.testing.assert_allclose(arm.state().q, stands.q, atol=1e-4)
         arm.accept_moves_again()
         np.testing.assert_allclose(arm.move_joint_to_pose(beside_home()).q, HOME, atol=1e-5)
     assert client_processes() == []
