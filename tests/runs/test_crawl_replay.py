@@ -7,7 +7,7 @@ import pytest
 from command import tjscan
 
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.job import read_crawl_job
+from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl import CrawlContext, resume_crawl, run_crawl
 from tjscan.runs.crawl_replay import replay_crawl

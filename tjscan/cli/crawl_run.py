@@ -40,7 +40,7 @@ def crawl_run(
     """
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job import read_crawl_job
+    from tjscan.job.crawl_reading import read_crawl_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     file = job / "job.toml" if resume else job

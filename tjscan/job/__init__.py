@@ -1,9 +1,8 @@
 """The job file: one scan, or one calibration, in millimetres and degrees, as a person writes it."""
 
-from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.files import CalibrationJob, CellJob, ScanJob
-from tjscan.job.reading import read_calibration_job, read_crawl_job, read_scan_job
+from tjscan.job.reading import read_calibration_job, read_scan_job
 from tjscan.job.simulation import (
     SimulatedBoardSettings,
     SimulatedStationSettings,
@@ -25,7 +24,6 @@ __all__ = [
     "CalibrationSettings",
     "CellJob",
     "ClearanceSettings",
-    "CrawlJob",
     "JointSettings",
     "LaserSettings",
     "PlacedSolidSettings",
@@ -37,6 +35,5 @@ __all__ = [
     "StationPoseSettings",
     "StationSettings",
     "read_calibration_job",
-    "read_crawl_job",
     "read_scan_job",
 ]

@@ -13,7 +13,6 @@ from tjscan.core.config import (
     validate_table,
 )
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.files import CalibrationJob, CellJob, ScanJob
 from tjscan.job.station import casefolded_name
 
@@ -48,16 +47,12 @@ def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) ->
     return _read(CalibrationJob, file, overrides)
 
 
-def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:
-    """Read the job of a crawler, with single keys replaced; see `read_scan_job`."""
-    return _replaced(CrawlJob, file, overrides)
-
-
 def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
-    return _located(_replaced(model, file, overrides), file.parent)
+    return _located(read_job_table(model, file, overrides), file.parent)
 
 
-def _replaced(model: type[M], file: Path, overrides: dict[str, Any] | None) -> M:
+def read_job_table(model: type[M], file: Path, overrides: dict[str, Any] | None) -> M:
+    """Read a job of any model, with single keys replaced; see `read_scan_job`."""
     data = read_toml(file)
     with add_file_to_errors(file):
         for key, value in (overrides or {}).items():

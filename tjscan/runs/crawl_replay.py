@@ -25,7 +25,7 @@ from tjscan.crawler.topics import (
     TOPICS,
     read_crawl,
 )
-from tjscan.job import read_crawl_job
+from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_messages
