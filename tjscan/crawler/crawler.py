@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import cos, nan, pi
 from typing import Final, Protocol
@@ -20,7 +22,6 @@ from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 TURN_BACK: Final = 0.5
 """Metres before a reversal from which the vehicle makes room for it."""
-
 
 WAVE: Final = 0.05
 """1/m: curvature of the waves of a shuttle, which show how well the vehicle turns."""
@@ -168,13 +169,8 @@ class Crawler:
         VehicleFault, LaserFault
             If a device fails; likewise.
         """
-        try:
+        with self._stopped_by_errors():
             self._weld_all(start)
-        except BaseException as error:
-            self._devices.torch.set_arc(burning=False)
-            self._devices.vehicle.stop()
-            self._enter(Event.DANGER, str(error) or type(error).__name__)
-            raise
 
     def shuttle(self, length: float, times: int) -> None:
         """Go out and back along the joint, in gentle waves, so that slip shows; weld nothing.
@@ -191,7 +187,7 @@ class Crawler:
         CrawlStopped, VehicleFault, LaserFault
             As `run` does.
         """
-        try:
+        with self._stopped_by_errors():
             self._wait_for_joint()
             self._enter(Event.JOINT_IN_VIEW, "a shuttle begins")
             for _ in range(times):
@@ -202,8 +198,17 @@ class Crawler:
                 while self._travel > 0:
                     self._drive_in_waves(-self._plan.alignment.return_speed)
             self._cycle(REST)
+
+    @contextmanager
+    def _stopped_by_errors(self) -> Iterator[None]:
+        """End the arc and stop the vehicle for good where the block raises, whatever it raises."""
+        try:
+            yield
         except BaseException as error:
-            self._devices.vehicle.stop()
+            try:
+                self._devices.torch.set_arc(burning=False)
+            finally:
+                self._devices.vehicle.stop()
             self._enter(Event.DANGER, str(error) or type(error).__name__)
             raise
 

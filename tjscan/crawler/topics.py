@@ -55,6 +55,18 @@ PROFILE_SPACING: Final = 1e-3
 """Metres of travel between two profiles that are recorded."""
 
 CYCLES_PER_TRUTH: Final = 10
+"""Cycles for which a simulation's truth is recorded once."""
+
+NUMBERS: Final = (
+    "travel",
+    "vehicle_time",
+    "offset",
+    "offset_sigma",
+    "heading",
+    "torch_y",
+    "path",
+)
+"""Fields of a cycle that are one number each."""
 
 
 def _from_cycle(cycle: CrawlCycle) -> dict[str, Any]:
@@ -80,12 +92,7 @@ def _from_cycle(cycle: CrawlCycle) -> dict[str, Any]:
 
 
 def _to_cycle(fields: dict[str, Any]) -> CrawlCycle:
-    numbers = {
-        name: to_finite_floats((fields[name],))[0]
-        for name in (
-            *("travel", "vehicle_time", "offset", "offset_sigma", "heading", "torch_y", "path"),
-        )
-    }
+    numbers = {name: to_finite_floats((fields[name],))[0] for name in NUMBERS}
     speed, turn_rate = to_finite_floats(fields["odometry"])
     asked_speed, asked_turn = to_finite_floats(fields["commanded"])
     d, d_sigma = to_finite_floats(fields["reading"]) or (nan, nan)
@@ -127,13 +134,7 @@ CYCLE: Final = make_json_topic(
     {
         "phase": TEXT_SCHEMA,
         "pass": INTEGER_SCHEMA,
-        **dict.fromkeys(
-            (
-                *("travel", "vehicle_time", "offset", "offset_sigma", "heading", "torch_y"),
-                "path",
-            ),
-            NUMBER_SCHEMA,
-        ),
+        **dict.fromkeys(NUMBERS, NUMBER_SCHEMA),
         **dict.fromkeys(
             ("odometry", "torques", "proximity", "commanded", "reading"), NUMBERS_SCHEMA
         ),
