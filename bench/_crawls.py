@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
@@ -13,16 +14,16 @@ from tjscan.core.frames import Array
 from tjscan.crawler.crawler import CrawlDevices, Crawler, CrawlPlan
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.paper_method import PaperMethod
+from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
-from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.groove.tracking import JointTracker
 from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.joint.hull_path import joint_pose, laser_offset
 from tjscan.laser.profile import Profile
+from tjscan.runs.crawl import CrawlContext, WeldsAlways
 
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3
@@ -205,26 +206,13 @@ class _Truth:
         pass
 
 
-class _Operator:
-    def confirm_weld(self, number: int) -> bool:
-        return True
-
-
 def run(crawl: Crawl, seed: int, belief: SlipBelief | None = None) -> Crawled:
     """Crawl once."""
     if crawl.calibrated and belief is None:
         belief = shuttle(replace(crawl, calibrated=False), seed)
     job = job_of(crawl, seed)
     cell = make_crawl_cell(job)
-    geometry, course = job.vehicle.geometry, job.course
-    known = belief or SlipBelief.before_any_reading(
-        job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
-    )
-    method = (
-        PaperMethod(geometry, job.vehicle.tracks)
-        if crawl.method == "paper"
-        else SlipAwareMethod(geometry, known, job.slip, job.steering)
-    )
+    method = CrawlContext(job, Path()).make_method(belief)
     truth, stopped = _Truth(cell), ""
     with cell:
         crawler = _crawler(cell, job, crawl, seed, method, truth)
@@ -244,13 +232,10 @@ def shuttle(crawl: Crawl, seed: int) -> SlipBelief:
     """What a shuttle learns of slip."""
     job = job_of(crawl, seed)
     cell = make_crawl_cell(job)
-    course = job.course
-    known = SlipBelief.before_any_reading(
-        job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
-    )
-    method = SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
+    method = CrawlContext(job, Path()).make_method()
     with cell:
         _crawler(cell, job, crawl, seed + 1000, method, _Truth(cell)).shuttle(0.8, 3)
+    assert method.slip is not None
     return method.slip.at_new_start(job.slip)
 
 
@@ -259,7 +244,7 @@ def _crawler(
     job: CrawlJob,
     crawl: Crawl,
     seed: int,
-    method: PaperMethod | SlipAwareMethod,
+    method: FollowingMethod,
     truth: _Truth,
 ) -> Crawler:
     corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
@@ -276,6 +261,6 @@ def _crawler(
         CrawlPlan(job.alignment, job.weld, job.passes),
         method,
         Guards(job.guards, ProximityFilter(job.proximity), corners),
-        _Operator(),
+        WeldsAlways(),
         truth,
     )

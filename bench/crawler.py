@@ -13,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from math import inf
+from pathlib import Path
 from shutil import which
 from statistics import median
 from typing import Final
@@ -28,10 +29,9 @@ from tjscan.core.frames import Array
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.crawler.slip_aware import SlipAwareMethod
-from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.groove.tracking import JointTracker
 from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.runs.crawl import CrawlContext
 from tjscan.vehicle.loopback.broker import MosquittoProcess
 from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.simulated import SimulatedVehicle
@@ -189,11 +189,7 @@ def cycle_time() -> Row:
     """From a profile with 20 % arc points to the next command."""
     job = job_of(Crawl(0.1, arc_points=0.2), 1)
     cell = make_crawl_cell(job)
-    course = job.course
-    known = SlipBelief.before_any_reading(
-        job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
-    )
-    method = SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
+    method = CrawlContext(job, Path()).make_method()
     reader, watch = JointTracker(), Stopwatch()
     cell.torch.set_arc(burning=True)
     with cell:

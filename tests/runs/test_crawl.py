@@ -137,6 +137,13 @@ def test_a_job_that_can_not_be_is_refused(
     assert not (tmp_path / "x").exists()
 
 
+def test_a_directory_that_can_not_be_made_is_told(
+    job_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("crawl", "run", job_file, "--out", job_file / "run") == 1
+    assert "can't be made" in capsys.readouterr().err
+
+
 def test_a_sizing_says_which_rule_is_broken(
     job_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +13,7 @@ import tomli_w
 
 from tjscan.core.config import add_file_to_errors, table_to_dict
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import lock_and_clean_directory, write_files_atomically
-from tjscan.core.provenance import Provenance
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.crawler import CrawlDevices, Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.journal import (
@@ -40,9 +40,10 @@ from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
-from tjscan.result.directory import CALIBRATION, JOB, job_name_and_hash
+from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl_results import write_crawl_results
+from tjscan.runs.directory import empty_run_directory, write_job_copy
 
 OVERLAP: Final = 0.02
 """Metres by which a weld that goes on after a stop overlaps what was welded before."""
@@ -201,23 +202,15 @@ def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
     ------
     ConfigurationError
         If the directory holds something already.
+    RecordingError
+        If it can't be made.
     """
-    job, copied = context.job, None
-    if job.calibration is not None:
-        copied = (context.job_file.parent / job.calibration).read_bytes()
-        job = job.model_copy(update={"calibration": CALIBRATION})
-    directory.mkdir(parents=True, exist_ok=True)
-    if any(directory.iterdir()):
-        raise ConfigurationError(
-            "is not empty; a run never overwrites another. Choose another --out", file=directory
-        )
-    text = tomli_w.dumps(table_to_dict(job))
-    name = job_name_and_hash(context.job_file.name, text.encode())
-    head = Provenance.for_file_written_now(name, "w").comment_lines("#")
-    with write_files_atomically(directory, last=JOB) as draft:
-        if copied is not None:
-            (draft / CALIBRATION).write_bytes(copied)
-        (draft / JOB).write_text(head + text, encoding="utf-8")
+    job = context.job
+    with empty_run_directory(directory) as draft:
+        if job.calibration is not None:
+            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION)
+            job = job.model_copy(update={"calibration": CALIBRATION})
+        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
 def _crawl(

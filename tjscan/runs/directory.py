@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -65,22 +67,53 @@ def make_run_directory(
     RecordingError
         If it can't be made.
     """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with lock_directory(directory), write_files_atomically(directory, last=JOB) as draft:
-        _check_empty(directory, draft)
+    with empty_run_directory(directory) as draft:
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
         if calibration is not None:
             shutil.copyfile(calibration, draft / CALIBRATION)
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
-        text = _text(job, draft)
-        name = job_name_and_hash(_first_name(job_file), text.encode())
-        head = Provenance.for_file_written_now(name, "w" if job.station else "b").comment_lines("#")
-        (draft / JOB).write_text(head + text, encoding="utf-8")
+        write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
+
+
+@contextmanager
+def empty_run_directory(directory: Path) -> Iterator[Path]:
+    """Make a run directory; what the block writes into the draft it gets stands there at once.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds something already.
+    RecordingError
+        If it can't be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
+    with lock_directory(directory), write_files_atomically(directory, last=JOB) as draft:
+        _check_empty(directory, draft)
+        yield draft
+
+
+def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
+    """Write a job's text into a run directory's draft, under a head that says where it is from.
+
+    Parameters
+    ----------
+    draft : Path
+        As `empty_run_directory` gives it.
+    text : str
+        TOML.
+    job_file : Path
+        The file that the job was read from.
+    frame : str
+        Of the run's coordinates.
+    """
+    name = job_name_and_hash(_first_name(job_file), text.encode())
+    head = Provenance.for_file_written_now(name, frame).comment_lines("#")
+    (draft / JOB).write_text(head + text, encoding="utf-8")
 
 
 def _first_name(job_file: Path) -> str:
