@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study,ur,vehicle]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study,towing,ur,vehicle]'
 	@touch $@
 
 clean:

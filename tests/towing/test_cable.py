@@ -1,0 +1,55 @@
+"""Where the links of a chain lie."""
+
+from math import pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tjscan.towing.area import Area
+from tjscan.towing.cable import Cable
+from tjscan.towing.team import TowingTeam, equal_links
+
+CABLE = Cable(root=(0.3, -0.2, 0.4))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_angles_come_back_from_headings_and_every_link_keeps_its_length(seed: int) -> None:
+    angles = np.random.default_rng(seed).normal(0, 0.3, CABLE.links)
+    poses = CABLE.poses(angles)
+    np.testing.assert_allclose(CABLE.angles(poses[:, 2]), angles, atol=1e-12)
+    steps = np.diff(CABLE.line(angles), axis=0)
+    np.testing.assert_allclose(np.hypot(*steps.T), CABLE.link_length, rtol=1e-12)
+    np.testing.assert_allclose(steps[:, 1], 0.1 * np.sin(poses[:, 2]), atol=1e-12)
+
+
+def test_at_its_limit_every_joint_lies_on_the_tightest_circle() -> None:
+    least = 0.1 / (2 * sin(pi / 16))
+    cable = Cable(links=16, least_bend_radius=least)
+    line = cable.line(np.full(16, cable.joint_limit))[1:]
+    np.testing.assert_allclose(np.linalg.norm(line - line.mean(axis=0), axis=1), least, rtol=1e-9)
+
+
+def test_a_cable_that_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match="bend radius"):
+        Cable(link_length=0.3, least_bend_radius=0.1)
+    with pytest.raises(ValueError, match="above 0"):
+        Cable(bending_stiffness=float("nan"))
+
+
+def test_vehicles_sit_at_equal_distances_and_the_last_at_the_tip() -> None:
+    assert equal_links(60, 6) == (9, 19, 29, 39, 49, 59)
+    assert equal_links(60, 2) == (29, 59)
+    with pytest.raises(ValueError, match="rise"):
+        TowingTeam(held_links=(9, 9))
+
+
+def test_corners_are_put_counter_clockwise() -> None:
+    square = [(0, 0), (0, 1), (1, 1), (1, 0)]
+    np.testing.assert_array_equal(Area(square).outline, square[::-1])
+    np.testing.assert_array_equal(Area(square[::-1]).outline, square[::-1])
+    with pytest.raises(ValueError, match="three corners"):
+        Area(square[:2])
+    with pytest.raises(ValueError, match="numbers"):
+        Area([(0, 0), (1, 0), (1, np.nan)])

@@ -1,0 +1,111 @@
+"""The cable as a plane chain of rigid links, its joints' angles and where its links lie.
+
+Suzuki et al. (2022), IV-B. Angles are counter-clockwise; a link's pose is that of its far end, seen
+from the root, with the direction in which the link points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import asin, isfinite
+
+import numpy as np
+
+from tjscan.core.frames import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Cable:
+    """A cable that is fixed at its root. The defaults are those of the paper, table I.
+
+    Parameters
+    ----------
+    links : int
+        How many: N.
+    link_length : float
+        Metres: l.
+    least_bend_radius : float
+        To which the cable may be bent, metres; no less than half a link.
+    bending_stiffness : float
+        Of a joint, N m/rad: k.
+    friction : float
+        Force with which the floor holds a link that slides, newton: μ m g.
+    radius : float
+        Of the cable itself, metres: r.
+    root : tuple of float
+        x and y, metres, and the direction of the first link at a first joint of no angle, radians.
+
+    Raises
+    ------
+    ValueError
+        A size that no cable has.
+    """
+
+    links: int = 60
+    link_length: float = 0.10
+    least_bend_radius: float = 0.133
+    bending_stiffness: float = 1.7
+    friction: float = 0.87 * 0.10 * 9.81
+    radius: float = 8.5e-3
+    root: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        sizes = (self.link_length, self.least_bend_radius, self.bending_stiffness)
+        if self.links < 2 or not all(isfinite(size) and size > 0 for size in sizes):
+            raise ValueError("a cable needs two links, and length, bend radius, stiffness above 0")
+        if self.least_bend_radius < self.link_length / 2:
+            raise ValueError(
+                f"links of {self.link_length:g} m can't show a bend radius of "
+                f"{self.least_bend_radius:g} m: take links of at most twice that radius"
+            )
+
+    @property
+    def length(self) -> float:
+        """Of the whole cable, metres."""
+        return self.links * self.link_length
+
+    @property
+    def joint_limit(self) -> float:
+        """Largest angle of a joint, radians: the links are chords of the tightest circle."""
+        return 2 * asin(self.link_length / (2 * self.least_bend_radius))
+
+    def headings(self, angles: Array) -> Array:
+        """Directions of the links.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (..., N)
+            Of the joints, radians: θ.
+
+        Returns
+        -------
+        ndarray, shape (..., N)
+            φ_i, radians, not wrapped.
+        """
+        return np.asarray(self.root[2] + np.cumsum(angles, axis=-1))
+
+    def poses(self, angles: Array) -> Array:
+        """Poses of the links' far ends.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (..., N)
+            Of the joints, radians.
+
+        Returns
+        -------
+        ndarray, shape (..., N, 3)
+            x, y in metres and heading in radians; p_i and φ_i.
+        """
+        phi = self.headings(angles)
+        x = self.root[0] + self.link_length * np.cumsum(np.cos(phi), axis=-1)
+        y = self.root[1] + self.link_length * np.cumsum(np.sin(phi), axis=-1)
+        return np.stack((x, y, phi), axis=-1)
+
+    def line(self, angles: Array) -> Array:
+        """Points from the root to the tip, shape (N + 1, 2), of angles of shape (N,)."""
+        return np.vstack((self.root[:2], self.poses(angles)[:, :2]))
+
+    def angles(self, headings: Array) -> Array:
+        """Angles of the joints for headings of the links, both of shape (N,)."""
+        return np.diff(headings, prepend=self.root[2])

@@ -1,0 +1,124 @@
+"""What the planner gives every tenth of a second."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from tjscan.core.frames import Array
+from tjscan.towing.area import DiscObstacle
+
+
+@dataclass(frozen=True, slots=True)
+class PlanTerms:
+    """The terms of the objective at the planned shape, weighted, of 100 at worst.
+
+    Parameters
+    ----------
+    bend : float
+        w_θ f_θ / N.
+    obstacle : float
+        w_d f_d / N.
+    change : float
+        w_c f_c / N.
+    pace : float
+        Of the vehicles' steps, which the paper does not weigh.
+    """
+
+    bend: float
+    obstacle: float
+    change: float
+    pace: float = 0.0
+
+    @property
+    def paper(self) -> float:
+        """The paper's f: all but the pace."""
+        return self.bend + self.obstacle + self.change
+
+    @property
+    def total(self) -> float:
+        """What is minimised."""
+        return self.paper + self.pace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TowingPlan:
+    """A planned shape of the cable. Arrays are read-only.
+
+    Parameters
+    ----------
+    estimate : ndarray, shape (N,)
+        Angles of the joints as estimated from the vehicles' poses, radians: θ_init.
+    angles : ndarray, shape (N,)
+        As planned, radians: θ*.
+    link_poses : ndarray, shape (N, 3)
+        Planned, of the links' far ends: x, y, metres, and heading, radians.
+    held_poses : ndarray, shape (vehicles, 3)
+        Planned, of the links that vehicles hold; the last is the welder's.
+    terms : PlanTerms
+    constraint : float
+        How far the planned tip is from the welder's pose, and stopped vehicles' links from theirs:
+        the largest of metres and radians.
+    limits : tuple of str
+        Limits that the shape lies against, in words.
+    iterations : int
+        Of the optimisation.
+    halt : str
+        Why nobody may drive on: empty if the plan may be sent. The angles are then the last shape
+        tried, to be shown, never to be sent.
+    """
+
+    estimate: Array
+    angles: Array
+    link_poses: Array
+    held_poses: Array
+    terms: PlanTerms
+    constraint: float
+    limits: tuple[str, ...] = ()
+    iterations: int = 0
+    halt: str = ""
+
+
+class ShapePlanner(Protocol):
+    """What plans the cable's shape: `planner.TowingPlanner`, and the paper's, to compare."""
+
+    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+        """Shape to begin with, of many tried; there is none to stay near to.
+
+        Parameters
+        ----------
+        welder_pose : ndarray, shape (3,)
+            x, y, metres, and heading, radians, of the tip.
+        obstacles : sequence of DiscObstacle
+        """
+
+    def plan(
+        self,
+        poses: Array,
+        welder_pose: Array,
+        *,
+        dt: float,
+        last: TowingPlan | None = None,
+        obstacles: Sequence[DiscObstacle] = (),
+        stopped: Collection[int] = (),
+    ) -> TowingPlan:
+        """Estimate the cable's shape, then the best one near it.
+
+        Parameters
+        ----------
+        poses : ndarray, shape (vehicles, 3)
+            Where the vehicles are now: x, y, metres, and heading, radians, each that of the far end
+            of its link. A row of NaN is a vehicle of which nothing is known.
+        welder_pose : ndarray, shape (3,)
+            Where the welder will be one period on.
+        dt : float
+            The period, seconds.
+        last : TowingPlan or None
+            The plan before: its estimate is where the next one starts, and the vehicles' steps are
+            counted from what it sent them to. Without, from where they are.
+        obstacles : sequence of DiscObstacle
+            As they are now.
+        stopped : collection of int
+            Vehicles that stand for good: their links stay where they are.
+        """
