@@ -232,6 +232,34 @@ class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 
 
+class LaserNotConnected(LaserFault):
+    """No laser answers where the job has it."""
+
+
+class LaserInUse(LaserFault):
+    """Another program controls the laser."""
+
+
+class LaserNotResponding(LaserFault):
+    """The laser no longer answers, or its connection broke."""
+
+
+class WrongLaser(LaserFault):
+    """The laser that answers is not the one that the job, or the calibration, is for."""
+
+
+class ProfileFormatRefused(LaserFault):
+    """What the laser sends, or says about it, can't be turned into millimetres."""
+
+
+class ProfileNotReceived(LaserFault):
+    """The laser answers, but none of several triggers brought a whole profile."""
+
+
+class ProfileStale(LaserFault):
+    """Every profile that came was exposed before it was asked for."""
+
+
 class GrooveNotFound(TjscanError):
     """A profile holds no groove that can be read with confidence.
 
