@@ -73,6 +73,19 @@ def test_a_wrong_key_or_value_is_named_with_what_would_be_right(
 
 
 @pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("[leg]\n[brace]\n[groove]", "is a joint: a job names it under joint.file"),
+        ("[vehicle]\n[weld]\n[simulation]", "is a job of a crawler: run it with 'tjscan crawl"),
+        ('job = "paper.toml"\n[grid]', "is a study: run it with 'tjscan study'"),
+    ],
+)
+def test_a_file_of_another_kind_is_named(tmp_path: Path, text: str, hint: str) -> None:
+    with pytest.raises(ConfigurationError, match=hint):
+        read_scan_job(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
     ("content", "hint"),
     [(b"[scan", "not valid TOML"), (b"\xff\xfe", "not UTF-8"), (b"#" * 2_000_000, "too large")],
 )

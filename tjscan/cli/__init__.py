@@ -128,5 +128,5 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough
     except KeyboardInterrupt:
-        print("tjscan: interrupted; what was recorded stays", file=sys.stderr)
+        print("tjscan: interrupted", file=sys.stderr)
         sys.exit(130)

@@ -96,6 +96,7 @@ def _end_scan(summary: ScanSummary, directory: Path, stop: StopRequest, *, json:
     """Print what was scanned, and exit with 130 or 1 where that is not all."""
     print_scan_summary(summary, directory, json=json)
     if not summary.complete:
+        print_message(f"to go on: tjscan scan --resume {directory}")
         raise SystemExit(INTERRUPTED if stop.ends_after_section else 1)
 
 

@@ -34,11 +34,13 @@ class ProgressJournal:
         """Show nothing: a profile is not yet a section."""
 
     def record_section(self, scan: ScannedSection) -> None:
-        """Move the bar on by one section."""
-        self._progress.advance(self._task)
+        """Move the bar on to this section, whether or not those before were scanned earlier."""
+        self._progress.update(self._task, completed=scan.view.index + 1)
 
     def record_event(self, name: str, detail: str) -> None:
         """Print what happened above the bar; the reason for the end follows with the summary."""
+        if name == ScanEvent.COMPLETE:
+            self._progress.remove_task(self._task)
         if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
             self._progress.console.print(f"{name}: {detail}", markup=False)
 

@@ -14,6 +14,7 @@ from tjscan.core.config import (
 )
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, CellJob, ScanJob
+from tjscan.job.kinds import kind_of_other_file
 from tjscan.job.station import casefolded_name
 
 EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
@@ -54,6 +55,8 @@ def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
 def read_job_table(model: type[M], file: Path, overrides: dict[str, Any] | None) -> M:
     """Read a job of any model, with single keys replaced; see `read_scan_job`."""
     data = read_toml(file)
+    if (other := kind_of_other_file(data, model.model_fields)) is not None:
+        raise ConfigurationError(f"is {other.name}: {other.use}", file=file)
     with add_file_to_errors(file):
         for key, value in (overrides or {}).items():
             *tables, last = key.split(".")

@@ -165,7 +165,8 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             changed = changes_since_recording(directory, done, context.job_snapshot(directory))
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             context.journal.record_event(
-                "complete", "nothing is left to scan; the results are written from the recording"
+                ScanEvent.COMPLETE,
+                "nothing is left to scan; the results are written from the recording",
             )
             sections = done.reread_sections(groove_reader_of_job(context.job))
             result = ScanResult(

@@ -20,6 +20,7 @@ class ScanEvent(StrEnum):
     RESUMED = "resumed"
     STOP_REQUESTED = "stop requested"
     STOP = "stop"
+    COMPLETE = "complete"
     INTERRUPTED = "interrupted"
     FAILED = "failed"
 
