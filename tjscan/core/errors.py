@@ -228,6 +228,10 @@ class CrawlStopped(VehicleFault):
         )
 
 
+class TowHalted(TjscanError):
+    """A cable can't be towed on: there is no shape within its limits, or no pose of a vehicle."""
+
+
 class LaserFault(TjscanError):
     """The line laser gave no usable profile."""
 

@@ -1,0 +1,60 @@
+from typing import Any
+
+import pytest
+
+from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.errors import ConfigurationError
+from tjscan.job.tow_job import TowJob
+
+SQUARE = {"outline_mm": [[0, -5000], [2600, -5000], [2600, 5000], [0, 5000]]}
+SEAM = {"points_mm": [[2600, -4800], [2600, 4800]], "speed_mm_min": 600}
+
+
+def make_job(**tables: Any) -> TowJob:
+    return validate_table(TowJob, {"area": SQUARE, "seam": SEAM, **tables})
+
+
+def test_the_papers_job_is_read_in_metres_and_written_as_it_stood() -> None:
+    job = make_job(vehicles={"links": [9, 19, 29, 39, 49, 59]})
+    assert job.seam.speed == pytest.approx(0.01)
+    assert job.chain.joint_limit == pytest.approx(0.77, abs=1e-3)
+    assert job.team.held_links == (9, 19, 29, 39, 49, 59)
+    assert validate_table(TowJob, table_to_dict(job)) == job
+
+
+@pytest.mark.parametrize(
+    ("tables", "key", "says"),
+    [
+        ({"area": {"outline_mm": [[0, 0], [9, 9], [9, 0], [0, 9]]}}, "area.outline_mm", "itself"),
+        (
+            {"area": {**SQUARE, "holes_mm": [[[2500, 0], [2700, 0], [2600, 99]]]}},
+            "area.holes_mm",
+            "outline",
+        ),
+        ({"seam": {"points_mm": [[2600, -5300], [2600, 0]]}}, "seam.points_mm", "300 mm outside"),
+        ({"root": {"position_mm": [-50, 0]}}, "root.position_mm", "50 mm outside"),
+        ({"seam": {**SEAM, "speed_mm_min": 7000}}, "seam.speed_mm_min", "6000"),
+        ({"vehicles": {"count": 20}}, "vehicles.count", "350 mm"),
+        ({"vehicles": {"links": [19, 9, 29, 39, 49, 59]}}, "vehicles.links", "rise"),
+        ({"vehicles": {"links": [9, 19, 29, 39, 49, 58]}}, "vehicles.links", "last link"),
+        ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
+        ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
+        ({"cable": {"lenght_mm": 6000}}, "cable.lenght_mm", "length_mm"),
+        ({"cable": {"length_mm": 6050}}, "cable", "whole number"),
+        ({"cable": {"least_radius_mm": 40}}, "cable", "link_mm"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_key_and_reason(
+    tables: dict[str, Any], key: str, says: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=says) as refused:
+        make_job(**tables)
+    assert refused.value.key == key
+
+
+def test_a_pillar_on_the_seam_is_refused_with_where() -> None:
+    seam = {"points_mm": [[1300, -4000], [1300, 4000]]}
+    pillar = [[1200, -100], [1400, -100], [1400, 100], [1200, 100]]
+    with pytest.raises(ConfigurationError, match="3900 mm from its beginning") as refused:
+        make_job(area={**SQUARE, "holes_mm": [pillar]}, seam=seam)
+    assert refused.value.key == "area.holes_mm"

@@ -1,0 +1,131 @@
+"""What a tow job asks for that can't be, by its plane geometry alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.towing.seam import Seam
+from tjscan.towing.tables import Point
+
+if TYPE_CHECKING:
+    from tjscan.job.tow_job import TowJob
+
+ON_EDGE: Final = 1e-6
+"""Metres within which a point counts as on an edge: work begins and ends at walls."""
+
+
+def check_tow_geometry(job: TowJob) -> None:
+    """Refuse an area, a root, a seam or links that can't be.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key, and where and by how much.
+    """
+    from shapely import LineString, Polygon, get_coordinates
+    from shapely import Point as ShapelyPoint
+
+    outline = _polygon(job.area.outline, "area.outline_mm")
+    inside = outline.buffer(ON_EDGE)
+    for hole in job.area.holes:
+        pillar = _polygon(hole, "area.holes_mm")
+        if not inside.contains(pillar):
+            raise ConfigurationError(
+                f"the pillar at {_mm(hole[0])} mm does not lie within the outline",
+                key="area.holes_mm",
+            )
+    free: Any = Polygon(job.area.outline, job.area.holes).buffer(ON_EDGE)
+    if not free.contains(ShapelyPoint(job.root.position)):
+        off = 1e3 * free.distance(ShapelyPoint(job.root.position))
+        raise ConfigurationError(
+            f"{_mm(job.root.position)} mm lies {off:.0f} mm outside the area, or in a pillar",
+            key="root.position_mm",
+        )
+    seam = Seam(job.seam)
+    line: Any = LineString(job.seam.points) if seam.length else ShapelyPoint(job.seam.points[0])
+    for hole in job.area.holes:
+        cut = line.intersection(Polygon(hole).buffer(-ON_EDGE))
+        if not cut.is_empty:
+            along = min(1e3 * line.project(ShapelyPoint(at)) for at in get_coordinates(cut))
+            raise ConfigurationError(
+                f"the pillar at {_mm(hole[0])} mm stands on the seam, {along:.0f} mm from its "
+                "beginning",
+                key="area.holes_mm",
+            )
+    if not inside.contains(line):
+        along, off = _farthest_outside(seam, inside)
+        raise ConfigurationError(
+            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
+            f"{1e3 * off:.0f} mm outside",
+            key="seam.points_mm",
+        )
+
+
+def check_held_links(job: TowJob) -> None:
+    """Refuse links that can't be held, or vehicles that would touch one another.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key and what is wrong.
+    """
+    held, last = job.held_links, job.cable.links - 1
+    key = "vehicles.count" if job.vehicles.links is None else "vehicles.links"
+    if len(held) != job.vehicles.count:
+        raise ConfigurationError(
+            f"there are {job.vehicles.count} vehicles, and {len(held)} links to hold", key=key
+        )
+    if held[-1] != last:
+        raise ConfigurationError(
+            f"the last vehicle is the welder, and holds the last link, {last} (found {held[-1]})",
+            key=key,
+        )
+    if held[0] < 0 or any(b <= a for a, b in pairwise(held)):
+        raise ConfigurationError(
+            f"the links must rise along the cable, from 0 at the root to {last}", key=key
+        )
+    need = 2 * job.vehicles.radius + job.limits.vehicle_gap
+    for number, (a, b) in enumerate(pairwise(held), 1):
+        length = (b - a) * job.cable.link
+        if length < need:
+            raise ConfigurationError(
+                f"vehicles {number} and {number + 1} hold the cable {1e3 * length:.0f} mm apart, "
+                f"and need {1e3 * need:.0f} mm: two radii, and limits.vehicle_gap_mm",
+                key=key,
+            )
+
+
+def _polygon(ring: Sequence[Point], key: str) -> Any:
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
+    polygon = Polygon(ring)
+    why = explain_validity(polygon)
+    if why != "Valid Geometry" or not polygon.area:
+        place = why.partition("[")[2].rstrip("]").split()
+        at = f" at {_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
+        raise ConfigurationError(
+            f"the polygon that begins at {_mm(ring[0])} mm crosses or touches itself{at}", key=key
+        )
+    return polygon
+
+
+def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
+    """Where along the seam it is farthest outside, and how far, metres."""
+    from shapely import distance, points
+
+    corners = seam.path.corners
+    along = np.unique(np.concatenate((corners, np.linspace(0, seam.length, 1001))))
+    places = np.array([seam.path.point_at(s) for s in along])
+    off = distance(points(places), inside)
+    worst = int(np.argmax(off))
+    return float(along[worst]), float(off[worst])
+
+
+def _mm(point: Sequence[float]) -> str:
+    return f"({1e3 * point[0]:.0f}, {1e3 * point[1]:.0f})"

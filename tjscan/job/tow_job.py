@@ -1,0 +1,143 @@
+"""The job of a tow: cable, vehicles, area, seam, obstacles, and the world of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge, Gt, Le, MaxLen
+from pydantic import model_validator
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.job.tow_checks import check_held_links, check_tow_geometry
+from tjscan.towing.area import Area
+from tjscan.towing.cable import Cable
+from tjscan.towing.tables import (
+    AreaSettings,
+    CableSettings,
+    FollowingSettings,
+    LimitSettings,
+    LocalisationSettings,
+    ObstacleSettings,
+    RootSettings,
+    SeamSettings,
+    TargetSettings,
+    WeightSettings,
+)
+from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
+from tjscan.towing.weights import EffortTargets, TowingWeights
+
+GRAVITY: Final = 9.81
+NEWTON: Final = FileUnit("n")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehiclesSettings(SettingsTable):
+    """The table [vehicles]: who carries the cable; the last one is the welder.
+
+    Parameters
+    ----------
+    count : int
+        With the welder.
+    links : tuple of int or None
+        Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
+        Equally spaced where left out.
+    radius : float
+        Of a body seen from above, metres.
+    speed : float
+        At most, m/s.
+    force : float
+        With which a vehicle can pull at most, newton.
+    """
+
+    driver: str = "simulated"
+    count: Annotated[int, Ge(2), Le(20)] = 6
+    links: Annotated[tuple[int, ...] | None, LIST_OR_WORD_IN_FILE] = None
+    radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
+    speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
+    force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 49.0
+
+
+class TowJob(StrictFileModel):
+    """A job file that describes a tow."""
+
+    method: Literal["ours", "paper"] = "ours"
+    cable: CableSettings = CableSettings()
+    root: RootSettings = RootSettings()
+    vehicles: VehiclesSettings = VehiclesSettings()
+    area: AreaSettings
+    seam: SeamSettings
+    obstacles: Annotated[tuple[ObstacleSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE] = ()
+    weights: WeightSettings = WeightSettings()
+    targets: TargetSettings = TargetSettings()
+    limits: LimitSettings = LimitSettings()
+    localisation: LocalisationSettings = LocalisationSettings()
+    following: FollowingSettings = FollowingSettings()
+
+    @model_validator(mode="after")
+    def _can_be(self) -> TowJob:
+        check_held_links(self)
+        if self.seam.speed > self.vehicles.speed:
+            raise ConfigurationError(
+                f"{6e4 * self.seam.speed:g} mm/min is more than the vehicles' "
+                f"{6e4 * self.vehicles.speed:g}",
+                key="seam.speed_mm_min",
+            )
+        check_tow_geometry(self)
+        return self
+
+    @property
+    def held_links(self) -> tuple[int, ...]:
+        """Link that each vehicle holds, the welder's last."""
+        return self.vehicles.links or equal_links(self.cable.links, self.vehicles.count)
+
+    @property
+    def chain(self) -> Cable:
+        """The cable, as the planner knows it."""
+        cable = self.cable
+        return Cable(
+            links=cable.links,
+            link_length=cable.link,
+            least_bend_radius=cable.least_radius,
+            bending_stiffness=cable.stiffness,
+            friction=cable.friction * cable.mass * cable.link * GRAVITY,
+            radius=cable.radius,
+            root=self.root.pose,
+        )
+
+    @property
+    def team(self) -> TowingTeam:
+        """The vehicles, as the planner knows them."""
+        return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
+
+    @property
+    def hard_limits(self) -> TowingLimits:
+        """What no plan breaks."""
+        limits, free = self.limits, self.limits.free_links * self.cable.link
+        return TowingLimits(
+            link_clearance=limits.link_clearance,
+            body_clearance=limits.vehicle_clearance,
+            vehicle_gap=limits.vehicle_gap,
+            cable_gap=limits.cable_gap,
+            free_at_root=free,
+            free_at_welder=free,
+        )
+
+    @property
+    def floor(self) -> Area:
+        """The area, as the planner knows it."""
+        return Area(self.area.outline, self.area.holes)
+
+    @property
+    def objective_weights(self) -> TowingWeights:
+        """Weights of the objective."""
+        weights = self.weights
+        return TowingWeights(weights.bending, weights.distance, weights.change, weights.pace)
+
+    @property
+    def effort_targets(self) -> EffortTargets:
+        """Where the loss functions turn."""
+        targets = self.targets
+        return EffortTargets(targets.bending, targets.distance, targets.change)

@@ -1,0 +1,354 @@
+"""Tow the cable along a seam: estimate, plan, send, ten times a second. Suzuki et al. (2022)."""
+
+from __future__ import annotations
+
+import time as host
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from math import hypot
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
+from tjscan.core.frames import Array
+from tjscan.towing.area import DiscObstacle
+from tjscan.towing.cable import Cable
+from tjscan.towing.devices import Localisation, Team
+from tjscan.towing.following import PoseFollower
+from tjscan.towing.journal import TowCycle, TowJournal
+from tjscan.towing.plan import ShapePlanner, TowingPlan
+from tjscan.towing.seam import Seam
+from tjscan.towing.standstill import StandstillCheck
+from tjscan.towing.tables import FollowingSettings, LocalisationSettings
+from tjscan.towing.team import TowingTeam
+from tjscan.towing.team_poses import TeamEstimate, TeamPoses
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+
+PERIOD: Final = 0.1
+"""Seconds between plans."""
+
+TAUT: Final = 0.98
+"""Chord of a piece of cable beside a vehicle that stands, as share of its length, at which the
+welder waits."""
+
+SLACK: Final = 0.95
+"""The same from which on it goes slower."""
+
+AT_START: Final = 0.05
+"""Metres by which the welder may stand off its seam when a tow begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class TowSetting:
+    """What is towed, where to, and how patiently.
+
+    Parameters
+    ----------
+    cable : Cable
+    team : TowingTeam
+    seam : Seam
+    localisation : LocalisationSettings
+    following : FollowingSettings
+    obstacles : callable
+        Gives the obstacles as they are at a time on the team's clock.
+    """
+
+    cable: Cable
+    team: TowingTeam
+    seam: Seam
+    localisation: LocalisationSettings
+    following: FollowingSettings
+    obstacles: Callable[[float], Sequence[DiscObstacle]]
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """Why the welder waits.
+
+    Parameters
+    ----------
+    why : str
+        In a sentence without its full stop.
+    device : bool
+        Whether a vehicle or the link to it is to blame.
+    """
+
+    why: str
+    device: bool = False
+
+
+class CableTow:
+    """The loop of a tow.
+
+    Parameters
+    ----------
+    vehicles : Team
+        Connected; the last is the welder.
+    localisation : Localisation
+        Connected.
+    setting : TowSetting
+    planner : ShapePlanner
+    journal : TowJournal
+    """
+
+    def __init__(
+        self,
+        vehicles: Team,
+        localisation: Localisation,
+        setting: TowSetting,
+        planner: ShapePlanner,
+        journal: TowJournal,
+    ) -> None:
+        self._team, self._localisation = vehicles, localisation
+        self._setting, self._planner, self._journal = setting, planner, journal
+        team, count = setting.team, len(setting.team.held_links)
+        self._poses = TeamPoses(
+            setting.cable, team, setting.localisation, self._journal.record_event
+        )
+        turn = team.top_speed / team.body_radius
+        self._followers = [
+            PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
+        ]
+        self._checks = [StandstillCheck() for _ in range(count)]
+        self._along = 0.0
+        self._stood = 0.0
+        self._last: TowingPlan | None = None
+        self._targets: Array | None = None
+        self._asked: list[Twist] = [REST] * count
+        self._states: Sequence[VehicleState | VehicleFault] = ()
+        self._waits: Waiting | None = None
+        self._waited_since = 0.0
+        self._stopped: tuple[int, ...] = ()
+
+    def run(self, along: float = 0.0) -> None:
+        """Tow until the seam is welded.
+
+        Parameters
+        ----------
+        along : float, optional
+            Where along the seam it goes on, metres.
+
+        Raises
+        ------
+        TowHalted
+            If there is no way on, and waiting did not help.
+        VehicleFault
+            The same, where a vehicle or the link to it is to blame.
+        """
+        self._along = along
+        with self._stopped_by_errors():
+            estimate = self._wait_for_poses()
+            self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
+            while not self._finished:
+                self._cycle(estimate)
+                estimate = self._see()
+            self._journal.record_event("welded", f"{1e3 * self._along:.0f} mm of seam")
+
+    @property
+    def _finished(self) -> bool:
+        seam = self._setting.seam
+        return self._along >= seam.length if seam.length else self._stood >= seam.seconds
+
+    @contextmanager
+    def _stopped_by_errors(self) -> Iterator[None]:
+        """Bring all vehicles to rest at the end, whatever ends it."""
+        try:
+            yield
+        except BaseException as error:
+            self._stop()
+            self._journal.record_event("stop", str(error) or type(error).__name__)
+            raise
+        self._stop()
+
+    def _wait_for_poses(self) -> TeamEstimate:
+        """Stand until every vehicle's pose is known, and see that the welder is at its seam."""
+        limit = self._team.time + max(self._setting.localisation.lost, 5 * PERIOD)
+        estimate = self._see()
+        while self._poses.unknown and self._team.time < limit:
+            estimate = self._see()
+        if self._poses.unknown:
+            numbers = ", ".join(str(v + 1) for v in self._poses.unknown)
+            raise TowHalted(
+                f"no pose of vehicle {numbers} came within "
+                f"{self._setting.localisation.lost:g} s. See that the localisation is running."
+            )
+        off = estimate.poses[-1] - self._setting.seam.pose_at(self._along)
+        if hypot(off[0], off[1]) > AT_START:
+            raise TowHalted(
+                f"the welder stands {1e3 * hypot(off[0], off[1]):.0f} mm from where its seam "
+                "begins. Bring it there first."
+            )
+        return estimate
+
+    def _see(self) -> TeamEstimate:
+        """Let a period pass with the vehicles driving as told, and take in what was measured."""
+        self._states = self._team.advance_to(self._team.time + PERIOD)
+        self._measured = self._localisation.read()
+        odometry = [
+            state.odometry if isinstance(state, VehicleState) else REST for state in self._states
+        ]
+        return self._poses.update(self._team.time, PERIOD, odometry, self._measured)
+
+    def _cycle(self, estimate: TeamEstimate) -> None:
+        """Plan, and tell the vehicles where to go."""
+        now = self._team.time
+        self._watch_vehicles(now, estimate)
+        waiting, pace = self._reason_to_wait(estimate), self._pace(estimate)
+        pace = 0.0 if waiting else pace
+        obstacles = self._setting.obstacles(now)
+        began = host.perf_counter()
+        plan, pace = self._plan(estimate, obstacles, pace)
+        seconds = host.perf_counter() - began
+        if plan.halt:
+            waiting = waiting or Waiting(plan.halt)
+        elif pace == 0 and waiting is None:
+            waiting = Waiting("one step on, the cable has no shape within its limits")
+        self._wait(now, waiting)
+        step = pace * self._setting.seam.settings.speed * PERIOD
+        along = min(self._along + step, self._setting.seam.length)
+        targets = self._send(estimate, plan, along)
+        self._journal.record_cycle(
+            TowCycle(
+                now,
+                along,
+                pace,
+                _seen(self._measured),
+                estimate.poses,
+                estimate.sigmas,
+                targets,
+                np.array([(t.speed, t.turn_rate, t.sideways) for t in self._asked]),
+                np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(-1, 5),
+                plan,
+                seconds,
+                "" if waiting is None else waiting.why,
+                self._stopped,
+            )
+        )
+        self._along, self._targets = along, targets
+        self._stood += PERIOD if pace else 0.0
+        if not plan.halt:
+            self._last = plan
+
+    def _plan(
+        self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
+    ) -> tuple[TowingPlan, float]:
+        """The plan for one step on, or for where the welder stands; and its pace."""
+        seam, step = self._setting.seam, self._setting.seam.settings.speed * PERIOD
+        for share in (pace, 0.0) if pace else (0.0,):
+            plan = self._planner.plan(
+                estimate.poses,
+                seam.pose_at(self._along + share * step),
+                dt=PERIOD,
+                last=self._last,
+                obstacles=obstacles,
+                stopped=self._stopped,
+            )
+            if not plan.halt:
+                return plan, share
+        return plan, 0.0
+
+    def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
+        """Command each vehicle towards its pose; returns where they are sent."""
+        before = estimate.poses if self._targets is None else self._targets
+        targets = before.copy() if plan.halt else plan.held_poses.copy()
+        seam = self._setting.seam
+        before = before.copy()
+        before[-1], targets[-1] = seam.pose_at(self._along), seam.pose_at(along)
+        lost = self._poses.lost(estimate)
+        for v, follower in enumerate(self._followers):
+            if v in lost or (v in self._stopped and v < len(self._followers) - 1):
+                follower.reset()
+                targets[v], self._asked[v] = estimate.poses[v], REST
+            else:
+                self._asked[v] = follower.follow(estimate.poses[v], before[v], targets[v], PERIOD)
+        self._command()
+        return targets
+
+    def _command(self) -> None:
+        for vehicle, twist in zip(self._team.vehicles, self._asked, strict=True):
+            with suppress(VehicleFault):  # its next state says so too
+                vehicle.command(twist)
+
+    def _stop(self) -> None:
+        for vehicle in self._team.vehicles:
+            vehicle.stop()
+
+    def _watch_vehicles(self, now: float, estimate: TeamEstimate) -> None:
+        """Notice vehicles that stand for good, and those that drive again."""
+        stopped = []
+        for v, (state, check) in enumerate(zip(self._states, self._checks, strict=True)):
+            fault = isinstance(state, VehicleFault) or bool(state.fault)
+            asked = hypot(self._asked[v].speed, self._asked[v].sideways) * PERIOD
+            if check.update(now, estimate.poses[v], asked, fault=fault):
+                stopped.append(v)
+                if v not in self._stopped:
+                    why = _fault_of(state) or "it is told to drive, and does not move"
+                    self._journal.record_event("stands", f"vehicle {v + 1}: {why}")
+        for v in set(self._stopped) - set(stopped):
+            self._journal.record_event("drives again", f"vehicle {v + 1}")
+        self._stopped = tuple(stopped)
+
+    def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
+        """Why the welder must stand, whatever the plan says."""
+        lost = self._poses.lost(estimate)
+        if lost:
+            v, why = next(iter(lost.items()))
+            return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
+        gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
+        if gone:
+            return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
+        welder = len(self._followers) - 1
+        if welder in self._stopped:
+            why = _fault_of(self._states[welder]) or "it does not move"
+            return Waiting(f"the welder stands: {why}", device=True)
+        if self._stopped and self._pace(estimate) == 0:
+            return Waiting(
+                f"vehicle {self._stopped[0] + 1} stands, and the cable beside it is taut",
+                device=True,
+            )
+        return None
+
+    def _pace(self, estimate: TeamEstimate) -> float:
+        """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
+        held = np.array(self._setting.team.held_links)
+        lengths = self._setting.cable.link_length * np.diff(held, prepend=-1)
+        places = np.vstack((self._setting.cable.root[:2], estimate.poses[:, :2]))
+        steps = np.diff(places, axis=0)
+        shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
+        beside = [k for v in self._stopped for k in (v, v + 1) if k < len(held)]
+        worst = max((shares[k] for k in beside), default=0.0)
+        return float(np.clip((TAUT - worst) / (TAUT - SLACK), 0.0, 1.0))
+
+    def _wait(self, now: float, waiting: Waiting | None) -> None:
+        """Report that the welder waits, or goes on; give up when it has waited for too long."""
+        if waiting is None:
+            if self._waits is not None:
+                self._journal.record_event("goes on", f"after {now - self._waited_since:.1f} s")
+            self._waits = None
+            return
+        if self._waits is None:
+            self._waited_since = now
+        if self._waits is None or self._waits.why != waiting.why:
+            self._journal.record_event("waits", waiting.why)
+        self._waits = waiting
+        if now - self._waited_since > self._setting.following.patience:
+            sentence = (
+                f"{waiting.why}. The weld is halted {1e3 * self._along:.0f} mm along the seam; "
+                "when the way is clear, go on with tjscan tow run --resume DIR"
+            )
+            raise VehicleFault(sentence) if waiting.device else TowHalted(sentence)
+
+
+def _fault_of(state: VehicleState | VehicleFault) -> str:
+    return state.fault if isinstance(state, VehicleState) else str(state)
+
+
+def _seen(measured: Sequence[object]) -> Array:
+    return np.array(
+        [
+            (np.nan,) * 3 if one is None else (one.x, one.y, one.heading)  # type: ignore[attr-defined]
+            for one in measured
+        ]
+    )

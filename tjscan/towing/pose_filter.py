@@ -1,0 +1,207 @@
+"""Where a vehicle is: its odometry, corrected by measured poses that can be true."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot, inf, isfinite
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.towing.devices import TimedPose
+from tjscan.towing.following import velocity_from_twist, wrap_angle
+from tjscan.vehicle.vehicle import Twist
+
+SLIP: Final = 0.1
+"""Share of its way by which a vehicle's odometry may be wrong."""
+
+WANDER: Final = (5e-4, 1e-3)
+"""What odometry may miss without any way, metres and radians per square root of a second."""
+
+SIGMAS: Final = 5.0
+"""Standard deviations by which a pose that is true is off at most."""
+
+REMEMBERED: Final = 20
+"""Cycles that are kept, so that a late pose meets the estimate of its own time."""
+
+SAME_POSES: Final = 10
+"""Poses equal in every digit, while the vehicle drives, that show a frozen measurement."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """Where a vehicle is believed to be.
+
+    Parameters
+    ----------
+    pose : ndarray, shape (3,)
+        x, y in metres and heading in radians, frame w.
+    position_sigma, heading_sigma : float
+        Standard deviations, metres and radians.
+    age : float
+        Seconds since a measured pose was last taken.
+    refused : str
+        Why measured poses are not taken now: ``none comes``, ``jumped``, ``frozen``; else empty.
+    """
+
+    pose: Array
+    position_sigma: float
+    heading_sigma: float
+    age: float
+    refused: str = ""
+
+
+class VehiclePoseFilter:
+    """A Kalman filter of one vehicle's pose; x, y and heading are independent in it.
+
+    Between measured poses the odometry goes on. A pose further off than the vehicle may have
+    driven at top speed since the last one that was taken, and five standard deviations, is
+    refused. So is one that is older than the last, and one that never changes on the way.
+
+    Parameters
+    ----------
+    position_sigma, heading_sigma : float
+        Of measured poses, metres and radians.
+    top_speed : float
+        Of the vehicle, m/s.
+    top_turn_rate : float
+        rad/s.
+    longest_gap : float
+        Seconds: with a longer one, no more way is allowed for.
+    """
+
+    def __init__(
+        self,
+        position_sigma: float,
+        heading_sigma: float,
+        *,
+        top_speed: float,
+        top_turn_rate: float,
+        longest_gap: float,
+    ) -> None:
+        self._sigma = np.array((position_sigma, position_sigma, heading_sigma))
+        self._top = np.array((top_speed, top_speed, top_turn_rate))
+        self._longest_gap = longest_gap
+        self._pose: Array | None = None
+        self._variance = np.square(self._sigma)
+        self._trail: deque[tuple[float, Array]] = deque(maxlen=REMEMBERED)
+        self._taken = self._newest = -inf
+        self._last: tuple[float, ...] = ()
+        self._equal, self._way = 0, 0.0
+        self._refused = ""
+        self._denied: Array | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether a pose was ever taken."""
+        return self._pose is not None
+
+    def begin_at(self, pose: Array, time: float) -> None:
+        """Begin with a pose that is known, at a time in seconds."""
+        self._pose, self._variance = np.array(pose, dtype=float), np.square(self._sigma)
+        self._taken, self._refused, self._denied = time, "", None
+        self._equal, self._way, self._last = 0, 0.0, ()
+        self._trail.clear()
+        self._trail.append((time, self._pose.copy()))
+
+    def update(
+        self, time: float, period: float, odometry: Twist, measured: TimedPose | None
+    ) -> PoseEstimate:
+        """Go on to a time, and take in the pose that was measured, if one came.
+
+        Parameters
+        ----------
+        time : float
+            Seconds on the team's clock.
+        period : float
+            Since the last update, seconds.
+        odometry : Twist
+            Mean of the period.
+        measured : TimedPose or None
+        """
+        if self._pose is not None:
+            self._go_on(period, odometry)
+            self._trail.append((time, self._pose.copy()))
+        if measured is None:
+            self._refused = self._refused or "none comes"
+        elif measured.time > self._newest:
+            self._newest = measured.time
+            self._take(measured, time)
+        return self.estimate(time)
+
+    def estimate(self, time: float) -> PoseEstimate:
+        """What is believed now."""
+        pose = np.full(3, np.nan) if self._pose is None else self._pose
+        sigma = np.sqrt(self._variance)
+        age = time - self._taken
+        late = age > self._longest_gap / 2
+        return PoseEstimate(
+            readonly_copy(pose),
+            float(sigma[0]),
+            float(sigma[2]),
+            age,
+            (self._refused or "none comes") if late else "",
+        )
+
+    @property
+    def denied(self) -> Array | None:
+        """Last measured pose where poses are refused as jumps, moved on to now; shape (3,)."""
+        return self._denied
+
+    def _go_on(self, period: float, odometry: Twist) -> None:
+        assert self._pose is not None
+        velocity = velocity_from_twist(odometry, self._pose[2] + odometry.turn_rate * period / 2)
+        step = velocity * period
+        self._pose = self._pose + step
+        way = hypot(step[0], step[1])
+        self._way += way
+        doubt = SLIP * np.array((way, way, abs(step[2])))
+        wander = np.array((WANDER[0], WANDER[0], WANDER[1]))
+        self._variance = self._variance + doubt**2 + wander**2 * period
+        if self._denied is not None:
+            self._denied = self._denied + step
+
+    def _take(self, measured: TimedPose, time: float) -> None:
+        found = np.array((measured.x, measured.y, measured.heading))
+        if not np.isfinite(found).all() or not isfinite(measured.time):
+            self._refused = "not a number"
+            return
+        if self._pose is None:
+            self.begin_at(found, time)
+            return
+        if self._is_frozen(found):
+            self._refused = "frozen"
+            return
+        late = self._moved_since(measured.time)
+        off = found + late - self._pose
+        off[2] = wrap_angle(off[2])
+        gap = min(time - self._taken, self._longest_gap)
+        spread = SIGMAS * np.sqrt(self._sigma**2 + self._variance)
+        reach = self._top * gap + spread
+        if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
+            self._refused, self._denied = "jumped", self._pose + off
+            return
+        gain = self._variance / (self._variance + self._sigma**2)
+        if (np.abs(off) > spread).any():  # within reach but not as odometry has it: it slipped
+            gain = np.ones(3)
+        self._pose = self._pose + gain * off
+        self._variance = np.maximum(1 - gain, 0) * self._variance + (gain == 1) * self._sigma**2
+        self._trail = deque(((t, p + gain * off) for t, p in self._trail), maxlen=REMEMBERED)
+        self._taken, self._refused, self._denied = time, "", None
+
+    def _moved_since(self, time: float) -> Array:
+        """Way from a time until now, shape (3,)."""
+        assert self._pose is not None
+        times, trail = zip(*self._trail, strict=True)
+        before = np.array([np.interp(time, times, column) for column in np.transpose(trail)])
+        return np.asarray(self._pose - before)
+
+    def _is_frozen(self, found: Array) -> bool:
+        """Whether the pose stayed the same in every digit while the vehicle drove."""
+        if tuple(found) == self._last:
+            self._equal += 1
+        else:
+            self._last, self._equal, self._way = tuple(found), 0, 0.0
+        return self._equal >= SAME_POSES and self._way > SIGMAS * self._sigma[0]

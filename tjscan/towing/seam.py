@@ -1,0 +1,87 @@
+"""Where the welder is to be along its seam."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.towing.tables import SeamSettings
+
+
+class Polyline:
+    """A path of straight pieces, by its length.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        One at least, metres.
+    """
+
+    def __init__(self, points: Sequence[tuple[float, float]]) -> None:
+        self.points: Array = np.array(points, dtype=float).reshape(-1, 2)
+        steps = np.diff(self.points, axis=0)
+        pieces = np.hypot(steps[:, 0], steps[:, 1])
+        self.corners: Array = np.concatenate(([0.0], np.cumsum(pieces)))
+        """Length from the beginning to each point, metres."""
+        self.directions: Array = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        """Of each piece, from x towards y, radians, without jumps of whole turns."""
+
+    @property
+    def length(self) -> float:
+        """Of all pieces, metres."""
+        return float(self.corners[-1])
+
+    def point_at(self, along: float) -> tuple[float, float]:
+        """Point at a length from the beginning, metres; its ends before and behind it."""
+        x = np.interp(along, self.corners, self.points[:, 0])
+        return float(x), float(np.interp(along, self.corners, self.points[:, 1]))
+
+
+class Seam:
+    """A seam with the welder's heading along it.
+
+    Parameters
+    ----------
+    settings : SeamSettings
+    """
+
+    def __init__(self, settings: SeamSettings) -> None:
+        self.settings = settings
+        self.path = Polyline(settings.points)
+        self._turns, self._headings = self._plan_headings()
+
+    @property
+    def length(self) -> float:
+        """Metres; 0 where the welder stands."""
+        return self.path.length
+
+    @property
+    def seconds(self) -> float:
+        """That welding takes without a halt."""
+        return self.length / self.settings.speed if self.length else self.settings.seconds
+
+    def pose_at(self, along: float) -> Array:
+        """Pose of the welder at a length along the seam: x, y, heading, shape (3,).
+
+        Parameters
+        ----------
+        along : float
+            From the beginning, metres.
+        """
+        heading = np.interp(along, self._turns, self._headings)
+        return np.array((*self.path.point_at(along), heading))
+
+    def _plan_headings(self) -> tuple[Array, Array]:
+        """Lengths along the seam, and headings there; in between they change evenly."""
+        if self.settings.heading is not None:
+            return np.zeros(1), np.array([self.settings.heading])
+        lengths, headings = [0.0], [float(self.path.directions[0])]
+        corners, directions = self.path.corners, self.path.directions
+        for k in range(1, len(directions)):
+            before = min(self.settings.corner, (corners[k] - corners[k - 1]) / 2)
+            after = min(self.settings.corner, (corners[k + 1] - corners[k]) / 2)
+            lengths += [corners[k] - before, corners[k] + after]
+            headings += [directions[k - 1], directions[k]]
+        return np.array(lengths), np.array(headings)

@@ -1,0 +1,62 @@
+"""Notice a vehicle that stands although it is told to drive."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import hypot
+from typing import Final
+
+from tjscan.core.frames import Array
+
+WINDOW: Final = 3.0
+"""Seconds that are looked at."""
+
+ASKED: Final = 0.02
+"""Metres that a vehicle must have been told to go before its standing says anything."""
+
+SHARE: Final = 0.3
+"""Share of what was asked below which it counts as standing."""
+
+RETRY: Final = 10.0
+"""Seconds after which a vehicle that stood is told to drive again."""
+
+
+class StandstillCheck:
+    """Whether one vehicle stands for good; it is tried again after a while."""
+
+    def __init__(self) -> None:
+        self._way: deque[tuple[float, float, float, float]] = deque()
+        self._since: float | None = None
+
+    def update(self, time: float, pose: Array, asked: float, *, fault: bool) -> bool:
+        """Whether it stands for good.
+
+        Parameters
+        ----------
+        time : float
+            Seconds.
+        pose : ndarray, shape (3,)
+            Where it is.
+        asked : float
+            Metres that it was told to go since the last update.
+        fault : bool
+            Whether it reports one itself.
+        """
+        if fault:
+            self._since = time
+            self._way.clear()
+            return True
+        if self._since is not None:
+            if time - self._since < RETRY:
+                return True
+            self._since = None
+            self._way.clear()
+        self._way.append((time, float(pose[0]), float(pose[1]), asked))
+        while time - self._way[0][0] > WINDOW:
+            self._way.popleft()
+        total = sum(way for *_, way in self._way)
+        moved = hypot(pose[0] - self._way[0][1], pose[1] - self._way[0][2])
+        if total > ASKED and moved < SHARE * total:
+            self._since = time
+            return True
+        return False

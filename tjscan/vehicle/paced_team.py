@@ -1,0 +1,79 @@
+"""Several real vehicles, each read by a thread of its own: a silent one holds up no other."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from queue import SimpleQueue
+from typing import Final, Self
+
+from tjscan.core.devices import EventListener
+from tjscan.core.errors import VehicleFault, VehicleLinkLost
+from tjscan.vehicle.vehicle import Vehicle, VehicleState
+
+RETRY: Final = 0.05
+"""Seconds after which a vehicle whose link is lost is asked again."""
+
+
+class PacedTeam:
+    """Vehicles on this computer's clock; a context manager that connects them all.
+
+    Parameters
+    ----------
+    vehicles : sequence of Vehicle
+    """
+
+    def __init__(self, vehicles: Sequence[Vehicle]) -> None:
+        self.vehicles = tuple(vehicles)
+        self._newest: list[VehicleState | VehicleFault] = []
+        self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._listener: EventListener = lambda name, sentence: None
+        self._closed = threading.Event()
+        self._connections = ExitStack()
+
+    @property
+    def time(self) -> float:
+        """`time.monotonic`."""
+        return time.monotonic()
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report the vehicles' events to a listener, in the thread that calls `advance_to`."""
+        self._listener = listener
+
+    def __enter__(self) -> Self:
+        self._closed.clear()
+        self._newest = [VehicleLinkLost("no state of it came yet")] * len(self.vehicles)
+        with ExitStack() as stack:
+            for number, vehicle in enumerate(self.vehicles, 1):
+                vehicle.report_events_to(self._noting(number))
+                stack.enter_context(vehicle)
+            stack.callback(self._closed.set)
+            self._connections = stack.pop_all()
+        for k in range(len(self.vehicles)):
+            threading.Thread(target=self._read, args=(k,), daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for vehicle in self.vehicles:
+            vehicle.stop()
+        self._connections.close()
+
+    def advance_to(self, moment: float) -> tuple[VehicleState | VehicleFault, ...]:
+        """Wait until a time of this clock; return each vehicle's newest state, or its fault."""
+        time.sleep(max(0.0, moment - time.monotonic()))
+        while not self._events.empty():
+            self._listener(*self._events.get())
+        return tuple(self._newest)
+
+    def _noting(self, number: int) -> EventListener:
+        return lambda name, sentence: self._events.put((name, f"vehicle {number}: {sentence}"))
+
+    def _read(self, k: int) -> None:
+        while not self._closed.is_set():
+            try:
+                self._newest[k] = self.vehicles[k].next_state()
+            except VehicleFault as error:
+                self._newest[k] = error
+                self._closed.wait(RETRY)
