@@ -64,6 +64,11 @@ app.command(
     help="Simulate a Universal Robots controller on this machine.",
 )
 app.command(
+    "tjscan.cli.laser_loopback:laser_loopback",
+    name="laser-loopback",
+    help="Simulate a GigE Vision line laser on this machine.",
+)
+app.command(
     "tjscan.cli.vehicle_loopback:vehicle_loopback",
     name="vehicle-loopback",
     help="Simulate vehicles behind an MQTT broker on this machine.",

@@ -12,7 +12,7 @@ from typing import Self
 
 from tjscan.calibration.file import read_calibration
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.devices import DriverKind
+from tjscan.core.devices import DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
@@ -198,6 +198,49 @@ def make_cell(
             job.laser.driver_settings,
         )
     return Cell(arm, laser, T_f_s, clearance)
+
+
+def make_simulated_laser(
+    job: ScanJob,
+    T_f_s: Array,
+    joint: JointDefinition | None,
+    T_b_f: Callable[[], Array],
+    time: Callable[[], float],
+) -> LineLaser:
+    """Make the simulated laser of a job on a flange that somebody else moves.
+
+    Parameters
+    ----------
+    job : ScanJob
+        The job, of one station if it has any.
+    T_f_s : ndarray, shape (4, 4)
+        Where the laser is believed to sit on the flange.
+    joint : JointDefinition
+        What it looks at.
+    T_b_f : callable
+        Gives where the flange is, shape (4, 4).
+    time : callable
+        Gives the seconds on the clock of the cell.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job has no [simulation] or no joint.
+    """
+    simulation = job.simulation
+    rows = None if simulation is None else simulation.T_f_s_mm
+    laser: LineLaser = LASER_DRIVERS.load("simulated").make(
+        LaserDriverInputs(
+            laser_model_of_job(job),
+            LaserFlange(T_b_f, T_b_f, time),
+            T_f_s if rows is None else pose_from_rows_mm(rows),
+            partial(_joint_scene, job, joint),
+            seed=None if simulation is None else simulation.seed,
+            recording=lambda: _recording(job.laser)[::2],
+        ),
+        NoSettings(),
+    )
+    return laser
 
 
 def _recording(

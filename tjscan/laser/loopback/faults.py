@@ -1,0 +1,74 @@
+"""Faults of the loopback laser that can be commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tjscan.core.errors import ConfigurationError, nearest_word
+
+
+class LaserFaultOrder(StrEnum):
+    """A fault of the sensor or its network, or the remedy for all of them."""
+
+    LOSS = "loss"
+    DUPLICATE = "duplicate"
+    REORDER = "reorder"
+    LOSE_LEADER = "lose-leader"
+    LOSE_TRAILER = "lose-trailer"
+    LATE = "late"
+    STALE = "stale"
+    SILENT = "silent"
+    TAKEN = "taken"
+    REBOOT = "reboot"
+    WRONG_FORMAT = "wrong-format"
+    UNIT_PIXEL = "unit-pixel"
+    MISSING_FEATURES = "missing-features"
+    ALL_INVALID = "all-invalid"
+    CLEAR = "clear"
+
+
+DEFAULT_LOSS = 1.0
+"""Per cent of packets that are lost where a line says no number."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrderedLaserFault:
+    """A fault to bring.
+
+    Parameters
+    ----------
+    fault : LaserFaultOrder
+        What.
+    per_cent : float
+        Of the packets that are lost, for `LaserFaultOrder.LOSS`.
+    """
+
+    fault: LaserFaultOrder
+    per_cent: float = DEFAULT_LOSS
+
+
+def parse_laser_fault(line: str) -> OrderedLaserFault:
+    """Parse ``FAULT``, or ``loss PER_CENT``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither.
+    """
+    word, _, number = line.strip().partition(" ")
+    if word not in list(LaserFaultOrder):
+        close = nearest_word(word, list(LaserFaultOrder))
+        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
+    fault = LaserFaultOrder(word)
+    if not number:
+        return OrderedLaserFault(fault)
+    try:
+        per_cent = float(number)
+    except ValueError:
+        per_cent = -1.0
+    if fault is not LaserFaultOrder.LOSS or not 0 <= per_cent <= 100:
+        raise ConfigurationError(
+            f"only loss takes a number, 0 to 100 per cent (found {line.strip()!r})"
+        )
+    return OrderedLaserFault(fault, per_cent)
