@@ -13,12 +13,12 @@ from tjscan.core.errors import GrooveNotFound, TjscanError
 from tjscan.core.frames import Array
 from tjscan.crawler.crawler import CrawlDevices, Crawler, CrawlPlan
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.slip_estimator import SlipBelief
-from tjscan.groove.tracking import JointTracker
 from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.joint.hull_path import joint_pose, laser_offset
@@ -159,7 +159,7 @@ class _NoisyJoint:
     def capture(self) -> Profile:
         return NO_PROFILE
 
-    def read(self, profile: Profile) -> _Reading:
+    def read(self, profile: Profile, travel: float) -> _Reading:
         if self._crawl.dropouts:
             if self._blind > 0:
                 self._blind -= 1
@@ -254,7 +254,7 @@ def _crawler(
         cell.vehicle,
         cell.laser if whole else joint,  # type: ignore[arg-type]
         cell.torch,
-        JointTracker() if whole else joint,
+        RememberingTracker() if whole else joint,
     )
     return Crawler(
         devices,

@@ -27,9 +27,9 @@ from _table import Row, main
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.groove.tracking import JointTracker
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.runs.crawl import CrawlContext
 from tjscan.vehicle.loopback.broker import MosquittoProcess
@@ -190,16 +190,16 @@ def cycle_time() -> Row:
     job = job_of(Crawl(0.1, arc_points=0.2), 1)
     cell = make_crawl_cell(job)
     method = CrawlContext(job, Path()).make_method()
-    reader, watch = JointTracker(), Stopwatch()
+    reader, watch = RememberingTracker(), Stopwatch()
     cell.torch.set_arc(burning=True)
     with cell:
-        reader.read(cell.laser.capture())
+        reader.read(cell.laser.capture(), 0.0)
         for _ in range(1000):
             state = cell.vehicle.next_state()
             profile = cell.laser.capture()
             with watch:
                 method.move(state.odometry, 0.01, Twist(0.0, 0.0))
-                reading = reader.read(profile)
+                reading = reader.read(profile, 0.0)
                 method.read(-reading.centre, reading.centre_sigma)
                 method.turn_rate(0.005)
     return watch.row("from profile to command, 99th percentile", _percentile_99, 5.0)

@@ -2,21 +2,34 @@
 
 import numpy as np
 import pytest
-from hull_views import ARC_20, CAPPED, DEFAULT, EXACT, see, true_placement
+from hull_views import ARC_20, CAPPED, DEFAULT, EXACT, NEARLY_FILLED, see, true_placement
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.groove.registration import JointPlacement, ReferenceProfile, register_profile
+from tjscan.joint.hull import HullJoint
+from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile
-from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
+from tjscan.laser.section_laser import (
+    SectionLaserModel,
+    SectionLaserPose,
+    cast_rays_on_section,
+)
 
 NOISE = 0.06e-3
 
 
-def reference(model: SectionLaserModel = DEFAULT) -> ReferenceProfile:
-    rng = np.random.default_rng(9)
-    profiles = [see(CAPPED, rng, model) for _ in range(10)]
-    return ReferenceProfile.from_profiles(profiles, [true_placement()] * 10, NOISE)
+def reference(
+    model: SectionLaserModel = DEFAULT,
+    joint: HullJoint = CAPPED,
+    *,
+    passes: int = 9,
+    of: int = 10,
+    seed: int = 9,
+) -> ReferenceProfile:
+    rng = np.random.default_rng(seed)
+    profiles = [see(joint, rng, model, passes=passes) for _ in range(of)]
+    return ReferenceProfile.from_profiles(profiles, [true_placement()] * of, NOISE)
 
 
 def register(
@@ -88,3 +101,89 @@ def test_another_shape_is_refused() -> None:
     x = np.linspace(-0.04, 0.04, 290)
     dust = Profile(x, rng.uniform(0.1, 0.2, 290))
     assert register(dust, reference(), true_placement()) is None
+
+
+@pytest.mark.parametrize("passes", [2, 4])
+def test_profile_laid_on_its_own_place_is_at_the_bound_of_any_estimate(passes: int) -> None:
+    """Truth of another make: Fisher's information of offset, height and roll from moved views."""
+    model = SectionLaserModel(missing=0.0, step=0.0)
+    section = hull_section(NEARLY_FILLED, 0.0, passes)
+    before, after = (
+        np.array(
+            [
+                cast_rays_on_section(section, pose, model)
+                for pose in (
+                    SectionLaserPose(offset=h),
+                    SectionLaserPose(stand_off=0.149 + h),
+                    SectionLaserPose(roll=h),
+                )
+            ]
+        )
+        for h in (-1e-5, 1e-5)
+    )
+    J = (after - before) / 2e-5
+    centre = np.array((-1.0, 0.0, 0.149))  # how it moves with offset, height and roll
+    bound = np.sqrt(centre @ np.linalg.inv(J @ J.T) @ centre) * NOISE
+    against, rng = (
+        reference(model, NEARLY_FILLED, passes=passes, of=100),
+        np.random.default_rng(2),
+    )
+    found = [
+        register(see(NEARLY_FILLED, rng, model, passes=passes), against, true_placement())
+        for _ in range(150)
+    ]
+    kept = [one for one in found if one is not None]
+    assert len(kept) == 150
+    centres = np.array([one.centre for one in kept])
+    # The reference's own error is shared by all of them.
+    assert abs(np.mean(centres)) < 0.5 * bound
+    assert np.std(centres) / bound == pytest.approx(1.0, abs=0.25)
+    # What is stated allows for the change of the joint along the reference, too.
+    assert 1.0 < np.median([one.centre_sigma for one in kept]) / bound < 1.5
+
+
+@pytest.mark.parametrize("model", [DEFAULT, ARC_20], ids=["no arc", "20 % arc"])
+@pytest.mark.parametrize(("before", "now"), [(1, 2), (2, 3), (3, 4)])
+def test_bead_laid_since_does_not_move_the_joint(
+    before: int, now: int, model: SectionLaserModel
+) -> None:
+    rng, errors, sigmas = np.random.default_rng(1), [], []
+    for seed in range(10):
+        against = reference(joint=NEARLY_FILLED, passes=before, seed=seed)
+        for _ in range(10):
+            offset = rng.uniform(-0.2e-3, 0.2e-3)
+            profile = see(NEARLY_FILLED, rng, model, SectionLaserPose(offset=offset), passes=now)
+            found = register(profile, against, true_placement())
+            if found is not None:
+                errors.append(found.centre + offset)
+                sigmas.append(found.centre_sigma)
+    assert len(errors) > 85
+    assert abs(np.mean(errors)) < np.mean(sigmas)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [HullJoint(width=26e-3, opening_angle=0.9), HullJoint(width=36e-3)],
+    ids=["narrower", "wider"],
+)
+def test_reference_of_another_joint_is_refused(other: HullJoint) -> None:
+    against, rng = reference(joint=other, passes=0), np.random.default_rng(1)
+    for _ in range(50):
+        assert register(see(NEARLY_FILLED, rng, ARC_20), against, true_placement()) is None
+
+
+def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:
+    joint = HullJoint(beads=(*NEARLY_FILLED.beads, *CAPPED.beads))
+    against, rng = reference(joint=joint, passes=4), np.random.default_rng(1)
+    for _ in range(50):
+        assert register(see(joint, rng, ARC_20), against, true_placement()) is None
+
+
+def test_error_that_placements_share_does_not_average_out() -> None:
+    rng = np.random.default_rng(0)
+    profiles = [see(CAPPED, rng) for _ in range(10)]
+    placement = JointPlacement(
+        centre=0.0, hull_z=0.149, roll=0.0, centre_sigma=0.05e-3, shared_sigma=0.03e-3
+    )
+    against = ReferenceProfile.from_profiles(profiles, [placement] * 10, NOISE)
+    assert against.centre_sigma == pytest.approx(np.hypot(0.04e-3 / np.sqrt(10), 0.03e-3))

@@ -214,6 +214,15 @@ def test_capped_joint_is_read_by_what_it_looked_like_before() -> None:
     assert again.centre == pytest.approx(-offset, abs=5 * again.centre_sigma)
 
 
+def test_joint_that_would_have_jumped_is_refused() -> None:
+    aside = reference(CAPPED, SectionLaserPose())
+    moved = replace(aside, across=aside.across + 1e-3)
+    tracker, rng = started(), np.random.default_rng(3)
+    for _ in range(10):
+        with pytest.raises(GrooveNotFound):
+            tracker.read(see(CAPPED, rng), moved)
+
+
 def test_capped_joint_is_refused_without_that() -> None:
     tracker, rng = started(), np.random.default_rng(3)
     for _ in range(15):

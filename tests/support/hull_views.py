@@ -30,6 +30,17 @@ FILLED_15_MM = HullJoint(
 )
 """Three quarters of its depth are filled."""
 
+NEARLY_FILLED = HullJoint(
+    beads=(
+        WeldBead(level=15e-3),
+        WeldBead(level=17e-3, crown=0.5e-3),
+        WeldBead(level=18.5e-3, crown=0.5e-3, right=0.2),
+        WeldBead(level=18.5e-3, crown=0.5e-3, left=-0.1),
+    ),
+    ripple=0.1e-3,
+)
+"""Its last two passes leave 1.5 mm of the bevels, one on the left and one on the right."""
+
 CAPPED = HullJoint(beads=(WeldBead(level=20e-3, crown=2e-3, left=-1.1, right=1.1),))
 """Its edges are welded over."""
 

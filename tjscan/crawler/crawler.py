@@ -50,8 +50,14 @@ class JointReading(Protocol):
 class JointReader(Protocol):
     """Finds the joint in profiles, one after another."""
 
-    def read(self, profile: Profile) -> JointReading:
+    def read(self, profile: Profile, travel: float) -> JointReading:
         """Find the joint in a profile.
+
+        Parameters
+        ----------
+        profile : Profile
+        travel : float
+            Where the torch is along the joint, metres.
 
         Raises
         ------
@@ -325,7 +331,7 @@ class Crawler:
         profile = devices.laser.capture()
         d = d_sigma = None
         try:
-            reading = devices.reader.read(profile)
+            reading = devices.reader.read(profile, self._travel)
         except GrooveNotFound:
             pass
         else:

@@ -28,6 +28,10 @@ SETTLED: Final = 1e-6
 FEWEST: Final = 40
 """Points that must lie on the reference."""
 
+LEAST_OF_SIDE: Final = 0.1
+"""Share of what each side of a reference tells of its place across that must be left: a bead laid
+since hides much of a bevel, but over another joint only the places where outlines cross agree."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointPlacement:
@@ -42,12 +46,15 @@ class JointPlacement:
         right side is nearer to it.
     centre_sigma : float
         Standard deviation of the centre, in metres.
+    shared_sigma : float
+        The part of it that all placements on the same reference have in common, in metres.
     """
 
     centre: float
     hull_z: float
     roll: float
     centre_sigma: float
+    shared_sigma: float = 0.0
 
     def joint_coordinates(self, x: Array, z: Array) -> tuple[Array, Array]:
         """Points of a profile, across the joint from its centre and into the hull, in metres."""
@@ -117,9 +124,16 @@ class ReferenceProfile:
         variance = _convolved(spread**2, np.full(SMOOTHED, 1 / SMOOTHED))
         # A median of independent values is less certain than their mean.
         own = noise**2 * min(0.5 * np.pi / len(placements), 1.0)
-        centre = float(np.mean([p.centre_sigma**2 for p in placements])) / len(placements)
         changes = np.maximum(variance - noise**2, 0.0)
-        return cls(across, depth, _slope(depth), np.sqrt(own + changes), sqrt(centre))
+        centre_sigma = _sigma_of_mean(placements)
+        return cls(across, depth, _slope(depth), np.sqrt(own + changes), centre_sigma)
+
+
+def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
+    """Standard deviation of the mean of some centres, in metres; what they share stays."""
+    total, shared = np.array([(p.centre_sigma, p.shared_sigma) for p in placements]).T
+    own = float(np.sum(total**2 - shared**2)) / len(placements) ** 2
+    return sqrt(max(own, 0.0) + float(np.mean(shared)) ** 2)
 
 
 def _slope(depth: Array) -> Array:
@@ -160,7 +174,8 @@ def register_profile(
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None where too few do.
+        of the points that lie on the reference. None where too few do, or where one side of the
+        joint no longer shows where it is.
     """
     x = t * z
     roll = start.roll
@@ -196,6 +211,10 @@ def register_profile(
         roll += float(step[2])
         if k >= len(CAPTURE) and np.abs(step[:2]).max() < SETTLED:
             break
+    telling = (slope / spread) ** 2
+    for side in (u < 0, u > 0):
+        if weight[side] @ telling[side] < LEAST_OF_SIDE * telling[side].sum():
+            return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
     moves = np.array((c, s, hull_z))
@@ -207,5 +226,6 @@ def register_profile(
         hull_z=hull_z,
         roll=roll,
         centre_sigma=sqrt(max(variance, 0.0) + reference.centre_sigma**2),
+        shared_sigma=reference.centre_sigma,
     )
     return found, 1 - share

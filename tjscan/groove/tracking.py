@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import nan, radians, sqrt
+from math import hypot, nan, radians, sqrt
 from statistics import median
 from typing import Final
 
@@ -54,6 +54,11 @@ WIDTH_CHANGE: Final = 1.0e-3
 
 REGISTERED_SHARE: Final = 0.3
 """Share of the points that must lie on the reference."""
+
+FARTHEST, SIDEWAYS = 4.0, 0.03e-3
+"""How far a joint that is found by the reference may lie from where it was last: in standard
+deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
+radius of 5 m carries its laser sideways by half of that."""
 
 LOST_BEFORE_SEARCH: Final = 5
 """Profiles in a row that are refused before the joint is searched for anew: a search takes longer
@@ -267,6 +272,13 @@ class JointTracker:
         noise = placement.centre_sigma**2 - reference.centre_sigma**2
         sigma = sqrt(self._inflation * noise + reference.centre_sigma**2)
         self._check_sigma(row, sigma)
+        room = FARTHEST * hypot(sigma, last.centre_sigma) + SIDEWAYS * (self._lost + 1)
+        if abs(placement.centre - last.centre) > room:
+            raise GrooveNotFound(
+                "ambiguous",
+                "on the last profile taken here the joint would have jumped",
+                row.points,
+            )
         if self._lines is not None:
             self._lines = self._lines.moved(
                 placement.roll - last.roll,
@@ -283,6 +295,7 @@ class JointTracker:
             time=row.time,
             centre=placement.centre,
             centre_sigma=sigma,
+            shared_sigma=reference.centre_sigma,
             hull_z=placement.hull_z,
             roll=placement.roll,
             edges=np.full((2, 2), np.nan),

@@ -41,13 +41,15 @@ class SimulatedWeld:
         Whose arc it is.
     disturb : callable
         Is told whether the arc burns, which disturbs the vehicle's sensors.
+    welded : list of list of float
+        From where to where along the joint each arc burned so far, metres.
     """
 
     job: CrawlJob
     pose: Callable[[], Array]
     torch: SimulatedTorchAxes
     disturb: Callable[[bool], None]
-    _welded: list[list[float]] = field(default_factory=list)
+    welded: list[list[float]] = field(default_factory=list)
     _burned: bool = False
 
     @property
@@ -79,7 +81,7 @@ class SimulatedWeld:
         place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
         along, offset = laser_offset(joint, *place)
         relative = place[2] - joint_pose(joint, along)[2]
-        passes = sum(start <= along <= end for start, end in self._welded)
+        passes = sum(start <= along <= end for start, end in self.welded)
         return hull_section(joint, along, passes), SectionLaserPose(offset=offset, heading=relative)
 
     def laser_model(self) -> SectionLaserModel:
@@ -92,9 +94,28 @@ class SimulatedWeld:
         if self.torch.arc:
             along, _ = self.torch_place()
             if not self._burned:
-                self._welded.append([along, along])
-            self._welded[-1][1] = max(self._welded[-1][1], along)
+                self.welded.append([along, along])
+            self.welded[-1][1] = max(self.welded[-1][1], along)
         self._burned = self.torch.arc
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftWorld:
+    """How an interrupted run left a simulated world.
+
+    Parameters
+    ----------
+    pose_w : ndarray, shape (3,)
+        x, y and heading of the vehicle, in frame w.
+    time : float
+        What its clock showed, seconds.
+    welded : tuple of (float, float)
+        From where to where along the joint each pass is welded, metres.
+    """
+
+    pose_w: Array
+    time: float
+    welded: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,14 +158,14 @@ class CrawlCell:
             self.vehicle.__exit__(None, None, None)
 
 
-def make_crawl_cell(job: CrawlJob, left: tuple[Array, float] | None = None) -> CrawlCell:
+def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
     """Make the devices that a crawl job names; connect nothing.
 
     Parameters
     ----------
     job : CrawlJob
-    left : tuple of ndarray and float, optional
-        Where an interrupted run left a simulated vehicle, and what its clock showed.
+    left : LeftWorld, optional
+        What an interrupted run left of a simulation; a new one begins where left out.
 
     Raises
     ------
@@ -159,7 +180,7 @@ def make_crawl_cell(job: CrawlJob, left: tuple[Array, float] | None = None) -> C
                 job.vehicle.tracks,
                 seed=0 if world is None else world.seed,
                 simulation=None if world is None else world.vehicle,
-                left=left,
+                left=None if left is None else (left.pose_w, left.time),
                 recording=_no_recording,
             ),
             job.vehicle.driver_settings,
@@ -176,7 +197,13 @@ def make_crawl_cell(job: CrawlJob, left: tuple[Array, float] | None = None) -> C
             vehicle.body.arc_burning = burning
 
     # Over a broker the loopback's vehicle says where it truly is; a real one does not.
-    weld = SimulatedWeld(job, lambda: factory.truth(vehicle), torch, disturb)
+    weld = SimulatedWeld(
+        job,
+        lambda: factory.truth(vehicle),
+        torch,
+        disturb,
+        [] if left is None else [list(ends) for ends in left.welded],
+    )
     laser = SimulatedSectionLaser(
         weld.view, weld.laser_model, rng=np.random.default_rng([world.seed, RANDOM_STREAM])
     )

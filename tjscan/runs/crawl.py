@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -12,15 +13,22 @@ import numpy as np
 import tomli_w
 
 from tjscan.core.config import add_file_to_errors, table_to_dict
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.crawler.crawler import CrawlDevices, Crawler, CrawlPlan, CrawlStart, WeldOperator
+from tjscan.crawler.crawler import (
+    CrawlDevices,
+    Crawler,
+    CrawlPlan,
+    CrawlStart,
+    JointReader,
+    WeldOperator,
+)
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import (
     CombinedCrawlJournal,
     CrawlCycle,
     CrawlJournal,
-    SimulatedPlace,
 )
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
@@ -31,18 +39,16 @@ from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
     REPLAY,
-    CrawlEvent,
-    read_crawl,
     record_crawl,
 )
-from tjscan.groove.tracking import JointTracker
-from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
+from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
+from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.crawl_results import write_crawl_results
+from tjscan.runs.crawl_results import read_recorded_crawl, write_crawl_results
 from tjscan.runs.directory import empty_run_directory, write_job_copy
 
 OVERLAP: Final = 0.02
@@ -108,13 +114,27 @@ class CrawlContext:
 
 
 def make_crawler(
-    context: CrawlContext, cell: CrawlCell, method: FollowingMethod, journal: CrawlJournal
+    context: CrawlContext,
+    cell: CrawlCell,
+    method: FollowingMethod,
+    journal: CrawlJournal,
+    reader: JointReader | None = None,
 ) -> Crawler:
-    """Make the crawler of a job in a cell whose devices are connected."""
+    """Make the crawler of a job in a cell whose devices are connected.
+
+    Parameters
+    ----------
+    context : CrawlContext
+    cell : CrawlCell
+    method : FollowingMethod
+    journal : CrawlJournal
+    reader : JointReader, optional
+        Which remembers the joint already; one that has seen nothing where left out.
+    """
     job = context.job
     corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
     return Crawler(
-        CrawlDevices(cell.vehicle, cell.laser, cell.torch, JointTracker()),
+        CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader or RememberingTracker()),
         CrawlPlan(job.alignment, job.weld, job.passes),
         method,
         Guards(job.guards, ProximityFilter(job.proximity), corners),
@@ -136,7 +156,7 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         method = context.make_method()
         cell = make_crawl_cell(context.job)
         make_crawl_directory(context, directory)
-    _crawl(context, directory, cell, method, None)
+    _crawl(context, directory, cell, method)
 
 
 def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
@@ -155,23 +175,34 @@ def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
         If there is nothing to go on with.
     """
     directory = context.job_file.parent
-    entries = list(read_crawl(directory))
-    if any(isinstance(entry, CrawlEvent) and entry.name == REPLAY for entry in entries):
+    found = read_recorded_crawl(directory)
+    if any(event.name == REPLAY for event in found.events):
         raise ConfigurationError(
             "is a replay: nothing was welded there. Resume the crawl itself", file=directory
         )
-    cycles = [entry for entry in entries if isinstance(entry, CrawlCycle)]
-    start = start_after_stop(cycles, context.job, overlap, directory)
-    places = [entry for entry in entries if isinstance(entry, SimulatedPlace)]
-    last = cycles[-1]
-    left = (np.array(places[-1].pose_w), last.state.time) if places else None
+    start = start_after_stop(found.cycles, context.job, overlap, directory)
+    last, left = found.cycles[-1], None
+    if found.places:
+        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
+        pose_w = np.array(found.places[-1][1].pose_w)
+        left = LeftWorld(pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs))
     with add_file_to_errors(context.job_file):
         cell = make_crawl_cell(context.job, left)
-    _crawl(context, directory, cell, context.make_method(last.slip), start)
+    method = context.make_method(last.slip)
+    _crawl(context, directory, cell, method, start, reader_that_saw(found.profiles))
+
+
+def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
+    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
+    reader = RememberingTracker()
+    for cycle, profile in profiles:
+        with suppress(GrooveNotFound):
+            reader.read(profile, cycle.travel)
+    return reader
 
 
 def start_after_stop(
-    cycles: list[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
+    cycles: Sequence[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
 ) -> CrawlStart:
     """Where a crawl goes on after a stop.
 
@@ -218,7 +249,8 @@ def _crawl(
     directory: Path,
     cell: CrawlCell,
     method: FollowingMethod,
-    start: CrawlStart | None,
+    start: CrawlStart | None = None,
+    reader: JointReader | None = None,
 ) -> None:
     """Crawl, record, and write the results, however it ended."""
     origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
@@ -227,7 +259,7 @@ def _crawl(
         try:
             with record_crawl(file, origin, cell.simulated_place) as recording, cell:
                 journal = CombinedCrawlJournal((recording, context.journal))
-                make_crawler(context, cell, method, journal).run(start)
+                make_crawler(context, cell, method, journal, reader).run(start)
         finally:
             write_crawl_results(directory, context.job)
             context.finished(directory)

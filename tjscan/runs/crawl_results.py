@@ -53,12 +53,15 @@ class RecordedCrawl:
     passes : tuple of PassRecord
     events : tuple of CrawlEvent
     profiles : tuple of (CrawlCycle, Profile)
+    places : tuple of (CrawlCycle, SimulatedPlace)
+        Where a simulated vehicle truly was; empty for a real one.
     """
 
     cycles: tuple[CrawlCycle, ...]
     passes: tuple[PassRecord, ...]
     events: tuple[CrawlEvent, ...]
     profiles: tuple[tuple[CrawlCycle, Profile], ...]
+    places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
 
 
 def read_recorded_crawl(directory: Path) -> RecordedCrawl:
@@ -77,7 +80,7 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
         elif cycles:
             places.append((cycles[-1], entry))
     passes = pass_records(cycles, places)
-    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(profiles))
+    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(profiles), tuple(places))
 
 
 def write_crawl_results(directory: Path, job: CrawlJob) -> None:
