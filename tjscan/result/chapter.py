@@ -16,6 +16,7 @@ from typing import Protocol
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.laser.profile import Profile
+from tjscan.result.animation import PlaneAnimation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +35,10 @@ class ReportChart:
         What was asked for, drawn as a dashed line.
     line : str
         What this line is called where several are drawn in one chart; nothing for a lone one.
+    caption : str
+        What to see in it, in a sentence.
+    plane : bool
+        Whether it shows a plane, so that both axes have one scale.
     """
 
     title: str
@@ -43,6 +48,8 @@ class ReportChart:
     y: Array
     nominal: float | None = None
     line: str = ""
+    caption: str = ""
+    plane: bool = False
 
     def __post_init__(self) -> None:
         for name in ("x", "y"):
@@ -80,6 +87,8 @@ class ReportChapter:
         How it went.
     events : tuple of ReportEvent
         In their order.
+    animation : PlaneAnimation or None
+        What moved, for the reader to scrub through.
     profiles : mapping of int to Profile
         Profile of each finished section, by its number.
     settings : GrooveSettings
@@ -90,6 +99,7 @@ class ReportChapter:
     findings: tuple[str, ...] = ()
     charts: tuple[ReportChart, ...] = ()
     events: tuple[ReportEvent, ...] = ()
+    animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
     settings: GrooveSettings = DEFAULT
 

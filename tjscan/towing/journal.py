@@ -37,6 +37,8 @@ class TowCycle:
     plan : TowingPlan
     seconds : float
         That the plan took.
+    host : float
+        Seconds on this computer's clock since the loop began.
     wait : str
         Why the welder waits, in a sentence; empty where it welds.
     stopped : tuple of int
@@ -54,6 +56,7 @@ class TowCycle:
     obstacles: Array
     plan: TowingPlan
     seconds: float
+    host: float
     wait: str = ""
     stopped: tuple[int, ...] = ()
 
@@ -74,6 +77,8 @@ class TowTruth:
         Of the cable on the welder: newton along x and y, and N m.
     vehicle_forces : ndarray, shape (vehicles,)
         With which each vehicle pulls at the floor, newton.
+    passers_by : ndarray, shape (obstacles, 3)
+        x, y and radius of what moves, metres.
     touches : tuple of str
         What touched what since the last record, in words.
     """
@@ -83,6 +88,7 @@ class TowTruth:
     poses: Array
     welder_force: Array
     vehicle_forces: Array
+    passers_by: Array
     touches: tuple[str, ...] = ()
 
 

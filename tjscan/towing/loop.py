@@ -137,7 +137,7 @@ class CableTow:
         VehicleFault
             The same, where a vehicle or the link to it is to blame.
         """
-        self._along = along
+        self._along, self._began = along, host.perf_counter()
         with self._stopped_by_errors():
             estimate = self._wait_for_poses()
             self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
@@ -222,6 +222,7 @@ class CableTow:
                 np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(-1, 5),
                 plan,
                 seconds,
+                host.perf_counter() - self._began,
                 "" if waiting is None else waiting.why,
                 self._stopped,
             )

@@ -82,6 +82,7 @@ def _from_cycle(cycle: TowCycle) -> dict[str, Any]:
         "iterations": plan.iterations,
         "halt": plan.halt,
         "seconds": cycle.seconds,
+        "host": cycle.host,
         "wait": cycle.wait,
         "stopped": list(cycle.stopped),
     }
@@ -99,8 +100,8 @@ def _to_cycle(fields: dict[str, Any]) -> TowCycle:
         int(fields["iterations"]),
         str(fields["halt"]),
     )
-    moment, along, pace, seconds = to_finite_floats(
-        fields[name] for name in ("time", "along", "pace", "seconds")
+    moment, along, pace, seconds, host = to_finite_floats(
+        fields[name] for name in ("time", "along", "pace", "seconds", "host")
     )
     return TowCycle(
         moment,
@@ -109,6 +110,7 @@ def _to_cycle(fields: dict[str, Any]) -> TowCycle:
         **{name: _rows(fields[name], columns) for name, columns in CYCLE_ROWS.items()},
         plan=plan,
         seconds=seconds,
+        host=host,
         wait=str(fields["wait"]),
         stopped=tuple(map(int, fields["stopped"])),
     )
@@ -121,6 +123,7 @@ def _from_truth(truth: TowTruth) -> dict[str, Any]:
         "poses": _flat(truth.poses),
         "welder_force": _flat(truth.welder_force),
         "vehicle_forces": _flat(truth.vehicle_forces),
+        "passers_by": _flat(truth.passers_by),
         "touches": list(truth.touches),
     }
 
@@ -132,6 +135,7 @@ def _to_truth(fields: dict[str, Any]) -> TowTruth:
         _rows(fields["poses"], 3),
         _rows(fields["welder_force"], 3)[0],
         _rows(fields["vehicle_forces"], 1)[:, 0],
+        _rows(fields["passers_by"], 3),
         tuple(map(str, fields["touches"])),
     )
 
@@ -140,7 +144,7 @@ CYCLE: Final = make_json_topic(
     "/tow/cycle",
     "tjscan.TowCycle",
     {
-        **dict.fromkeys(("time", "along", "pace", "constraint", "seconds"), NUMBER_SCHEMA),
+        **dict.fromkeys(("time", "along", "pace", "constraint", "seconds", "host"), NUMBER_SCHEMA),
         **dict.fromkeys(
             (*CYCLE_ROWS, "estimate", "angles", "link_poses", "held_poses", "terms", "stopped"),
             NUMBERS_SCHEMA,
@@ -160,7 +164,9 @@ TRUTH: Final = make_json_topic(
     "tjscan.SimulatedTow",
     {
         "time": NUMBER_SCHEMA,
-        **dict.fromkeys(("line", "poses", "welder_force", "vehicle_forces"), NUMBERS_SCHEMA),
+        **dict.fromkeys(
+            ("line", "poses", "welder_force", "vehicle_forces", "passers_by"), NUMBERS_SCHEMA
+        ),
         "touches": TEXTS_SCHEMA,
     },
     _from_truth,

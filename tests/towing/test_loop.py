@@ -1,0 +1,189 @@
+"""The loop of a tow, with vehicles that go exactly as told and a planner that is no optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kinematic_team import ExactLocalisation, KinematicTeam, MeasuredPose, RowPlanner
+
+from tjscan.core.errors import TowHalted, VehicleFault
+from tjscan.core.frames import Array
+from tjscan.towing.cable import Cable
+from tjscan.towing.journal import TowCycle
+from tjscan.towing.loop import CableTow, TowSetting
+from tjscan.towing.seam import Seam
+from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
+from tjscan.towing.team import TowingTeam
+
+SEAM = SeamSettings(points=((3.0, 0.0), (3.2, 0.0)), speed=0.01)
+
+
+class Kept:
+    def __init__(self) -> None:
+        self.cycles: list[TowCycle] = []
+        self.events: list[tuple[str, str]] = []
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        self.cycles.append(cycle)
+
+    def record_event(self, name: str, detail: str) -> None:
+        self.events.append((name, detail))
+
+    @property
+    def names(self) -> list[str]:
+        return [name for name, _ in self.events]
+
+
+class Rig:
+    """Three vehicles a metre apart, on a cable of 3.3 m with slack between them."""
+
+    def __init__(
+        self,
+        change: Callable[[int, MeasuredPose], MeasuredPose | None] = lambda v, pose: pose,
+        disturb: Callable[[Rig, float], None] = lambda rig, time: None,
+        halt: Callable[[Array], str] = lambda tip: "",
+        seam: SeamSettings = SEAM,
+        patience: float = 2.0,
+    ) -> None:
+        self.kept, self.planner = Kept(), RowPlanner(33, 1.0, 3, halt)
+        start = self.planner.start(Seam(seam).pose_at(0.0)).held_poses
+        self.team = KinematicTeam(start, lambda time: disturb(self, time))
+        setting = TowSetting(
+            Cable(links=33),
+            TowingTeam((10, 21, 32)),
+            Seam(seam),
+            LocalisationSettings(),
+            FollowingSettings(patience=patience),
+            lambda time: [],
+        )
+        self.tow = CableTow(
+            self.team,  # type: ignore[arg-type]
+            ExactLocalisation(self.team, change),
+            setting,
+            self.planner,
+            self.kept,
+        )
+
+    def run(self) -> None:
+        try:
+            self.tow.run()
+        finally:
+            assert all(vehicle.stopped for vehicle in self.team.vehicles)
+
+
+def test_a_seam_is_welded_at_its_speed_with_every_vehicle_where_it_was_sent() -> None:
+    rig = Rig()
+    rig.run()
+    assert rig.kept.names == ["start", "welded"]
+    assert rig.kept.cycles[-1].along == pytest.approx(0.2)
+    assert len(rig.kept.cycles) == pytest.approx(200, abs=2)
+    for cycle in rig.kept.cycles[20:]:
+        np.testing.assert_allclose(cycle.poses[:, :2], cycle.targets[:, :2], atol=2e-3)
+
+
+def test_a_plan_that_halts_stops_the_weld_and_a_short_halt_is_waited_out() -> None:
+    rig = Rig(halt=lambda tip: "something is in the way" if 10 < rig.team.time < 11 else "")
+    rig.run()
+    assert rig.kept.names == ["start", "waits", "goes on", "welded"]
+    waited = [cycle for cycle in rig.kept.cycles if cycle.wait]
+    assert {cycle.along for cycle in waited} == {waited[0].along}
+    assert max(abs(cycle.asked[:, 0]).max() for cycle in waited[5:]) < 2e-3
+
+
+def test_a_halt_that_lasts_ends_the_tow_with_the_planners_reason() -> None:
+    rig = Rig(halt=lambda tip: "a wall is too near" if tip[0] > 3.1 else "")
+    with pytest.raises(TowHalted, match="no shape within its limits"):
+        rig.run()
+    assert rig.kept.names[-1] == "stop"
+    assert rig.kept.cycles[-1].along == pytest.approx(0.1, abs=2e-3)
+
+
+def test_a_vehicle_with_a_drive_fault_is_planned_around_until_the_cable_is_taut() -> None:
+    def break_down(rig: Rig, time: float) -> None:
+        if time > 1.0:
+            rig.team.vehicles[1].fault = "left drive: over temperature"
+
+    rig = Rig(disturb=break_down)
+    with pytest.raises(VehicleFault, match="vehicle 2 stands, and the cable beside it is taut"):
+        rig.run()
+    assert (1,) in rig.planner.asked
+    assert ("stands", "vehicle 2: left drive: over temperature") in rig.kept.events
+    chord = np.hypot(*(rig.team.vehicles[2].pose - rig.team.vehicles[1].pose)[:2])
+    assert chord < 0.99 * 1.1
+
+
+def test_a_vehicle_that_is_told_to_drive_and_does_not_is_noticed() -> None:
+    def jam(rig: Rig, time: float) -> None:
+        rig.team.vehicles[0].jammed = time > 1.0
+
+    rig = Rig(disturb=jam)
+    with pytest.raises(VehicleFault, match="vehicle 1 stands"):
+        rig.run()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda pose: None, "none comes"),
+        (lambda pose: replace(pose, y=pose.y + 0.5), "jumped"),
+        (lambda pose: replace(pose, x=float("nan")), "not a number"),
+        (lambda pose: replace(pose, time=3.0), "none comes"),
+    ],
+)
+def test_poses_that_cannot_be_true_halt_the_weld_with_a_named_cause(
+    change: Callable[[MeasuredPose], MeasuredPose | None], why: str
+) -> None:
+    rig = Rig(lambda v, pose: change(pose) if v == 0 and pose.time > 5.0 else pose)
+    with pytest.raises(TowHalted, match=f"pose of vehicle 1 is lost: {why}"):
+        rig.run()
+    assert rig.kept.cycles[-1].along < 0.07
+
+
+def test_swapped_poses_are_never_taken() -> None:
+    def swap(v: int, pose: MeasuredPose) -> MeasuredPose:
+        if pose.time < 5.0 or v == 2:
+            return pose
+        return MeasuredPose(pose.time, *rig.team.vehicles[1 - v].pose.tolist())
+
+    rig = Rig(swap)
+    with pytest.raises(TowHalted, match="jumped"):
+        rig.run()
+    assert rig.kept.cycles[-1].poses[0, 0] == pytest.approx(1.05, abs=0.02)
+
+
+def test_a_vehicle_that_was_pushed_is_found_again_and_led_back() -> None:
+    def push(rig: Rig, time: float) -> None:
+        if abs(time - 5.0) < 0.01:
+            rig.team.vehicles[1].pose += (0.0, 0.2, 0.0)
+
+    rig = Rig(disturb=push, patience=5.0)
+    rig.run()
+    assert "moved" in rig.kept.names
+    assert rig.kept.cycles[-1].poses[1, 1] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_the_welder_must_stand_at_its_seam() -> None:
+    rig = Rig()
+    rig.team.vehicles[2].pose += (0.0, 0.3, 0.0)
+    with pytest.raises(TowHalted, match="300 mm from where its seam begins"):
+        rig.run()
+
+
+def test_no_pose_at_all_is_said_with_the_vehicles_number() -> None:
+    rig = Rig(lambda v, pose: None if v == 1 else pose)
+    with pytest.raises(TowHalted, match="no pose of vehicle 2"):
+        rig.run()
+
+
+def test_a_vehicle_is_stopped_by_whatever_ends_the_loop() -> None:
+    def interrupt(rig: Rig, time: float) -> None:
+        if time > 2.0:
+            raise KeyboardInterrupt
+
+    rig = Rig(disturb=interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        rig.run()
+    assert rig.kept.events[-1] == ("stop", "KeyboardInterrupt")

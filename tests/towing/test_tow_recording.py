@@ -1,0 +1,68 @@
+"""What a tow records is read again as it was."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.topics import TowEvent, read_tow, record_tow
+
+RNG = np.random.default_rng(1)
+
+
+def make_cycle(time: float) -> TowCycle:
+    seen = RNG.standard_normal((2, 3))
+    seen[1] = np.nan
+    plan = TowingPlan(
+        RNG.standard_normal(5),
+        RNG.standard_normal(5),
+        RNG.standard_normal((5, 3)),
+        RNG.standard_normal((2, 3)),
+        PlanTerms(1.0, 2.0, 3.0, 4.0),
+        1e-9,
+        ("joint 3",),
+        4,
+        "a wall is too near",
+    )
+    return TowCycle(
+        time,
+        0.5,
+        0.25,
+        seen,
+        RNG.standard_normal((2, 3)),
+        RNG.standard_normal((2, 2)),
+        RNG.standard_normal((2, 3)),
+        RNG.standard_normal((2, 3)),
+        np.empty((0, 5)),
+        plan,
+        1e-3,
+        12.0,
+        "a wall is too near",
+        (1,),
+    )
+
+
+def test_cycles_truth_and_events_come_back_in_their_order(tmp_path: Path) -> None:
+    cycles = [make_cycle(0.1 * k) for k in range(7)]
+    truth = TowTruth(
+        0.0, np.ones((6, 2)), np.ones((2, 3)), np.ones(3), np.ones(2), np.empty((0, 3)), ("a",)
+    )
+    with record_tow(tmp_path / "tow.mcap", truth=lambda: truth) as journal:
+        journal.record_event("start", "0 mm along the seam")
+        for cycle in cycles:
+            journal.record_cycle(cycle)
+    entries = list(read_tow(tmp_path))
+    assert isinstance(entries[0], TowEvent)
+    found = [entry for entry in entries if isinstance(entry, TowCycle)]
+    assert len(found) == sum(isinstance(entry, TowTruth) for entry in entries) == 7
+    for was, cycle in zip(cycles, found, strict=True):
+        assert (was.wait, was.stopped) == (cycle.wait, cycle.stopped)
+        for field in fields(TowCycle):
+            if field.name not in ("plan", "wait", "stopped"):
+                before, after = (getattr(one, field.name) for one in (was, cycle))
+                np.testing.assert_allclose(before, after, atol=1e-9)
+        np.testing.assert_allclose(was.plan.angles, cycle.plan.angles, atol=1e-9)
+        assert (was.plan.terms, was.plan.limits) == (cycle.plan.terms, cycle.plan.limits)
+        assert was.plan.halt == cycle.plan.halt

@@ -1,0 +1,251 @@
+"""How well a tow went, in figures: against the plan, and where there is one against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from math import nan
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.job.tow_job import TowJob
+from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.seam import Seam
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowFigures:
+    """Figures of a tow. Those of a simulation's truth are NaN where there is none.
+
+    Parameters
+    ----------
+    complete : bool
+        Whether the whole seam was welded.
+    welded_mm : float
+        Of the seam.
+    seconds, waited_s : float
+        Of the whole tow, and of it with the welder waiting.
+    plan_hz : float
+        Plans a second that this computer would make: 1 over the mean time of one.
+    plan_p99_ms : float
+        99th percentile of a plan's time.
+    real_time_factor : float
+        Seconds of the tow for each that it took.
+    objective, objective_max : float
+        The paper's f of 100, mean and largest.
+    constraint : float
+        Largest residual of a plan, metres or radians.
+    halts : int
+        Cycles without a plan.
+    asked_mm_s : float
+        Fastest that a towing vehicle was asked to drive.
+    planned_bend_deg, bend_deg : float
+        Largest angle of a joint, as planned and as it was.
+    force_mean_n, force_max_n : float
+        Of the cable on the welder.
+    pull_max_n : float
+        Largest with which a vehicle drove against the floor.
+    welder_off_mm : float
+        Largest distance of the welder from its line.
+    welder_late_mm : float
+        Largest along the line, from where it was to be.
+    followed_mm : float
+        Mean distance of the towing vehicles from where they were to be.
+    estimate_deg, estimate_mm : float
+        Mean error of the estimated cable, of a joint and of a link.
+    link_clearance_mm, body_clearance_mm : float
+        Least of links, but for those free of it, and of towing vehicles' bodies, to walls, pillars
+        and obstacles.
+    passer_by_mm : float
+        Least distance of cable and bodies from what moves.
+    vehicle_gap_mm : float
+        Least between two bodies.
+    touches : int
+        How often something touched.
+    """
+
+    complete: bool
+    welded_mm: float
+    seconds: float
+    waited_s: float
+    plan_hz: float
+    plan_p99_ms: float
+    real_time_factor: float
+    objective: float
+    objective_max: float
+    constraint: float
+    halts: int
+    asked_mm_s: float
+    planned_bend_deg: float
+    bend_deg: float = nan
+    force_mean_n: float = nan
+    force_max_n: float = nan
+    pull_max_n: float = nan
+    welder_off_mm: float = nan
+    welder_late_mm: float = nan
+    followed_mm: float = nan
+    estimate_deg: float = nan
+    estimate_mm: float = nan
+    link_clearance_mm: float = nan
+    body_clearance_mm: float = nan
+    passer_by_mm: float = nan
+    vehicle_gap_mm: float = nan
+    touches: int = 0
+
+    @property
+    def as_numbers(self) -> dict[str, float | int | bool | None]:
+        """Each figure by its name, None where it is not known."""
+        return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
+
+
+UNITS: Final[dict[str, tuple[str, str]]] = {
+    "complete": ("whole seam welded", ""),
+    "welded_mm": ("seam welded", "mm"),
+    "seconds": ("time", "s"),
+    "waited_s": ("of it waiting", "s"),
+    "plan_hz": ("plans, mean rate", "Hz"),
+    "plan_p99_ms": ("a plan's time, 99 %", "ms"),
+    "real_time_factor": ("real-time factor", ""),
+    "objective": ("objective f, mean of 100", ""),
+    "objective_max": ("objective f, largest", ""),
+    "constraint": ("constraint, largest residual", ""),
+    "halts": ("cycles without a plan", ""),
+    "asked_mm_s": ("towing speed asked, fastest", "mm/s"),
+    "planned_bend_deg": ("joint angle planned, largest", "°"),
+    "bend_deg": ("joint angle, largest", "°"),
+    "force_mean_n": ("force on the welder, mean", "N"),
+    "force_max_n": ("force on the welder, largest", "N"),
+    "pull_max_n": ("pull of a vehicle, largest", "N"),
+    "welder_off_mm": ("welder off its line, largest", "mm"),
+    "welder_late_mm": ("welder along its line, largest", "mm"),
+    "followed_mm": ("vehicles off their poses, mean", "mm"),
+    "estimate_deg": ("estimate of a joint, mean error", "°"),
+    "estimate_mm": ("estimate of a link, mean error", "mm"),
+    "link_clearance_mm": ("clearance of links, least", "mm"),
+    "body_clearance_mm": ("clearance of bodies, least", "mm"),
+    "passer_by_mm": ("distance to what moves, least", "mm"),
+    "vehicle_gap_mm": ("gap between vehicles, least", "mm"),
+    "touches": ("touches", ""),
+}
+"""What each figure is, in words, and its unit."""
+
+
+def figures_of_tow(
+    job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth], *, complete: bool
+) -> TowFigures:
+    """Figures of a tow from what was recorded of it; one cycle at least.
+
+    Parameters
+    ----------
+    job : TowJob
+    cycles : sequence of TowCycle
+    truths : sequence of TowTruth
+        One for each cycle, or none.
+    complete : bool
+        Whether the whole seam was welded.
+    """
+    first, last = cycles[0], cycles[-1]
+    seconds = np.array([cycle.seconds for cycle in cycles])
+    terms = np.array([cycle.plan.terms.paper for cycle in cycles if not cycle.plan.halt] or [nan])
+    asked = np.array([cycle.asked for cycle in cycles])
+    sent = [cycle for cycle in cycles if not cycle.plan.halt]
+    bends = [np.abs(cycle.plan.angles).max() for cycle in sent]
+    residuals = [cycle.plan.constraint for cycle in sent]
+    host = last.host - first.host
+    known = {} if not truths else _against_truth(job, cycles, truths)
+    return TowFigures(
+        complete=complete,
+        welded_mm=1e3 * last.along,
+        seconds=last.time - first.time,
+        waited_s=float(sum(b.time - a.time for a, b in pairwise(cycles) if not b.pace)),
+        plan_hz=float(1 / seconds.mean()),
+        plan_p99_ms=float(1e3 * np.percentile(seconds, 99)),
+        real_time_factor=(last.time - first.time) / host if host else nan,
+        objective=float(terms.mean()),
+        objective_max=float(terms.max()),
+        constraint=float(max(residuals, default=nan)),
+        halts=sum(bool(cycle.plan.halt) for cycle in cycles),
+        asked_mm_s=float(1e3 * np.hypot(asked[:, :-1, 0], asked[:, :-1, 2]).max(initial=0.0)),
+        planned_bend_deg=float(np.degrees(max(bends, default=nan))),
+        **known,
+    )
+
+
+def _against_truth(
+    job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth]
+) -> dict[str, Any]:
+    force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
+    line = np.array([truth.line for truth in truths])
+    poses = np.array([truth.poses for truth in truths])
+    steps = np.diff(line, axis=1)
+    headings = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
+    angles = np.diff(headings, axis=1, prepend=job.root.heading)
+    angles = (angles + np.pi) % (2 * np.pi) - np.pi
+    estimate = np.array([cycle.plan.estimate for cycle in cycles])
+    estimated = np.array([job.chain.poses(one)[:, :2] for one in estimate])
+    off, late = _welder_off(Seam(job.seam), cycles, poses)
+    targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
+    gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
+    gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
+    link, body = _clearances(job, line, poses)
+    passers = [_passer_by_distance(job, truth) for truth in truths if len(truth.passers_by)]
+    return {
+        "bend_deg": float(np.degrees(np.abs(angles).max())),
+        "force_mean_n": float(force.mean()),
+        "force_max_n": float(force.max()),
+        "pull_max_n": float(max(truth.vehicle_forces.max() for truth in truths)),
+        "welder_off_mm": 1e3 * off,
+        "welder_late_mm": 1e3 * late,
+        "followed_mm": float(1e3 * np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1).mean()),
+        "estimate_deg": float(np.degrees(np.abs(estimate - angles).mean())),
+        "estimate_mm": float(1e3 * np.linalg.norm(estimated - line[:, 1:], axis=-1).mean()),
+        "link_clearance_mm": 1e3 * link,
+        "body_clearance_mm": 1e3 * body,
+        "passer_by_mm": 1e3 * min(passers, default=nan),
+        "vehicle_gap_mm": float(1e3 * (gaps.min() - 2 * job.vehicles.radius)),
+        "touches": sum(len(truth.touches) for truth in truths),
+    }
+
+
+def _welder_off(seam: Seam, cycles: Sequence[TowCycle], poses: Array) -> tuple[float, float]:
+    """Largest distance of the welder from its line, and along it, metres."""
+    across, along = [0.0], [0.0]
+    for before, pose in zip(cycles, poses[1:, -1], strict=False):
+        target = seam.pose_at(before.along)
+        way = seam.pose_at(before.along + 1e-3)[:2] - seam.pose_at(before.along - 1e-3)[:2]
+        if not way.any():
+            across.append(float(np.hypot(*(pose - target)[:2])))
+            continue
+        x, y = way / np.hypot(*way)
+        dx, dy = (pose - target)[:2]
+        across.append(abs(float(x * dy - y * dx)))
+        along.append(abs(float(x * dx + y * dy)))
+    return max(across), max(along)
+
+
+def _clearances(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
+    """Least distance of links and of bodies from walls, pillars and obstacles that stand."""
+    from shapely import Point, Polygon, distance, linestrings, points, union_all
+
+    standing = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
+    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(standing))
+    outside = Polygon(job.area.outline).buffer(10).difference(floor)
+    free = job.limits.free_links
+    links = line[:, free : line.shape[1] - free]
+    link = distance(linestrings(links), outside).min()
+    body = distance(points(poses[:, :-1, :2]), outside).min() - job.vehicles.radius
+    return float(link), float(body)
+
+
+def _passer_by_distance(job: TowJob, truth: TowTruth) -> float:
+    """Least distance of cable and bodies from what moves, metres."""
+    from shapely import LineString, distance, points
+
+    at = points(truth.passers_by[:, :2])
+    cable = distance(LineString(truth.line), at) - truth.passers_by[:, 2]
+    apart = np.linalg.norm(truth.poses[:, None, :2] - truth.passers_by[None, :, :2], axis=-1)
+    bodies = apart - truth.passers_by[:, 2] - job.vehicles.radius
+    return float(min(cable.min(), bodies.min()))

@@ -1,0 +1,238 @@
+"""What the report of a run shows of its tow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tjscan.core.frames import Array
+from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
+from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.directory import JOB
+from tjscan.runs.tow_figures import UNITS, TowFigures
+from tjscan.runs.tow_results import RecordedTow, read_recorded_tow
+from tjscan.towing.seam import Seam
+from tjscan.towing.topics import REPLAY, TOW_RECORDING
+
+MOST_POINTS: Final = 2000
+"""Of a line in a chart."""
+
+FRAMES: Final = 400
+"""Of the animation."""
+
+SNAPSHOTS: Final = 8
+"""Shapes that are drawn over one another."""
+
+PAPER_OBJECTIVE: Final = 3.5
+"""Mean of the objective in the paper's simulation, V-C."""
+
+PAPER_PLAN: Final = 1e3 / 22
+"""Milliseconds of a plan in the paper, figure 10."""
+
+TIME: Final = "time / s"
+
+
+def tow_chapter(directory: Path) -> ReportChapter:
+    """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
+    if not (directory / f"{TOW_RECORDING}.mcap").is_file():
+        return ReportChapter()
+    job, found = read_tow_job(directory / JOB), read_recorded_tow(directory)
+    events = tuple(
+        ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)
+        for event in found.events
+    )
+    figures = found.figures(job)
+    if figures is None:
+        return ReportChapter(findings=("Nothing was towed.",), events=events)
+    return ReportChapter(
+        facts=tuple(_facts(job, figures)),
+        findings=tuple(_findings(job, found, figures)),
+        charts=tuple(_charts(job, found)),
+        events=events,
+        animation=_animation(job, found),
+    )
+
+
+def _facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
+    seam = Seam(job.seam)
+    yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
+    yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
+    yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
+    for name, value in figures.as_numbers.items():
+        if value is not None:
+            words, unit = UNITS[name]
+            text = f"{value:.4g}" if isinstance(value, float) else str(value)
+            yield words, f"{text} {unit}".strip()
+
+
+def _findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:
+    if job.vehicles.driver == "simulated":
+        yield "Simulated: no real vehicle towed this cable."
+    for event in found.events:
+        if event.name == REPLAY:
+            yield f"A replay, {event.detail}: what the method {job.method} would have planned."
+        elif event.name == "stop":
+            yield f"It was stopped: {event.detail}"
+    if not figures.complete:
+        yield f"Only {figures.welded_mm:.0f} mm of the seam are welded."
+    if figures.touches:
+        yield f"Something was touched, {figures.touches} times."
+    if figures.bend_deg > np.degrees(job.chain.joint_limit):
+        yield (
+            f"A joint was bent by {figures.bend_deg:.1f}°, beyond the "
+            f"{np.degrees(job.chain.joint_limit):.1f}° of the cable."
+        )
+
+
+def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
+    cycles = found.cycles
+    thin = slice(None, None, max(len(cycles) // MOST_POINTS, 1))
+    time = np.array([cycle.time for cycle in cycles])
+    time = time - time[0]
+
+    def over_time(title: str, label: str, values: ArrayLike, **more: Any) -> ReportChart:
+        return ReportChart(title, TIME, label, time[thin], np.asarray(values)[thin], **more)
+
+    yield from _snapshots(job, found)
+    terms = [cycle.plan.terms for cycle in cycles]
+    title = "objective of 100, as figures 9 (a) and 12 (a) of the paper"
+    for name, label in (("paper", "f"), ("bend", "bending"), ("obstacle", "obstacles")):
+        values = np.array([getattr(one, name) for one in terms])
+        nominal = PAPER_OBJECTIVE if name == "paper" else None
+        yield over_time(
+            title,
+            "weighted, of 100",
+            values,
+            line=label,
+            nominal=nominal,
+            caption="Dashed: the paper's mean in its simulation, whose loss functions are not "
+            "told; absolute values can't be compared.",
+        )
+    for name, label in (("change", "change"), ("pace", "pace of the vehicles")):
+        yield over_time(
+            title, "weighted, of 100", [getattr(one, name) for one in terms], line=label
+        )
+    yield over_time(
+        "constraint, as figures 9 (b) and 12 (b) of the paper",
+        "largest residual / µm or µrad",
+        1e6 * np.array([cycle.plan.constraint for cycle in cycles]),
+    )
+    yield over_time(
+        "time of a plan, as figure 10 of the paper",
+        "time / ms",
+        1e3 * np.array([cycle.seconds for cycle in cycles]),
+        nominal=PAPER_PLAN,
+        caption="Estimate and optimisation together. Dashed: the paper's mean, 22 Hz.",
+    )
+    asked = np.array([np.hypot(c.asked[:, 0], c.asked[:, 2]) for c in cycles])
+    for v in range(asked.shape[1]):
+        name = "welder" if v == asked.shape[1] - 1 else f"vehicle {v + 1}"
+        yield over_time("speed asked", "speed / (mm/s)", 1e3 * asked[:, v], line=name)
+    if found.truths:
+        yield from _truth_charts(found, over_time)
+
+
+def _truth_charts(found: RecordedTow, draw: Callable[..., ReportChart]) -> Iterator[ReportChart]:
+    force = np.array([np.hypot(*truth.welder_force[:2]) for truth in found.truths])
+    pulls = np.array([truth.vehicle_forces for truth in found.truths])
+    yield draw("force of the cable on the welder", "force / N", force)
+    for v in range(pulls.shape[1]):
+        yield draw("pull of the vehicles", "force / N", pulls[:, v], line=f"vehicle {v + 1}")
+    if all(len(truth.passers_by) for truth in found.truths):
+        near = [_nearest(truth.line, truth.passers_by) for truth in found.truths]
+        yield draw(
+            "distance of the cable from what moves, as figure 13 of the paper shows by pictures",
+            "distance / mm",
+            1e3 * np.array(near),
+        )
+
+
+def _nearest(line: Array, discs: Array) -> float:
+    off = np.linalg.norm(line[:, None] - discs[None, :, :2], axis=-1) - discs[:, 2]
+    return float(off.min())
+
+
+def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
+    """Shapes of the cable on its way, x and y changed so that the seam lies across the page."""
+    title = "shapes on the way, as figures 8, 11 and 13 of the paper"
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SNAPSHOTS).astype(int))
+    begin = found.cycles[0].time
+    for polygon in (job.area.outline, *job.area.holes):
+        ring = np.array((*polygon, polygon[0]))
+        yield _in_plane(title, ring, "")
+    for k in picked:
+        cycle = found.cycles[k]
+        line = found.truths[k].line if found.truths else job.chain.line(cycle.plan.angles)
+        yield _in_plane(title, line, f"{cycle.time - begin:.0f} s")
+
+
+def _in_plane(title: str, points: Array, name: str) -> ReportChart:
+    return ReportChart(
+        title,
+        "y / m",
+        "x / m",
+        points[:, 1],
+        points[:, 0],
+        line=name,
+        plane=True,
+        caption="The cable at evenly spaced times, in the area that it may use.",
+    )
+
+
+def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, FRAMES).astype(int))
+    cycles = [found.cycles[k] for k in picked]
+    chain, radius = job.chain, job.vehicles.radius
+    planned = np.array([chain.line(cycle.plan.angles) for cycle in cycles])
+    estimate = np.array([chain.line(cycle.plan.estimate) for cycle in cycles])
+    lines = [MovingLine("planned", "#1f77b4", planned, dashed=True)]
+    poses = np.array([cycle.poses for cycle in cycles])
+    values = [
+        ("objective f of 100", np.array([cycle.plan.terms.paper for cycle in cycles])),
+        ("along the seam / mm", np.array([1e3 * cycle.along for cycle in cycles])),
+        ("bend planned / °", np.array([_bend(cycle.plan.angles) for cycle in cycles])),
+    ]
+    if found.truths:
+        truths = [found.truths[k] for k in picked]
+        lines.insert(0, MovingLine("cable", "#222222", np.array([t.line for t in truths])))
+        poses = np.array([truth.poses for truth in truths])
+        force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
+        values.append(("force on the welder / N", force))
+    else:
+        lines.insert(0, MovingLine("estimated", "#222222", estimate))
+    sizes = np.full((*poses.shape[:2], 1), radius)
+    vehicles = np.concatenate((poses[..., :2], sizes), axis=2)
+    most = max(len(cycle.obstacles) for cycle in cycles)
+    moving = np.full((len(cycles), most, 3), -1e3)
+    moving[..., 2] = 0.0
+    for frame, cycle in zip(moving, cycles, strict=True):
+        frame[: len(cycle.obstacles)] = cycle.obstacles[:, :3]
+    discs = [
+        MovingDiscs("towing vehicles", "#2ca02c", vehicles[:, :-1]),
+        MovingDiscs("welder", "#d62728", vehicles[:, -1:]),
+    ]
+    if most:
+        discs.append(MovingDiscs("obstacles", "#ff7f0e", moving))
+    begin = cycles[0].time
+    return PlaneAnimation(
+        "The tow",
+        "Dotted red: the seam. Drag the slider, or press play.",
+        np.array([cycle.time - begin for cycle in cycles]),
+        [np.array(ring) for ring in (job.area.outline, *job.area.holes)],
+        Seam(job.seam).path.points,
+        lines,
+        discs,
+        values,
+        [cycle.wait for cycle in cycles],
+    )
+
+
+def _bend(angles: Array) -> float:
+    return float(np.degrees(np.abs(angles).max()))
