@@ -1,0 +1,160 @@
+"""Simulated vehicles that hold one cable: each a `Vehicle`, all on one clock."""
+
+from __future__ import annotations
+
+from typing import Final, Self
+
+from tjscan.core.devices import DeviceBase, DeviceIdentity
+from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
+from tjscan.vehicle.simulated_body import PERIOD
+from tjscan.vehicle.towing_world import TowingWorld
+from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist
+
+ON_TIME: Final = 1e-6
+"""Seconds: sums of periods are no nearer to what they should be."""
+
+
+class SimulatedTeam:
+    """Vehicles that hold the cable of a simulated world, which goes on as their states are read.
+
+    `advance_to` lets the world go on for all of them. A vehicle's own `next_state` gives the newest
+    state that it has not given yet; where there is none, it lets the world go on by one period. So
+    whoever reads all of them in turn moves the clock once a turn.
+
+    A context manager: entering connects all vehicles.
+
+    Parameters
+    ----------
+    world : TowingWorld
+    """
+
+    def __init__(self, world: TowingWorld) -> None:
+        self.world = world
+        self.vehicles = tuple(TeamVehicle(self, which) for which in range(world.vehicles))
+        """In their order along the cable; the last is the welder."""
+
+    def __enter__(self) -> Self:
+        """Connect all vehicles."""
+        for vehicle in self.vehicles:
+            vehicle.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop and disconnect all vehicles."""
+        for vehicle in self.vehicles:
+            vehicle.__exit__()
+
+    @property
+    def time(self) -> float:
+        """What the clock of all vehicles shows, seconds."""
+        return self.world.time
+
+    def advance_to(self, time: float) -> tuple[VehicleState | VehicleFault, ...]:
+        """Let the world go on, if it has not come that far, and give each vehicle's newest state.
+
+        Parameters
+        ----------
+        time : float
+            Seconds on the team's clock.
+        """
+        while self.world.time < time - PERIOD / 2:
+            self.advance()
+        return tuple(vehicle.newest_state() for vehicle in self.vehicles)
+
+    def advance(self) -> None:
+        """Let the world go on by one period."""
+        for vehicle in self.vehicles:
+            self.world.order(vehicle.which, vehicle.wanted())
+        self.world.advance(PERIOD)
+        for vehicle in self.vehicles:
+            vehicle.take_state()
+
+
+class TeamVehicle(DeviceBase):
+    """One vehicle of a simulated team, behind the `Vehicle` protocol; it drives sideways too.
+
+    Parameters
+    ----------
+    team : SimulatedTeam
+    which : int
+        Its place along the cable, from 0.
+    """
+
+    dead_man: float = DEAD_MAN
+
+    def __init__(self, team: SimulatedTeam, which: int) -> None:
+        self.which, self._team = which, team
+        # A signal's handler may stop a vehicle whatever it interrupts: no locks, but one order that
+        # is replaced as a whole, and a stop that outranks it.
+        self._order: tuple[Twist, float] | None = None
+        self._connected = self._stopped = False
+        self._unread = False
+        self._state = team.world.state(which)
+
+    def __enter__(self) -> Self:
+        """Take commands."""
+        self.accept_commands_again()
+        self._connected = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop, and take no more commands."""
+        self.stop()
+        self._connected = False
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Which vehicle it is."""
+        return DeviceIdentity("simulated towing vehicle", str(self.which + 1))
+
+    def command(self, twist: Twist) -> None:
+        """Hold a twist until the next command. See `Vehicle.command`."""
+        self._need_connection()
+        check_twist(twist)
+        if self._state.fault:
+            raise DriveFault(
+                f"the vehicle reports: {self._state.fault}. Mend it, then start again."
+            )
+        if self._stopped:
+            raise VehicleStopped
+        self._order = twist, self._team.time
+
+    def next_state(self) -> VehicleState:
+        """Report the newest state; go on by one period where it is known already.
+
+        See `Vehicle.next_state` and `SimulatedTeam`.
+        """
+        self._need_connection()
+        if not self._unread:
+            self._team.advance()
+        return self.newest_state()
+
+    def stop(self) -> None:
+        """Brake to rest, and take no command any more. See `Vehicle.stop`."""
+        self._stopped = True
+
+    def accept_commands_again(self) -> None:
+        """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
+        self._order, self._stopped = None, False
+
+    # What the team asks of it
+
+    def wanted(self) -> Twist | None:
+        """What it is to drive now; None brakes."""
+        order = self._order
+        if self._stopped or order is None:
+            return None
+        return order[0] if self._team.time - order[1] < self.dead_man - ON_TIME else None
+
+    def take_state(self) -> None:
+        """Look at the world."""
+        self._state, self._unread = self._team.world.state(self.which), True
+
+    def newest_state(self) -> VehicleState:
+        """The state when the world last went on."""
+        self._unread = False
+        return self._state
+
+    def _need_connection(self) -> None:
+        if not self._connected:
+            raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")

@@ -1,0 +1,257 @@
+"""A simulated work area: a plant, drives, passers-by, one clock, and what can go wrong in it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.vehicle.cable_model import TowingWorldModel
+from tjscan.vehicle.cable_plant import STEP, CablePlant
+from tjscan.vehicle.towing_drives import OmnidirectionalDrives
+from tjscan.vehicle.vehicle import Twist, VehicleState
+
+REMEMBERED: Final = 5.0
+"""Seconds for which the world remembers where the vehicles were."""
+
+PUSH_TIME: Final = 0.5
+"""Seconds that a push takes."""
+
+JAMMED: Final = "wheels: jammed"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TowingTruth:
+    """What is true in a simulated world, and no algorithm may see.
+
+    Parameters
+    ----------
+    time : float
+        Seconds on the world's clock.
+    points : Array
+        The root and the far end of each link in the plane, metres, shape (N + 1, 2).
+    headings, angles : Array
+        Of the links and of the joints, in the plane, radians, shape (N,) each.
+    poses : Array
+        Of the vehicles: x, y, heading, shape (n, 3).
+    forces : Array
+        Of the cable on each vehicle, and of all else that touches it: newton and N m about its
+        origin, frame w, shape (n, 3); the mean since the truth was last asked for.
+    drive_forces : Array
+        Of each vehicle's wheels, newton, shape (n,); the largest since then.
+    grip_shares : Array
+        That force as a share of what the wheels' grip allows, shape (n,).
+    passers_by : Array
+        x, y, radius, and the speed along x and y, shape (k, 5).
+    touches : tuple of str
+        What touched what since then, but for the floor, in alphabetical order.
+    """
+
+    time: float
+    points: Array
+    headings: Array
+    angles: Array
+    poses: Array
+    forces: Array
+    drive_forces: Array
+    grip_shares: Array
+    passers_by: Array
+    touches: tuple[str, ...]
+
+
+class TowingWorld:
+    """Vehicles that hold a cable, and everything around them.
+
+    The same seed and orders give the same motion, to the last bit on one machine.
+
+    Parameters
+    ----------
+    model : TowingWorldModel
+        What there is.
+    angles : ndarray, shape (N,)
+        Of the cable's joints at first, radians.
+    seed : int, optional
+        Of the encoders' noise.
+    time : float, optional
+        What the clock shows at first, seconds.
+    settle : float, optional
+        Seconds for which all stand before that, so that the cable lies as friction lets it.
+    step : float, optional
+        Of the plant, seconds.
+    """
+
+    def __init__(
+        self,
+        model: TowingWorldModel,
+        angles: Array,
+        *,
+        seed: int = 0,
+        time: float = 0.0,
+        settle: float = 1.0,
+        step: float = STEP,
+    ) -> None:
+        self.model, self.plant = model, CablePlant(model, angles, step=step)
+        self.vehicles: int = len(model.cable.held)
+        """How many: n."""
+        self._drives = OmnidirectionalDrives(model.vehicle, self.vehicles)
+        self._encoders = np.random.default_rng(seed)
+        body, cable = model.vehicle, model.cable
+        mass = body.mass + cable.link_mass
+        turning = body.mass * body.body_radius**2 / 2
+        turning += cable.link_mass * cable.link_length**2 / 3
+        self._inertia = np.array((mass, mass, turning))
+        self._forces = np.zeros((self.vehicles, 3))
+        self._commanded = np.zeros((self.vehicles, 3))
+        self._braked = np.ones(self.vehicles, dtype=bool)
+        self._jammed = np.zeros(self.vehicles, dtype=bool)
+        self._pushed = np.zeros((self.vehicles, 3))
+        self._push_ends = np.full(self.vehicles, -np.inf)
+        self._standing = np.zeros(len(model.passers_by), dtype=bool)
+        # A passer-by walks by a clock of its own, which stops while it is made to stand.
+        self._walked = np.full(len(model.passers_by), time)
+        self._asked, self._gone, self._began = 0.0, 0, time - settle
+        self._place_passers_by()
+        self._summed, self._most_push = 0, np.zeros(self.vehicles)
+        self._touched: set[tuple[str, str]] = set()
+        self._begin_sums()
+        self.poses_before: deque[tuple[float, Array]] = deque()
+        """When, and where the vehicles were, x, y and heading, (n, 3), of the last seconds."""
+        self._remember()
+        self.advance(settle)
+        self._walked[:] = time
+
+    @property
+    def time(self) -> float:
+        """What the clock shows, seconds."""
+        return self._began + self._gone * self.plant.step
+
+    def order(self, vehicle: int, twist: Twist | None) -> None:
+        """Let a vehicle drive a twist until the next order; None brakes it to rest."""
+        self._braked[vehicle] = twist is None
+        if twist is not None:
+            self._commanded[vehicle] = (twist.speed, twist.sideways, twist.turn_rate)
+
+    def advance(self, period: float) -> None:
+        """Go on by a period, seconds: by as many whole steps of the plant as it has room for.
+
+        Raises
+        ------
+        VehicleFault
+            If the simulation diverges.
+        """
+        self._asked += period
+        while self._asked - self._gone * self.plant.step > self.plant.step / 2:
+            self._advance_by_step()
+        self._remember()
+
+    def state(self, vehicle: int) -> VehicleState:
+        """What a vehicle reports of itself now."""
+        noise = self.model.vehicle.encoder_noise * self._encoders.standard_normal(3)
+        noise[2] /= self.model.vehicle.body_radius
+        speed, sideways, turn_rate = (self._drives.wheels[vehicle] + noise).tolist()
+        return VehicleState(
+            self.time,
+            Twist(speed, turn_rate, sideways),
+            fault=JAMMED if self._jammed[vehicle] else "",
+        )
+
+    def stands(self, vehicle: int) -> bool:
+        """Whether a vehicle's wheels are told to rest, and do."""
+        return not self._drives.wanted[vehicle].any()
+
+    def truth(self) -> TowingTruth:
+        """What is true now, and what happened since this was last asked for."""
+        plant = self.plant
+        headings = plant.headings
+        root = self.model.cable.root
+        first = headings[0] if root is None else root[2]
+        if self._summed:
+            duration = self._summed * plant.step
+            gained = self._inertia * (plant.speeds - self._speeds_then) / duration
+            self._forces = gained - self._pushes / self._summed
+        most = self._most_push
+        truth = TowingTruth(
+            self.time,
+            readonly_copy(plant.points[:, :2]),
+            readonly_copy(headings),
+            readonly_copy((np.diff(headings, prepend=first) + np.pi) % (2 * np.pi) - np.pi),
+            readonly_copy(plant.poses),
+            readonly_copy(self._forces),
+            readonly_copy(most),
+            readonly_copy(most / self._drives.grip_force),
+            readonly_copy(self._discs()),
+            tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touches)),
+        )
+        self._begin_sums()
+        return truth
+
+    # What can go wrong
+
+    def jam(self, vehicle: int) -> None:
+        """Let a vehicle's wheels lock, for good or until `release`."""
+        self._jammed[vehicle] = True
+
+    def release(self, vehicle: int) -> None:
+        """Let a vehicle's wheels run again."""
+        self._jammed[vehicle] = False
+
+    def push(self, vehicle: int, x: float, y: float) -> None:
+        """Let the floor carry a vehicle away, metres along x and y of w, unseen by its wheels."""
+        self._pushed[vehicle] = (x / PUSH_TIME, y / PUSH_TIME, 0.0)
+        self._push_ends[vehicle] = self.time + PUSH_TIME
+
+    def hold_passer_by(self, which: int, stands: bool) -> None:
+        """Let a passer-by stand where it is, or walk on."""
+        self._standing[which] = stands
+
+    # How it goes on
+
+    def _advance_by_step(self) -> None:
+        plant, step = self.plant, self.plant.step
+        drift = np.where((self.time < self._push_ends)[:, None], self._pushed, 0.0)
+        forces = self._drives.forces(
+            self._commanded,
+            self._braked | self._jammed,
+            plant.poses[:, 2],
+            plant.speeds,
+            drift,
+            step,
+        )
+        plant.advance(forces)
+        self._gone += 1
+        self._walked += np.where(self._standing, 0.0, step)
+        self._place_passers_by()
+        self._pushes += forces
+        self._most_push = np.maximum(self._most_push, np.hypot(forces[:, 0], forces[:, 1]))
+        self._summed += 1
+        self._touched |= plant.touches
+
+    def _place_passers_by(self) -> None:
+        for which, (passer_by, time) in enumerate(
+            zip(self.model.passers_by, self._walked, strict=True)
+        ):
+            self.plant.place_passer_by(which, passer_by.motion_at(time)[0])
+
+    def _discs(self) -> Array:
+        discs = np.zeros((len(self.model.passers_by), 5))
+        for which, passer_by in enumerate(self.model.passers_by):
+            at, speed = passer_by.motion_at(self._walked[which])
+            if self._standing[which]:
+                speed = np.zeros(2)
+            discs[which] = (*at, passer_by.radius, *speed)
+        return discs
+
+    def _begin_sums(self) -> None:
+        self._speeds_then = self.plant.speeds
+        self._pushes = np.zeros((self.vehicles, 3))
+        self._most_push = np.zeros(self.vehicles)
+        self._summed = 0
+        self._touched = set()
+
+    def _remember(self) -> None:
+        self.poses_before.append((self.time, readonly_copy(self.plant.poses)))
+        while self.poses_before[0][0] < self.time - REMEMBERED:
+            self.poses_before.popleft()
