@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from grooves import MM, Groove, Noise, seen, turned
+from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen, turned
 
 from tjscan.core.frames import Array
 from tjscan.groove.find import find_groove
@@ -154,18 +154,30 @@ def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
     assert off[known].max(initial=0.0) < 1 * MM
 
 
-@pytest.mark.parametrize("pull", [0.2, 0.4, 0.8])
+@pytest.mark.parametrize("pull", [0.2, 0.4, 0.8, 1.4])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_notch_that_light_pulls_in_is_stated_to_be_unknown(pull: float, seed: int) -> None:
     groove = Groove(root=0.006)
     profile = seen(groove.outline(), NOISE, seed)
-    x, z = profile.x_s.copy(), profile.z_s.copy()
-    (_, p3, p4), reach = groove.corners, 4 * MM
-    points = np.column_stack((x, z))
-    along = p4 - p3
-    share = np.clip((points - p3) @ along / (along @ along), 0, 1)
-    away = np.linalg.norm(points - p3 - share[:, None] * along, axis=1)
-    weight = np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0)
-    scale = 1 - pull * MM * weight / z
-    section = find_groove(Profile(x * scale, z * scale))
+    section = find_groove(pulled_in(profile, groove, pull * MM, raised_cosine))
     assert normalised(section, groove.corners).max() < 8
+
+
+@pytest.mark.parametrize("opening", [0.75, 0.9])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_leg_under_an_open_root_is_not_taken_for_the_end_of_the_bevel(
+    opening: float, seed: int
+) -> None:
+    # Bevel and leg, drawn on, meet among points of the leg that are seen through the opening.
+    groove = Groove(opening=opening, roll=-0.1)
+    d, (p2, p3, _) = groove.directions, groove.corners
+    foot = p3 + 3 * MM * np.array([d[3][1], -d[3][0]])
+    sides = [
+        groove.outline()[0],
+        np.array([p2, p3]),
+        np.array([p3, p3 - 2 * MM * d[3], p3 - 2 * MM * d[3] + 0.02 * np.array([1.0, -0.5])]),
+        np.array([foot - 0.03 * d[3], foot + 0.12 * d[3]]),
+    ]
+    section = find_groove(seen(sides, NOISE, seed))
+    assert OPEN_ROOT in section.conditions
+    assert np.linalg.norm(section.points_s[2, [0, 2]] - p3) < 1 * MM

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,3 +171,25 @@ def seen(sides: list[Array], noise: Noise, seed: int = 0, columns: int = COLUMNS
         gone += n
     p = r[:, None] * rays
     return Profile(p[:, 0], p[:, 1])
+
+
+def pulled_in(
+    profile: Profile, groove: Groove, pull: float, fade: Callable[[Array], Array]
+) -> Profile:
+    """What light between the faces of the notch makes of a profile.
+
+    Each point moves towards the sensor by `pull` metres times what `fade` gives for its distance
+    from the root's face.
+    """
+    x, z = profile.x_s, profile.z_s
+    _, p3, p4 = groove.corners
+    points, along = np.column_stack((x, z)), p4 - p3
+    share = np.clip((points - p3) @ along / (along @ along), 0, 1)
+    away = np.linalg.norm(points - p3 - share[:, None] * along, axis=1)
+    scale = 1 - pull * fade(away) / z
+    return Profile(x * scale, z * scale)
+
+
+def raised_cosine(away: Array, reach: float = 4 * MM) -> Array:
+    """One at zero, nothing from `reach` on."""
+    return np.asarray(np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0))

@@ -13,7 +13,13 @@ from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, estimate_noise_correlation
+from tjscan.groove.refinement import (
+    CUT,
+    LEAST_NOISE,
+    FittedProfile,
+    OrderedProfilePoints,
+    estimate_noise_correlation,
+)
 from tjscan.groove.rivals import (
     FAR,
     reflection_probability,
@@ -209,11 +215,14 @@ def _without_root(
     fitted = found.fitted
     bevel, leg = fitted.curves[-2:]
     apex_bevel, apex_leg = fitted.places[-1]
-    on_bevel = np.abs(bevel.signed_distances(row.points)) < tolerance
-    on_leg = np.abs(leg.signed_distances(row.points)) < tolerance
+    off_bevel = np.abs(bevel.signed_distances(row.points))
+    off_leg = np.abs(leg.signed_distances(row.points))
+    # Where the two are near each other a point belongs to the nearer one.
+    on_bevel = (off_bevel < tolerance) & (off_bevel < off_leg)
+    on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
     turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
     last = max(end_of_support(on_bevel[:turn]) - 1, 0)
-    while last + 1 < turn and on_bevel[last + 1] and not on_leg[last + 1]:
+    while last + 1 < turn and on_bevel[last + 1]:
         last += 1
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
@@ -225,14 +234,18 @@ def _without_root(
     under = _under(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
         step = _step(row, bevel, last, on_bevel)
-        hidden = abs(int(row.columns[under] - row.columns[last]))
-        s3 = s_last + 0.5 * step * hidden
+        # A root face or a rounded edge that goes on from the bevel leaves it slowly.
+        sure = CUT * max(float(fitted.sigmas[-2]), LEAST_NOISE)
+        surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
+        hidden = abs(int(row.columns[under] - row.columns[surely]))
+        s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
         s4 = leg.position_along_chord(*p3.tolist())
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
         reflected = float(np.mean((np.abs(fitted.residuals) > FAR) & ~on_leg))
         hides = min(abs(apex_bevel - s3), FARTHEST)
-        along = hypot(step * hidden / sqrt(12), sqrt(reflected / 3) * hides)
+        # As many columns may be lost before the edge as after it: their difference is triangular.
+        along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))

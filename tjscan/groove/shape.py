@@ -18,9 +18,9 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.hypotheses import end_of_support
+from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.models import SideModel
 from tjscan.groove.refinement import (
-    LEAST_NOISE,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
@@ -64,9 +64,8 @@ BENT: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
-PULLED: Final = (4e-3, 2e-3)
-"""Distances from a notch, in metres along its flanks, in which light between its faces may move
-their points."""
+PULL_OR_FILLET: Final = 0.5
+"""Probability that a notch which looks pulled in by light is, and no fillet."""
 
 FREE: Final = 0.15
 """Slope by which the face of a bead may turn where it is not seen: it has no plan."""
@@ -125,12 +124,16 @@ def estimate_shape_errors(
     fitted = replace(fitted, noise=fitted.noise or estimate_noise_correlation(row, fitted))
     slow = undulation_sigmas(fitted)
     left = departures_beside_corners(fitted, model)
-    shift = 0.5 * left
+    shift, sigma = 0.5 * left, 0.5 * np.abs(left)
     for k, side in enumerate(model):
         if side.bead:
-            shift[k - 1 : k + 1] += _pulled(fitted, k, left)
+            pull, own = find_pull(row, fitted, k), slice(k - 1, k + 1)
+            pulled = _if_pulled(fitted, k, pull)
+            # What a pull explains leaves its side for no other reason.
+            shift[own] = (1 - pull.probability) * shift[own] + pulled.shift
+            sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled.sigma)
     slow = np.hypot(slow, _patches(fitted))
-    sigma = np.hypot(np.abs(shift), np.column_stack((slow[:-1], slow[1:])))
+    sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = _gaps(fitted)
     unseen = _unseen_shares(fitted, gaps)
     sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0) * unseen)
@@ -328,65 +331,20 @@ def _square(curve: CubicCurve, s: float) -> float:
     return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_SQUARE)
 
 
-def _pulled(fitted: FittedProfile, k: int, left: Array) -> Array:
-    """Shifts of a bead's heights, shape (2, 2), where its neighbours are pulled in beside it.
+def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
+    """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
 
-    Light between the faces of a notch moves the points of its flanks, smoothly, towards the
-    sensor, and those of its bottom along their rays by as much; nothing in these shows it. Where
-    it is a fillet of steel instead, they lie where they are seen.
+    A fillet of steel looks the same: then the corners lie where they are seen.
     """
-    found = np.zeros((2, 2))
-    pull = _pull(fitted, k)
-    for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1)):
-        square = _square(fitted.curves[side], fitted.places[i][j])
-        pull = max(pull, -left[i, j] / square)
-    for i in (0, 1):
-        square = _square(fitted.curves[k], fitted.places[k - 1 + i][1 - i])
-        found[i, 1 - i] = 0.5 * pull * square
-    return found
-
-
-def _pull(fitted: FittedProfile, k: int) -> float:
-    """How far the neighbours of a bead show its points to be pulled in, in metres; 0 if not."""
-    noise = fitted.noise
-    if noise is None:
-        return 0.0
-    sigmas = np.maximum(np.sqrt(noise_variances(fitted, noise)), LEAST_NOISE).tolist()
-    least, pull = SIGNIFICANT, 0.0
-    for reach in PULLED:
-        flanks = [
-            _flank(fitted, side, fitted.places[i][j], reach, sigmas[side])
-            for i, side, j in ((k - 1, k - 1, 0), (k, k + 1, 1))
-        ]
-        shown, known = (sum(values) for values in zip(*flanks, strict=True))
-        if known == 0:
-            continue
-        # A flank that is not seen there has no say.
-        each = min(
-            moved / sqrt(square * noise.variance_inflation) for moved, square in flanks if square
-        )
-        if each > 1 and shown > least * sqrt(known * noise.variance_inflation):
-            least, pull = shown / sqrt(known * noise.variance_inflation), shown / known
-    return pull
-
-
-def _flank(
-    fitted: FittedProfile, side: int, place: float, reach: float, sigma: float
-) -> tuple[float, float]:
-    """What a flank shows of a pull that fades within `reach` of a corner, and how well it does.
-
-    The pull is the first over the second number; its variance, of independent points, is one
-    over the second. Both are zero where the flank is not seen there.
-    """
-    own = fitted.points_of(side)
-    close = np.abs(fitted.residuals[own]) < CLOSE
-    s, residuals = fitted.along[own][close], fitted.residuals[own][close]
-    away = np.abs(s - place)
-    share = np.where(away < reach, 0.5 + 0.5 * np.cos(np.pi * away / reach), 0.0)
-    if np.count_nonzero(share) < FEWEST_BESIDE:
-        return 0.0, 0.0
-    # What a straight side takes up does not show.
-    s, share = s - s.mean(), share - share.mean()
-    share -= s * (s @ share) / (s @ s)
-    share *= _square(fitted.curves[side], place) / sigma
-    return -float(share @ residuals) / sigma, float(share @ share)
+    shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
+    probability = PULL_OR_FILLET * pull.probability
+    for i, (inward, spread) in enumerate(zip(pull.inward, pull.sigma, strict=True)):
+        (a, b), (sa, sb) = fitted.curves[k - 1 + i : k + 1 + i], fitted.places[k - 1 + i]
+        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
+        slope = fitted.curves[k].height_and_slope((sb, sa)[i])[1]
+        # So much lower the face meets its flank so much farther inward.
+        lower = (ax * bz - az * bx) * hypot(1.0, slope)
+        square = probability * (spread**2 + inward**2) - (probability * inward) ** 2
+        shift[i, 1 - i] = probability * inward * lower
+        sigma[i, 1 - i] = sqrt(square) * lower
+    return ShapeErrors(shift, sigma)

@@ -1,0 +1,214 @@
+"""Whether light between the faces of a notch pulls it in, and where its corners are if it does.
+
+Such light moves a notch's bottom and the nearest parts of its flanks towards the sensor, along
+the rays, and fades smoothly up the flanks. So a corner is still seen in its own direction, but
+too near: it lies where that ray meets the flank, drawn on from where nothing pulls it. The bottom
+shows nothing of it. The flanks do: their points leave them, or the bottom's face is bent to go
+over into them. How well a pull explains the points about a notch tells how likely it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import hypot
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.groove.curves import CubicCurve
+from tjscan.groove.refinement import BLUNT, CUT, LEAST_NOISE, FittedProfile, OrderedProfilePoints
+
+PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
+REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
+"""How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
+
+STEEPEST: Final = 0.5
+"""A pull is smooth: it is no greater than this share of its reach."""
+
+PRIOR_ODDS: Final = 0.1
+"""Odds that a notch is pulled in, before its points are looked at."""
+
+FUZZY: Final = 0.05
+"""A pull may differ from a raised cosine by this share, one standard deviation."""
+
+REGION: Final = 8e-3
+"""Points this near a corner are looked at, in metres along its flank."""
+
+FACES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
+FEWEST: Final = 8
+"""Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
+
+LEAST_SINE: Final = 0.15
+"""Least sine of the turn between a flank and a face that have a corner."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NotchPull:
+    """How likely a notch is pulled in, and where its corners are if it is.
+
+    Parameters
+    ----------
+    probability : float
+    inward, sigma : ndarray, shape (2,)
+        How far each corner then lies inward of the fitted one, along its flank, and the standard
+        deviation of that, in metres.
+    """
+
+    probability: float
+    inward: Array
+    sigma: Array
+
+
+NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
+
+_ALLOWED: Final = PULLS[:, None] <= STEEPEST * REACHES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flank:
+    """A flank of a notch, with the n points about it.
+
+    Parameters
+    ----------
+    corner, along : tuple of float
+        The fitted corner and the tangent there, inward.
+    limit : float
+        Bound of its points' noise, in metres.
+    inward : ndarray, shape (n,)
+        Where each point's ray meets the flank, inward of the corner, in metres.
+    behind : ndarray, shape (n,)
+        How far each point lies behind the flank, in metres.
+    """
+
+    corner: tuple[float, float]
+    along: tuple[float, float]
+    limit: float
+    inward: Array
+    behind: Array
+
+    @property
+    def square(self) -> float:
+        """Sine of the angle between flank and ray."""
+        (x, z), (tx, tz) = self.corner, self.along
+        return abs(x * tz - z * tx) / hypot(x, z)
+
+    def corners_with(self, x: float, z: float, tx: float, tz: float) -> Array | None:
+        """Where a line meets the flank, inward of the corner, for each of the pulls, (p,).
+
+        None where the two are nearly parallel.
+        """
+        (cx, cz), (fx, fz) = self.corner, self.along
+        cross = fx * tz - fz * tx
+        if abs(cross) < LEAST_SINE:
+            return None
+        met = (x - cx) * tz - (z - cz) * tx
+        return np.asarray((met + PULLS * (cx / cz * tz - tx)) / cross)
+
+
+def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> NotchPull:
+    """Estimate whether the notch whose bottom is side k of a fit is pulled in, and how far.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+    fitted : FittedProfile
+        Whose noise is known.
+    k : int
+        Number of a side between two others.
+    """
+    face, places = fitted.curves[k], (fitted.places[k - 1][1], fitted.places[k][0])
+    limits = CUT * np.maximum(fitted.sigmas, LEAST_NOISE)
+    flat = float(limits[k])
+    sag = -face.c2 * (places[1] - places[0]) ** 2 / 4
+    limits[k] = max(flat, BLUNT * abs(sag))
+    bounds = [
+        fitted.curves[i].points_at(s)
+        for i, s in (
+            (k - 1, fitted.places[k - 1][0] - REGION),
+            (k + 1, fitted.places[k][1] + REGION),
+        )
+    ]
+    a, b = row.tangents.searchsorted([-x / z for x, z in bounds]).tolist()
+    points = row.points[a:b]
+    flanks = (
+        _flank(fitted.curves[k - 1], fitted.places[k - 1][0], 1.0, points, float(limits[k - 1])),
+        _flank(fitted.curves[k + 1], fitted.places[k][1], -1.0, points, float(limits[k + 1])),
+    )
+    sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[a:b]
+    now = float(np.minimum((fitted.residuals[a:b] / limits[sides]) ** 2, 1).sum())
+    tangents = row.tangents[a:b]
+    found = [_costs(face, places, float(limits[k]), flanks, points, tangents)]
+    if sag > flat:
+        found += [
+            _costs(line, (0.0, 0.0), flat, flanks, points, tangents)
+            for line in _flatter_faces(points[sides == k])
+        ]
+    known = [pair for pair in found if pair is not None]
+    if not known:
+        return NO_PULL
+    costs = np.array([cost for cost, _ in known])
+    inward = np.array([corners for _, corners in known])[:, :, :, None]
+    inflation = fitted.noise.variance_inflation if fitted.noise else 1.0
+    weight = np.exp((now - costs) * CUT**2 / 2 / inflation) * _ALLOWED
+    total = float(weight.sum())
+    odds = PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED))
+    if odds < 1e-4:
+        return NO_PULL
+    share = weight[:, None] / total
+    mean = (share * inward).sum(axis=(0, 2, 3))
+    square = (share * inward**2).sum(axis=(0, 2, 3))
+    return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
+
+
+def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
+    x, z = curve.points_at(s)
+    tx, tz = (sign * t for t in curve.tangent_at(s))
+    px, pz = points.T
+    across = tx * pz - tz * px
+    with np.errstate(divide="ignore"):
+        inward = (z * px - x * pz) / across
+    return _Flank((x, z), (tx, tz), limit, inward, curve.signed_distances(points))
+
+
+def _flatter_faces(points: Array) -> list[CubicCurve]:
+    """Straight faces through pairs of a face's points, shape (n, 2)."""
+    if len(points) < FEWEST:
+        return []
+    chosen = points[np.rint(np.multiply(FACES, len(points) - 1)).astype(np.intp)].tolist()
+    found = []
+    for (ax, az), (bx, bz) in combinations(chosen, 2):
+        length = hypot(bx - ax, bz - az)
+        found.append(CubicCurve(ax, az, (bx - ax) / length, (bz - az) / length))
+    return found
+
+
+def _costs(
+    face: CubicCurve,
+    places: tuple[float, float],
+    limit: float,
+    flanks: tuple[_Flank, _Flank],
+    points: Array,
+    tangents: Array,
+) -> tuple[Array, Array] | None:
+    """What the points pay for each pull and reach, (p, r), and both flanks' corners, (2, p)."""
+    corners, bearings = [], []
+    for flank, s in zip(flanks, places, strict=True):
+        met = flank.corners_with(*face.points_at(s), *face.tangent_at(s))
+        if met is None:
+            return None
+        (cx, cz), (tx, tz) = flank.corner, flank.along
+        corners.append(met)
+        bearings.append(-(cx + met * tx) / (cz + met * tz))
+    before, after = (tangents < bearings[0][:, None]), (tangents >= bearings[1][:, None])
+    own = np.minimum((face.signed_distances(points) / limit) ** 2, 1)
+    total = (own * ~(before | after)).sum(axis=1)[:, None]
+    for flank, met, on in zip(flanks, corners, (before, after), strict=True):
+        share = (met[:, None] - flank.inward)[:, None] / REACHES[:, None]
+        pull = PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
+        fuzzy = (FUZZY * CUT / flank.limit * pull) ** 2
+        away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
+        pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / CUT**2
+        total = total + (pays * on[:, None]).sum(axis=2)
+    return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
