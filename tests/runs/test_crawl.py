@@ -10,6 +10,7 @@ import pytest
 from command import tjscan
 from crawls import SHORT
 
+from tjscan.crawler.crawler import RUN_UPS
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl_reading import read_crawl_job
@@ -64,6 +65,17 @@ def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
     assert tjscan("crawl", "compare", out, out) == 0
     assert tjscan("report", out) == 0
     assert tjscan("crawl", "run", out, "--resume") == 2  # nothing is left to do
+
+
+def test_no_arc_is_struck_where_the_torch_is_not_known(job_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    code = tjscan("crawl", "run", job_file, "--guards.torch-sigma-mm", "0.01", "--out", out)
+    assert code == 4
+    found = read_recorded_crawl(out)
+    assert not any(cycle.arc for cycle in found.cycles)
+    run_ups = [event.name for event in found.events].count(Phase.WELDING)
+    assert run_ups == RUN_UPS
+    assert "needs 0.01 mm" in found.events[-1].detail
 
 
 def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ offset_sigma_mm = 20
 in_view_s = 0.1
 return_speed_mm_s = 40
 speed_mm_s = 40
+[guards]
+torch_sigma_mm = 20
 [weld]
 length_m = 0.03
 run_up_mm = 30

@@ -29,6 +29,9 @@ WAVE: Final = 0.05
 STANDS: Final = 30
 """Cycles for which it stands before it turns back."""
 
+RUN_UPS: Final = 4
+"""How often it runs up to a weld until it knows well enough where the torch is."""
+
 WAVELENGTH: Final = 0.4
 """Metres of a wave."""
 
@@ -158,7 +161,7 @@ class Crawler:
         self._phase = Phase.MANUAL
         self._number, self._travel, self._arc = 0, 0.0, False
         self._time: float | None = None
-        self._torch_y = 0.0
+        self._deviation = 0.0
 
     def run(self, start: CrawlStart | None = None) -> None:
         """Align, and weld every pass that is left.
@@ -270,10 +273,10 @@ class Crawler:
                 )
             self._drive(alignment.speed)
 
-    def _come_to_rest(self) -> None:
+    def _come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Stand before the way is turned: what pads and drives do meanwhile, no model knows."""
         for _ in range(STANDS):
-            self._cycle(REST)
+            self._cycle(REST, path, height)
 
     def _go_back(self, place: float) -> None:
         """Go backward to a place along the joint."""
@@ -285,20 +288,34 @@ class Crawler:
         """Go along the joint with the arc burning where the weld is."""
         one, end = self._plan.passes[number - 1], self._plan.weld.length
         self._number = number
-        while not self._operator.confirm_weld(number):
-            self._cycle(REST)
-        self._come_to_rest()
-        self._enter(Event.WELD_CONFIRMED, f"pass {number} at {1e3 * one.speed:g} mm/s")
+        self._run_up(one, arc_from)
         burning = 0.0
         while self._travel < end:
-            burns = bool(self._travel >= arc_from)
-            if burns != self._arc:
-                self._set_arc(burns)
-            path = one.offset_at(burning) if burns else one.offset
-            seconds = self._drive(one.speed, path, one.height)
-            burning += seconds if burns else 0.0
+            self._guards.watch_weld(self._deviation, self._method.torch.sigma)
+            if not self._arc:
+                self._set_arc(True)
+            burning += self._drive(one.speed, one.offset_at(burning), one.height)
         self._set_arc(False)
         self._enter(Event.PASS_WELDED, f"pass {number}")
+
+    def _run_up(self, one: PassSettings, arc_from: float) -> None:
+        """Come to where the arc is to be struck; once more where the torch is not known there.
+
+        What is not known is the crab, which only a reversal shows.
+        """
+        for left in reversed(range(RUN_UPS)):
+            while not self._operator.confirm_weld(self._number):
+                self._cycle(REST)
+            self._come_to_rest(one.offset, one.height)
+            self._enter(Event.WELD_CONFIRMED, f"pass {self._number} at {1e3 * one.speed:g} mm/s")
+            while self._travel < arc_from:
+                self._drive(one.speed, one.offset, one.height)
+            sigma = self._method.torch.sigma
+            if self._guards.knows_torch(sigma) or not left:
+                return
+            self._enter(Event.TORCH_NOT_KNOWN, f"the torch is known to {1e3 * sigma:.2f} mm")
+            self._go_back(arc_from - self._plan.weld.run_up)
+            self._enter(Event.PASSES_LEFT, f"pass {self._number} once more")
 
     def _set_arc(self, burning: bool) -> None:
         self._devices.torch.set_arc(burning=burning)
@@ -338,7 +355,8 @@ class Crawler:
             d, d_sigma = -reading.centre, reading.centre_sigma
             method.read(d, d_sigma)
         torch = method.torch
-        self._torch_y = devices.torch.move(path - torch.offset, height, period)
+        torch_y = devices.torch.move(path - torch.offset, height, period)
+        self._deviation = torch.offset + torch_y - path
         self._journal.record_cycle(
             CrawlCycle(
                 self._phase,
@@ -347,7 +365,7 @@ class Crawler:
                 state,
                 twist,
                 torch,
-                self._torch_y,
+                torch_y,
                 path,
                 self._arc,
                 nan if d is None else d,

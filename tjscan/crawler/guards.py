@@ -85,6 +85,38 @@ class Guards:
                 f"than {1e3 * settings.field:g} mm: the vehicle does not follow it",
             )
 
+    def watch_weld(self, deviation: float, sigma: float) -> None:
+        """Look at the torch where the arc burns, or is about to be struck.
+
+        Parameters
+        ----------
+        deviation, sigma : float
+            Of the torch from its path as estimated, and its standard deviation, metres.
+
+        Raises
+        ------
+        CrawlStopped
+            If it is not on its path, or nobody knows whether it is.
+        """
+        settings = self._settings
+        if not abs(deviation) <= settings.torch_off:
+            raise CrawlStopped(
+                "torch off its path",
+                f"the torch is {1e3 * abs(deviation):.1f} mm beside its path, more than "
+                f"{1e3 * settings.torch_off:g} mm: its axis does not reach there",
+            )
+        if not self.knows_torch(sigma):
+            raise CrawlStopped(
+                "torch not known",
+                f"where the torch is beside the joint is known to {1e3 * sigma:.2f} mm, and "
+                f"welding needs {1e3 * settings.torch_sigma:g} mm. Calibrate on this hull, make "
+                "the run-up longer, or allow more in guards.torch_sigma_mm",
+            )
+
+    def knows_torch(self, sigma: float) -> bool:
+        """Whether its place is known well enough to weld: to a standard deviation in metres."""
+        return sigma <= self._settings.torch_sigma
+
     def check_command(self, twist: Twist) -> None:
         """Let nothing move towards an edge of the steel.
 

@@ -28,6 +28,7 @@ class Event(StrEnum):
     AT_START = "at the start"
     WELD_CONFIRMED = "weld confirmed"
     PASS_WELDED = "pass welded"
+    TORCH_NOT_KNOWN = "torch not known well enough"
     PASSES_LEFT = "at the start, passes left"
     ALL_WELDED = "at the start, all welded"
     DANGER = "guard or operator"
@@ -41,6 +42,7 @@ TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType(
         (Phase.BACKWARD_ALIGNMENT, Event.AT_START): Phase.READY,
         (Phase.READY, Event.WELD_CONFIRMED): Phase.WELDING,
         (Phase.WELDING, Event.PASS_WELDED): Phase.RETURN,
+        (Phase.WELDING, Event.TORCH_NOT_KNOWN): Phase.RETURN,
         (Phase.RETURN, Event.PASSES_LEFT): Phase.READY,
         (Phase.RETURN, Event.ALL_WELDED): Phase.MANUAL,
         (Phase.STOP, Event.CLEARED): Phase.MANUAL,

@@ -81,6 +81,12 @@ class GuardSettings(SettingsTable):
         Of a motor at its sprocket, N m.
     link_time : float
         How old the operator's last sign of life may be, seconds.
+    torch_off : float
+        How far beside its path the torch may be while the arc burns, metres: what its axis leaves
+        of the estimate. 1 mm is what Kermorgant (2018) allows a first pass.
+    torch_sigma : float
+        How well its place must be known meanwhile, as a standard deviation, metres: by default
+        the place is within the same 1 mm with 95 %.
     """
 
     blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
@@ -88,6 +94,8 @@ class GuardSettings(SettingsTable):
     field: Annotated[float, Gt(0), Le(500), MM] = 0.022
     torque: Annotated[float, Gt(0), Le(1000), N_M] = 42.0
     link_time: Annotated[float, Gt(0), Le(60), SECONDS] = 0.5
+    torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3
+    torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

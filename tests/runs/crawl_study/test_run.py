@@ -30,6 +30,8 @@ longest_mm = 60
 offset_mm = 20
 offset_sigma_mm = 20
 in_view_s = 0.1
+[guards]
+torch_sigma_mm = 20
 [weld]
 length_m = 0.02
 run_up_mm = 0
