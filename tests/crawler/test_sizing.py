@@ -1,10 +1,24 @@
 """Closed forms of the paper's sizing."""
 
-import pytest
+from dataclasses import replace
+from pathlib import Path
 
-from tjscan.crawler.sizing import SizeSettings, peel_of_top_pad, size_crawler, torque_of_turn
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from tjscan.core.frames import Array
+from tjscan.crawler.sizing import (
+    SizeSettings,
+    peel_of_top_pad,
+    size_crawler,
+    tightest_turn,
+    torque_of_turn,
+)
+from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.vehicle.tracks import TrackGeometry
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 FIGURES = {one.name: one.value for one in size_crawler(SizeSettings(), TrackGeometry(), 8.0)}
 
 
@@ -32,6 +46,54 @@ def test_peel_is_that_of_pads_spread_evenly() -> None:
     size = SizeSettings().pads
     limit = size.mass * 9.81 * size.mass_height * 6 / (size.pads * size.contact_length)
     assert peel_of_top_pad(size) == pytest.approx(limit, rel=0.06)
+
+
+@pytest.mark.parametrize("radius", [5.0, 20.0])
+@pytest.mark.parametrize("friction", [0.3, 0.5])
+def test_torque_of_a_turn_is_that_of_rigid_pads_that_all_slide(
+    radius: float, friction: float
+) -> None:
+    """Truth of another make: Coulomb friction without any shear, forces balanced by SciPy."""
+    pads = replace(SizeSettings().pads, friction=friction, shear=0.1e-3)
+    tracks, weight = TrackGeometry(), 100 * 9.81
+    x = np.tile((np.arange(400) + 0.5) / 400 - 0.5, 2) * pads.contact_length
+    y = np.repeat((-0.5, 0.5), 400) * tracks.gauge
+    run = 1 - y / radius
+    peel = weight * pads.mass_height * x / (x @ x)
+    grip = friction * (pads.pads * pads.grip * 9.81 / 400 - peel)
+
+    def friction_forces(motion: Array) -> tuple[Array, Array]:
+        along, across, turn = motion
+        slide = np.array((along - turn * y - run, across + turn * x))
+        return tuple(-grip * slide / np.hypot(*slide))
+
+    def unbalanced(motion: Array) -> list[float]:
+        fx, fy = friction_forces(motion)
+        return [float(fx.sum()) - weight, float(fy.sum()), float(x @ fy - y @ fx)]
+
+    found = least_squares(unbalanced, (0.99, 1e-3, 0.5 / radius), x_scale=(1e-3, 1e-3, 1e-2))
+    assert np.abs(found.fun).max() < 1e-3
+    left = friction_forces(found.x)[0][:400].sum() * tracks.sprocket_radius
+    assert torque_of_turn(pads, tracks, radius) == pytest.approx(left, rel=0.02)
+
+
+def test_tightest_turn_is_the_one_that_takes_all_the_torque() -> None:
+    assert tightest_turn((2, 10, 50), (60.0, 50.0, 30.0), 40.0) == pytest.approx(1 / 0.06)
+    assert tightest_turn((2, 10), (30.0, 20.0), 40.0) == 2
+    assert tightest_turn((2, 10), (60.0, 50.0), 40.0) == np.inf
+
+
+def test_example_keeps_its_own_rules() -> None:
+    job = read_crawl_job(EXAMPLES / "crawl.toml")
+    figures = size_crawler(job.size, job.vehicle.tracks, job.steering.least_radius)
+    assert [one.name for one in figures if not one.holds] == []
+    assert job.guards.torque == job.size.torque
+
+
+def test_a_broken_rule_says_what_to_do() -> None:
+    broken = [one for one in size_crawler(SizeSettings(), TrackGeometry(), 8.0) if not one.holds]
+    assert [one.name for one in broken] == ["torque of a turn of 8 m"]
+    assert "least_radius_mm" in broken[0].advice
 
 
 def test_a_tighter_turn_takes_more_torque() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 
 from pydantic_core import to_json
@@ -73,11 +74,12 @@ def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
         rows = [
             {
                 "name": one.name,
-                "value": one.value,
+                "value": one.value if isfinite(one.value) else None,
                 "unit": one.unit,
                 "least": one.least,
                 "most": one.most,
                 "holds": one.holds,
+                "advice": one.advice,
             }
             for one in figures
         ]
@@ -90,6 +92,9 @@ def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
         state = "" if not rule else "holds" if one.holds else "BROKEN"
         add_text_row(table, one.name, f"{one.value:.4g} {one.unit}", rule, state)
     stderr.print(table)
+    for one in figures:
+        if not one.holds:
+            print_message(f"{one.name}: {one.value:.4g} {one.unit}: {one.advice}")
 
 
 def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: bool) -> None:

@@ -239,14 +239,18 @@ class Crawler:
         else:
             self._phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
-            self._enter(Event.PASSES_LEFT, f"goes on {1e3 * start.arc_from:.0f} mm into the weld")
+            where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
+            self._enter(Event.PASSES_LEFT, where)
         done = 0 if start is None else start.passes_done
         for number in range(done + 1, len(self._plan.passes) + 1):
             arc_from = 0.0 if start is None or number > done + 1 else start.arc_from
             self._weld_pass(number, arc_from)
             self._go_back(home)
-            last = number == len(self._plan.passes)
-            self._enter(Event.ALL_WELDED if last else Event.PASSES_LEFT, f"pass {number} is welded")
+            left = len(self._plan.passes) - number
+            self._enter(
+                Event.PASSES_LEFT if left else Event.ALL_WELDED,
+                f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
+            )
 
     def _wait_for_joint(self) -> None:
         """Stand until the joint was seen for long enough and there is steel all round."""
@@ -296,7 +300,7 @@ class Crawler:
                 self._set_arc(True)
             burning += self._drive(one.speed, one.offset_at(burning), one.height)
         self._set_arc(False)
-        self._enter(Event.PASS_WELDED, f"pass {number}")
+        self._enter(Event.PASS_WELDED, f"pass {number} is welded")
 
     def _run_up(self, one: PassSettings, arc_from: float) -> None:
         """Come to where the arc is to be struck; once more where the torch is not known there.

@@ -6,8 +6,9 @@ closed forms of the job's numbers, but the torque of a turn, which comes of the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import pi
+from math import inf, isfinite, pi
 from typing import Annotated, Final
 
 import numpy as np
@@ -21,8 +22,10 @@ from tjscan.vehicle.tracks import TrackGeometry
 
 M_MIN: Final = FileUnit("m_min", 1 / 60)
 WATTS: Final = FileUnit("w")
-RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0)
+RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 """Metres at which the torque of a turn is told."""
+
+MAGNETS: Final = "take more pads, or stronger magnets"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +69,8 @@ class SizeFigure:
     unit : str
     least, most : float or None
         Bounds in the same unit.
+    advice : str
+        What to do where it is out of them.
     """
 
     name: str
@@ -73,6 +78,7 @@ class SizeFigure:
     unit: str
     least: float | None = None
     most: float | None = None
+    advice: str = ""
 
     @property
     def holds(self) -> bool:
@@ -98,31 +104,93 @@ def size_crawler(
     share = pads.pads * pads.grip / pads.mass
     pull = size.torque / radius
     rules = (
-        SizeFigure("grip of both tracks over the weight", 2 * share, "", least=size.safety),
-        SizeFigure("the same with one track broken", share, "", least=size.safety),
+        SizeFigure(
+            "grip of both tracks over the weight", 2 * share, "", least=size.safety, advice=MAGNETS
+        ),
+        SizeFigure("the same with one track broken", share, "", least=size.safety, advice=MAGNETS),
         SizeFigure("least pads of a track for that", size.safety * pads.mass / pads.grip, ""),
-        SizeFigure("friction needed on both tracks", 0.5 / share, "", most=pads.friction),
-        SizeFigure("friction needed on one track", 1 / share, "", most=pads.friction),
+        SizeFigure(
+            "friction needed on both tracks", 0.5 / share, "", most=pads.friction, advice=MAGNETS
+        ),
+        SizeFigure(
+            "friction needed on one track", 1 / share, "", most=pads.friction, advice=MAGNETS
+        ),
         SizeFigure("pull of a track", pull, "N"),
-        SizeFigure("pull of both tracks over the weight", 2 * pull / weight, "", least=1.0),
+        SizeFigure(
+            "pull of both tracks over the weight",
+            2 * pull / weight,
+            "",
+            least=1.0,
+            advice="take a lower gear, or smaller sprockets",
+        ),
         SizeFigure(
             "speed of a motor at top speed",
             size.top_speed / radius * size.gear * 60 / (2 * pi),
             "rpm",
         ),
         SizeFigure("power of a track at full pull", pull * size.top_speed, "W"),
-        SizeFigure("power to climb at top speed", weight * size.top_speed, "W", most=size.power),
-        SizeFigure("peel of the top pad", peel_of_top_pad(pads), "N", most=pads.grip * GRAVITY),
+        SizeFigure(
+            "power to climb at top speed",
+            weight * size.top_speed,
+            "W",
+            most=size.power,
+            advice="climb more slowly, or take a stronger supply",
+        ),
+        SizeFigure(
+            "peel of the top pad",
+            peel_of_top_pad(pads),
+            "N",
+            most=pads.grip * GRAVITY,
+            advice="bring the mass closer to the hull, or lengthen the tracks",
+        ),
     )
-    return rules + tuple(
+    radii = sorted({*RADII, least_radius})
+    torques = [torque_of_turn(pads, tracks, turn) for turn in radii]
+    tightest = tightest_turn(radii, torques, size.torque)
+    advice = (
+        f"take a lower gear, or turn no tighter than {tightest:.0f} m (steering.least_radius_mm)"
+        if isfinite(tightest)
+        else "take a lower gear: no turn is as easy as that"
+    )
+    turns = [
         SizeFigure(
             f"torque of a turn of {turn:g} m",
-            torque_of_turn(pads, tracks, turn),
+            torque,
             "N m",
             most=size.torque if turn == least_radius else None,
+            advice=advice if turn == least_radius else "",
         )
-        for turn in sorted({*RADII, least_radius})
-    )
+        for turn, torque in zip(radii, torques, strict=True)
+    ]
+    return (*rules, *turns, SizeFigure("tightest turn at full torque", tightest, "m"))
+
+
+def tightest_turn(radii: Sequence[float], torques: Sequence[float], most: float) -> float:
+    """Radius from which on a torque suffices, metres, between those for which it is known.
+
+    Parameters
+    ----------
+    radii : sequence of float
+        Rising, metres.
+    torques : sequence of float
+        Of these turns, N m.
+    most : float
+        What the motors have, N m.
+
+    Returns
+    -------
+    float
+        The least radius of all where it suffices everywhere, infinity where nowhere.
+    """
+    enough = [torque <= most for torque in torques]
+    if all(enough):
+        return radii[0]
+    if not enough[-1]:
+        return inf
+    k = len(enough) - 1 - enough[::-1].index(False)  # the widest turn that is too hard
+    share = (torques[k] - most) / (torques[k] - torques[k + 1])
+    bend = (1 - share) / radii[k] + share / radii[k + 1]
+    return 1 / bend
 
 
 def peel_of_top_pad(pads: PadSettings) -> float:
