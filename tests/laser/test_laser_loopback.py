@@ -171,7 +171,7 @@ def test_every_format_brings_the_points_back_within_half_a_count(client: Client,
             unpack(">d", client.ask(Command.READMEM, pack(">IHH", at + 8 * axis, 0, 8))[1][4:])[0]
             for at in (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
         ]
-        axes.append(AxisScale(*(1e-3 * number for number in numbers)))
+        axes.append(AxisScale(1e-3 * numbers[0], 1e-3 * numbers[1], *numbers[2:]))
     read = points(points_in(client.trigger()), name, Scan3dScales(axes[0], axes[1], 0))
     true = profile()
     if layout.has_x:

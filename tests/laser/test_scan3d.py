@@ -37,7 +37,7 @@ def test_numbers_that_are_none_are_missing_without_being_stated() -> None:
 
 
 def test_points_beyond_the_limits_of_the_axes_are_missing() -> None:
-    scales = Scan3dScales(AxisScale(1e-3, 0.0, -0.01, 0.01), AxisScale(1e-3, 0.0, 0.19, 0.29))
+    scales = Scan3dScales(AxisScale(1e-3, 0.0, -10, 10), AxisScale(1e-3, 0.5, 190, 290))
     raw = np.array([[0, 200], [11, 200], [0, 189], [0, 291]], dtype="<f4")
     profile = points(raw.tobytes(), "Coord3D_AC32f", scales)
     np.testing.assert_array_equal(profile.valid, [True, False, False, False])
@@ -68,7 +68,7 @@ def test_flipping_an_axis_twice_changes_nothing_and_once_its_sign(
     pairs: list[tuple[int, int]], scale: float, offset: float
 ) -> None:
     raw = np.array(pairs, dtype="<u2").tobytes()
-    axis = AxisScale(scale, offset, -0.5, 0.7)
+    axis = AxisScale(scale, offset, 300, 60_000)
     plain, once, twice = (
         points(raw, "Coord3D_AC16", Scan3dScales(x, AxisScale(scale)))
         for x in (axis, axis.flipped(), axis.flipped().flipped())

@@ -29,7 +29,7 @@ def laser_loopback(
     job
         The job file (TOML) whose simulated laser it is.
     recording
-        A run directory, or a file of one, instead of a job.
+        Profiles instead of a job: a run directory, a file of one, or text with columns x and z.
     host
         Its address, 127.0.0.1 to 127.255.255.254; each laser has one of its own.
     arm

@@ -195,8 +195,10 @@ class LaserSettings(DeviceSettings):
 
     @property
     def device_id(self) -> str:
-        """Id of the laser in calibrations: its own id, or its driver where it has none."""
-        return self.id or self.driver
+        """Id of the laser in calibrations: its own id, or its driver and serial number."""
+        # Drivers of other packages have tables of their own.
+        serial = getattr(self.driver_settings, "serial", None)
+        return self.id or (self.driver if serial is None else f"{self.driver} {serial}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -122,7 +122,12 @@ REPLAYED: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
 LASER_DRIVERS: Final[Registry[LaserDriverFactory]] = Registry(
     "laser",
-    {"simulated": "tjscan.laser.drivers:SIMULATED", "replay": "tjscan.laser.drivers:REPLAYED"},
+    {
+        "simulated": "tjscan.laser.drivers:SIMULATED",
+        "replay": "tjscan.laser.drivers:REPLAYED",
+        "genicam": "tjscan.laser.genicam.driver:DRIVER",
+    },
+    extras={"genicam": "genicam"},
     key="laser.driver",
     type=DriverFactory,
 )

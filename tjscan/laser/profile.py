@@ -23,12 +23,15 @@ class Profile:
         Brightness of each point, 0 to 1, where the sensor reports it.
     time : float
         Seconds on the clock of the cell; 0 where the sensor reports none.
+    time_uncertainty : float
+        How far off the time may be, in seconds: the two clocks are read one after the other.
     """
 
     x_s: Array
     z_s: Array
     intensity: Array | None = None
     time: float = 0.0
+    time_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("x_s", "z_s", "intensity"):

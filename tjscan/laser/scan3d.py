@@ -72,7 +72,8 @@ class AxisScale:
         Coordinate = scale * raw + offset, in metres; where points state no x, its raw number is
         the column.
     low, high : float
-        Coordinates outside of these are missing points, in metres.
+        Raw numbers outside of these are missing points: SFNC states its Scan3dAxisMin and
+        Scan3dAxisMax as transmitted.
     """
 
     scale: float
@@ -89,13 +90,13 @@ class AxisScale:
 
     def flipped(self) -> AxisScale:
         """The same axis pointing the other way."""
-        return AxisScale(-self.scale, -self.offset, -self.high, -self.low)
+        return AxisScale(-self.scale, -self.offset, self.low, self.high)
 
     def coordinates(self, raw: Array) -> Array:
         """Coordinates of raw numbers, in metres; NaN outside the limits."""
         with np.errstate(over="ignore", invalid="ignore"):
             found = self.scale * raw + self.offset
-            return np.where((found >= self.low) & (found <= self.high), found, np.nan)
+            return np.where((raw >= self.low) & (raw <= self.high), found, np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +116,13 @@ class Scan3dScales:
     invalid: float | None = None
 
 
-def points(raw: bytes, pixel_format: str, scales: Scan3dScales, time: float = 0.0) -> Profile:
+def points(
+    raw: bytes,
+    pixel_format: str,
+    scales: Scan3dScales,
+    time: float = 0.0,
+    time_uncertainty: float = 0.0,
+) -> Profile:
     """Profile from the bytes of one row.
 
     Parameters
@@ -126,8 +133,8 @@ def points(raw: bytes, pixel_format: str, scales: Scan3dScales, time: float = 0.
         One of `FORMATS`.
     scales : Scan3dScales
         What the numbers mean.
-    time : float
-        Of the profile, seconds on the clock of the cell.
+    time, time_uncertainty : float, optional
+        Of the profile, seconds on the clock of the cell, and how far off that may be.
 
     Raises
     ------
@@ -154,4 +161,4 @@ def points(raw: bytes, pixel_format: str, scales: Scan3dScales, time: float = 0.
     if scales.invalid is not None:
         missing |= raw_z == scales.invalid
     x[missing] = z[missing] = np.nan
-    return Profile(x, z, time=time)
+    return Profile(x, z, time=time, time_uncertainty=time_uncertainty)

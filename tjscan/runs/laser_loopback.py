@@ -1,28 +1,20 @@
-"""Run a loopback laser: a job's simulated laser or a recording, behind GigE Vision."""
+"""Run a loopback laser: a job's simulated laser or recorded profiles, behind GigE Vision."""
 
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
 from tjscan.core.loopback import check_is_loopback_address
-from tjscan.job import read_scan_job
-from tjscan.job.cell import make_simulated_laser
-from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.loopback.sensor import LoopbackSensor
 from tjscan.laser.loopback.server import run_laser_server
 from tjscan.laser.profile import Profile
-from tjscan.robot.loopback.pose_reader import read_flange_pose
-from tjscan.runs.context import RunContext
-from tjscan.scanning.reader import read_views
 
 
 def run_loopback_laser(
@@ -45,89 +37,61 @@ def run_loopback_laser(
         If the address, the job or the recording can't be.
     """
     check_is_loopback_address(host)
-    if (job_file is None) == (recording is None):
-        raise ConfigurationError("it needs either a job or a --recording, and not both")
-    if job_file is not None:
-        source = SimulatedProfiles.of_job(job_file, overrides, arm)
-        columns, expose, begin = source.columns, source.expose, source.begin
+    if job_file is not None and recording is None:
+        # Loads the simulation, which a recording does without.
+        from tjscan.runs.simulated_profiles import SimulatedProfiles
+
+        source: RecordedProfiles | SimulatedProfiles = SimulatedProfiles.of_job(
+            job_file, overrides, arm
+        )
+    elif recording is not None and job_file is None:
+        source = RecordedProfiles.of_file(recording)
     else:
-        profiles = [view.profile for view in read_views(Path(str(recording)))]
-        columns, expose = _recorded(profiles, recording)
-        begin = _nothing
-    sensor = LoopbackSensor(host, serial, columns, expose, begin, _tell)
+        raise ConfigurationError("it needs either a job or a --recording, and not both")
+    sensor = LoopbackSensor(host, serial, source.columns, source.expose, source.begin, _tell)
     run_laser_server(sensor, _tell, attached=attached)
 
 
-class SimulatedProfiles:
-    """Profiles of a job's simulated laser: the same ones from each start of an acquisition.
+class RecordedProfiles:
+    """Profiles one after another, and from the first one again: also when an acquisition starts.
 
     Parameters
     ----------
-    columns : int
-        Points of a profile.
-    make : callable
-        Makes the laser, its random numbers at their beginning.
+    profiles : sequence of Profile
+        One at least; those of another number of points than the first are left out.
     """
 
-    def __init__(self, columns: int, make: Callable[[], LineLaser]) -> None:
-        self.columns, self._make = columns, make
+    def __init__(self, profiles: Sequence[Profile]) -> None:
+        self.columns = len(profiles[0])
+        self._profiles = [profile for profile in profiles if len(profile) == self.columns]
         self.begin()
 
     @classmethod
-    def of_job(
-        cls, job_file: Path, overrides: dict[str, Any], arm: str | None
-    ) -> SimulatedProfiles:
-        """Profiles of the laser of a job.
-
-        Parameters
-        ----------
-        job_file : Path
-            The job.
-        overrides : dict
-            Dotted keys and their values, as `read_scan_job` takes them.
-        arm : str, optional
-            Address of the controller whose arm carries it.
+    def of_file(cls, file: Path) -> RecordedProfiles:
+        """Profiles of a run directory, of one of its recordings, or of a file of profiles.
 
         Raises
         ------
         ConfigurationError
-            If the job, or what it names, is wrong.
+            If there are none.
         """
-        with add_file_to_errors(job_file):
-            job = read_scan_job(job_file, overrides).job_at_station()
-            context = RunContext(job, job_file)
-            T_f_s, joint = context.sensor_mount.T_f_s, context.joint
-            first = job.start_poses[0].T
+        if file.is_dir() or file.suffix == ".mcap":
+            from tjscan.scanning.reader import read_views
 
-            def T_b_f() -> Array:
-                return first if arm is None else read_flange_pose(arm)
-
-            return cls(
-                job.laser.points,
-                lambda: make_simulated_laser(job, T_f_s, joint, T_b_f, time.monotonic),
-            )
+            profiles = [view.profile for view in read_views(file)]
+        else:
+            profiles = list(read_profiles(file, ProfileFormat()).profiles.values())
+        if not profiles:
+            raise ConfigurationError(f"there is no profile in {file}", key="recording")
+        return cls(profiles)
 
     def begin(self) -> None:
         """Begin with the first profile again."""
-        self._laser = self._make()
-        self._laser.__enter__()
+        self._turn = cycle(self._profiles)
 
     def expose(self) -> Profile:
         """Take the next profile."""
-        return self._laser.capture()
-
-
-def _recorded(profiles: list[Profile], recording: Path | None) -> tuple[int, Callable[[], Profile]]:
-    """Number of points, and what gives the profiles in turn; those of another number are left."""
-    if not profiles:
-        raise ConfigurationError(f"there is no profile in {recording}", key="recording")
-    columns = len(profiles[0])
-    turn = cycle([profile for profile in profiles if len(profile) == columns])
-    return columns, lambda: next(turn)
-
-
-def _nothing() -> None:
-    """Begin where the recording stands."""
+        return next(self._turn)
 
 
 def _tell(line: str) -> None:

@@ -97,17 +97,23 @@ def _from_view(view: ProfileView) -> dict[str, Any]:
         "q": view.q.tolist(),
         "T_b_f": pose_to_list(view.T_b_f),
         "T_b_s": pose_to_list(view.T_b_s),
+        "profile_time": view.profile.time,
+        "profile_time_uncertainty": view.profile.time_uncertainty,
     }
 
 
 def _to_view(fields: dict[str, Any]) -> ProfileView:
     (arm_time,) = to_finite_floats((fields["arm_time"],))
+    # Files of earlier versions lack the profile's own time.
+    exposed, uncertainty = to_finite_floats(
+        (fields.get("profile_time", arm_time), fields.get("profile_time_uncertainty", 0.0))
+    )
     return ProfileView(
         index=parse_section_number(fields["index"]),
         substep=Substep(fields["substep"]),
         T_b_f=pose_from_list(fields["T_b_f"]),
         T_b_s=pose_from_list(fields["T_b_s"]),
-        profile=_NO_PROFILE,
+        profile=replace(_NO_PROFILE, time=exposed, time_uncertainty=uncertainty),
         time=arm_time,
         q=np.array(to_finite_floats(fields["q"])),
     )
@@ -157,6 +163,8 @@ VIEW: Final = make_json_topic(
         "q": NUMBERS_SCHEMA,
         "T_b_f": NUMBERS_SCHEMA,
         "T_b_s": NUMBERS_SCHEMA,
+        "profile_time": NUMBER_SCHEMA,
+        "profile_time_uncertainty": NUMBER_SCHEMA,
     },
     _from_view,
     _to_view,
@@ -315,7 +323,10 @@ def read_file_entries(
             elif entry.topic is PROFILE:
                 if pending is None:
                     raise ValueError("a profile on /profile has no message on /view before it")
-                view = replace(pending, profile=profile_from_cloud_message(message, pending.time))
+                clock = pending.profile
+                taken = profile_from_cloud_message(message, clock.time)
+                taken = replace(taken, time_uncertainty=clock.time_uncertainty)
+                view = replace(pending, profile=taken)
                 pending = None
                 yield when, view
             elif entry.topic is SECTION:

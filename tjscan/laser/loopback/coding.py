@@ -18,8 +18,9 @@ X_OFFSET_MM: Final = -STEP_MM * 32_768
 
 INVALID: Final = 0
 
-X_REACH_MM: Final = (X_OFFSET_MM, X_OFFSET_MM + STEP_MM * 65_535)
-Z_REACH_MM: Final = (STEP_MM, STEP_MM * 65_535)
+RAW_X: Final = (0.0, 65_535.0)
+RAW_Z: Final = (1.0, 65_535.0)
+"""Least and greatest raw number of a point."""
 
 
 def encode_profile(profile: Profile, layout: CoordinateFormat) -> bytes:

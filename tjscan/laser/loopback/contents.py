@@ -10,11 +10,10 @@ from tjscan.core.version import VERSION
 from tjscan.laser.loopback import description as features
 from tjscan.laser.loopback.coding import (
     INVALID,
-    RECTIFIED_WIDTH_MM,
+    RAW_X,
+    RAW_Z,
     STEP_MM,
     X_OFFSET_MM,
-    X_REACH_MM,
-    Z_REACH_MM,
     rectified_spacing,
     rectified_x,
 )
@@ -87,12 +86,11 @@ def state_scales(memory: Memory) -> None:
     """State the size of a block, and scale and offset of each coordinate, in millimetres."""
     layout, columns = format_of(memory), memory.get(features.WIDTH)
     memory.set(features.PAYLOAD_SIZE, layout.point_size * columns * rows_of(memory))
-    x = (STEP_MM, X_OFFSET_MM, *X_REACH_MM)
+    x = (STEP_MM, X_OFFSET_MM, *RAW_X)
     if not layout.has_x:
         first = X_OFFSET_MM + STEP_MM * float(rectified_x(columns)[0])
-        half = RECTIFIED_WIDTH_MM / 2
-        x = (STEP_MM * rectified_spacing(columns), first, -half, half)
-    axes = (x, (1.0, 0.0, 0.0, 0.0), (STEP_MM, 0.0, *Z_REACH_MM))
+        x = (STEP_MM * rectified_spacing(columns), first, 0.0, columns - 1.0)
+    axes = (x, (1.0, 0.0, 0.0, 0.0), (STEP_MM, 0.0, *RAW_Z))
     for i, numbers in enumerate(axes):
         places = (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
         for address, number in zip(places, numbers, strict=True):

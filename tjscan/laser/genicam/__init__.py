@@ -1,0 +1,1 @@
+"""Line lasers that speak GigE Vision with GenICam's features, and what has the same transport."""

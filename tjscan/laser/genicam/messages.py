@@ -1,0 +1,137 @@
+"""What the main process and the process of the client library say to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tjscan.core.devices import DeviceIdentity
+from tjscan.core.errors import LaserFault
+
+
+@dataclass(frozen=True, slots=True)
+class StatedAxis:
+    """What a laser states about one coordinate; none where it lacks the feature.
+
+    Parameters
+    ----------
+    scale, offset : float or None
+        In the laser's unit.
+    low, high : float or None
+        Least and greatest number that it transmits.
+    invalid : float or None
+        Number of a missing point, where it marks them by one.
+    """
+
+    scale: float | None = None
+    offset: float | None = None
+    low: float | None = None
+    high: float | None = None
+    invalid: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectedLaser:
+    """What is known of a laser once it is connected and set up.
+
+    Parameters
+    ----------
+    identity : DeviceIdentity
+        Who it is.
+    address : str
+        Its IP address.
+    pixel_format : str
+        What it sends.
+    columns, rows : int
+        Points of a row, and rows of a block.
+    packet_size : int
+        Bytes of a packet of the stream, headers included.
+    unit, output_mode : str or None
+        Of its coordinates.
+    x, z : StatedAxis
+        What it states about its numbers.
+    exposure : float or None
+        Seconds.
+    latches : bool
+        Whether its clock can be read.
+    """
+
+    identity: DeviceIdentity
+    address: str
+    pixel_format: str
+    columns: int
+    rows: int
+    packet_size: int
+    unit: str | None
+    output_mode: str | None
+    x: StatedAxis
+    z: StatedAxis
+    exposure: float | None
+    latches: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedBlock:
+    """A block that was exposed after it was asked for.
+
+    Parameters
+    ----------
+    data : bytes
+        Its payload.
+    pixel_format : str
+        Its format.
+    columns, rows : int
+        Points of a row, and rows.
+    exposed : float
+        Host's clock when it was exposed, in seconds of `time.monotonic`.
+    uncertainty : float
+        How far off that may be, in seconds.
+    attempts : int
+        Triggers that it took.
+    """
+
+    data: bytes
+    pixel_format: str
+    columns: int
+    rows: int
+    exposed: float
+    uncertainty: float
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class LaserRequest:
+    """A method of the client to call.
+
+    Parameters
+    ----------
+    number : int
+        What the answer repeats.
+    name : str
+        Of the method.
+    arguments : mapping
+        By their names.
+    """
+
+    number: int
+    name: str
+    arguments: Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserAnswer:
+    """What the method returned, or the fault it ended in.
+
+    Parameters
+    ----------
+    number : int
+        Of the request.
+    value : object
+        What it returned.
+    fault : LaserFault or None
+        What it raised.
+    """
+
+    number: int
+    value: object = None
+    fault: LaserFault | None = None
