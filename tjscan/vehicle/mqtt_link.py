@@ -177,7 +177,8 @@ class BrokerLink:
     ) -> None:
         if code.is_failure:
             return
-        client.subscribe([(self._full(topic), 0) for topic in self._topics])
+        if self._topics:
+            client.subscribe([(self._full(topic), 0) for topic in self._topics])
         self._announce(alive=True)
         self._up.set()
         self._changed(True)

@@ -40,5 +40,34 @@ class MqttSettings(SettingsTable):
     silence_limit: Annotated[float, Ge(0.05), Le(60), SECONDS.with_key("silence_s")] = 0.5
 
     def __post_init__(self) -> None:
-        if set(self.prefix) & set("+#\0") or self.prefix.startswith(("$", "/")):
-            raise ValueError("prefix is a topic: without + and #, and not behind $ or /")
+        _check_prefix(self.prefix)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttLocalisationSettings(SettingsTable):
+    """The table [localisation.mqtt]: the broker, and the topics with poses there.
+
+    Parameters
+    ----------
+    host : str
+        The broker's address; nothing else is connected to.
+    port : int
+        Its port.
+    prefix : str
+        Of the team's topics: poses come on ``PREFIX/1/pose`` and so on.
+    connect_limit : float
+        Seconds in which every vehicle must be seen first.
+    """
+
+    host: Annotated[str, MinLen(1)] = "127.0.0.1"
+    port: Annotated[int, Ge(1), Le(65535)] = 1883
+    prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
+    connect_limit: Annotated[float, Ge(0.1), Le(120), SECONDS.with_key("connect_s")] = 5.0
+
+    def __post_init__(self) -> None:
+        _check_prefix(self.prefix)
+
+
+def _check_prefix(prefix: str) -> None:
+    if set(prefix) & set("+#\0") or prefix.startswith(("$", "/")):
+        raise ValueError("prefix is a topic: without + and #, and not behind $ or /")

@@ -162,6 +162,17 @@ class TowingWorld:
         """Whether a vehicle's wheels are told to rest, and do."""
         return not self._drives.wanted[vehicle].any()
 
+    @property
+    def passers_by(self) -> Array:
+        """x, y, radius, and the speed along x and y, of each passer-by now, shape (k, 5)."""
+        discs = np.zeros((len(self.model.passers_by), 5))
+        for which, passer_by in enumerate(self.model.passers_by):
+            at, speed = passer_by.motion_at(self._walked[which])
+            if self._standing[which]:
+                speed = np.zeros(2)
+            discs[which] = (*at, passer_by.radius, *speed)
+        return discs
+
     def truth(self) -> TowingTruth:
         """What is true now, and what happened since this was last asked for."""
         plant = self.plant
@@ -182,7 +193,7 @@ class TowingWorld:
             readonly_copy(self._forces),
             readonly_copy(most),
             readonly_copy(most / self._drives.grip_force),
-            readonly_copy(self._discs()),
+            readonly_copy(self.passers_by),
             tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touches)),
         )
         self._begin_sums()
@@ -234,15 +245,6 @@ class TowingWorld:
             zip(self.model.passers_by, self._walked, strict=True)
         ):
             self.plant.place_passer_by(which, passer_by.motion_at(time)[0])
-
-    def _discs(self) -> Array:
-        discs = np.zeros((len(self.model.passers_by), 5))
-        for which, passer_by in enumerate(self.model.passers_by):
-            at, speed = passer_by.motion_at(self._walked[which])
-            if self._standing[which]:
-                speed = np.zeros(2)
-            discs[which] = (*at, passer_by.radius, *speed)
-        return discs
 
     def _begin_sums(self) -> None:
         self._speeds_then = self.plant.speeds

@@ -17,6 +17,7 @@ COMMANDER_TOPIC: Final = "commander"
 STATE_TOPIC: Final = "state"
 PRESENCE_TOPIC: Final = "vehicle"
 POSE_TOPIC: Final = "pose"
+PASSER_BY_TOPIC: Final = "passer-by"
 
 MOST_BYTES: Final = 4096
 """No message is longer."""
@@ -227,6 +228,25 @@ class PoseMessage(WireMessage):
     x: Metres
     y: Metres
     heading: Annotated[float, Ge(-1e6), Le(1e6)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PasserByMessage(WireMessage):
+    """On ``passer-by/1`` and so on, below the team's prefix: what moves through the area.
+
+    Parameters
+    ----------
+    x, y, radius : float
+        Of a disc that covers it, metres, in frame w.
+    vx, vy : float
+        Its speed, m/s.
+    """
+
+    x: Metres
+    y: Metres
+    radius: Annotated[float, Ge(0), Le(100)]
+    vx: Speed
+    vy: Speed
 
 
 class MessageGate:

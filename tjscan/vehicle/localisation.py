@@ -1,0 +1,92 @@
+"""Where the vehicles of a team stand, as something that sees them knows it: a device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from tjscan.core.devices import DeviceIdentity, EventListener
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePose:
+    """Where a vehicle stood, in frame w.
+
+    Parameters
+    ----------
+    time : float
+        When it was measured, seconds on the reader's clock: that of the team.
+    x, y : float
+        Of the vehicle's origin, metres.
+    heading : float
+        From x towards y, radians.
+    """
+
+    time: float
+    x: float
+    y: float
+    heading: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedDisc:
+    """A round thing that moves through the area, in frame w.
+
+    Parameters
+    ----------
+    time : float
+        When it was measured, seconds on the reader's clock.
+    x, y, radius : float
+        Metres.
+    vx, vy : float
+        Its speed, m/s.
+    """
+
+    time: float
+    x: float
+    y: float
+    radius: float
+    vx: float
+    vy: float
+
+
+class Localisation(Protocol):
+    """Something that sees a team. It is a context manager: entering connects it.
+
+    What it gives may be noisy, old, frozen, or another vehicle's: whoever reads it judges that.
+    What can't be a pose, and what came after a later one, it drops itself, and reports so.
+    """
+
+    def __enter__(self) -> Self:
+        """Connect, and wait until every vehicle was seen."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Disconnect."""
+        ...
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Which device it is."""
+        ...
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report dropped poses and lost links to a listener, in the thread that reads."""
+        ...
+
+    def read(self) -> tuple[VehiclePose | None, ...]:
+        """Give the newest pose of each vehicle that came since the last reading, or none.
+
+        It does not wait, and a lost link is no error: no poses come.
+        """
+        ...
+
+    def read_passers_by(self) -> tuple[TrackedDisc, ...]:
+        """Give the newest sight of everything that moves through the area, however old."""
+        ...

@@ -1,0 +1,79 @@
+"""The localisations that a job can name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.vehicle.localisation import Localisation
+from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings
+from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+
+if TYPE_CHECKING:
+    from tjscan.vehicle.mqtt_localisation import MqttLocalisation
+    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
+    from tjscan.vehicle.towing_world import TowingWorld
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalisationInputs:
+    """What a localisation is made from, besides its own settings.
+
+    Parameters
+    ----------
+    vehicles : int
+        How many it is to see.
+    seed : int, optional
+        Of a simulation's random numbers.
+    world : TowingWorld or None, optional
+        The world that a simulated one sees.
+    simulation : LocalisationSimulationSettings, optional
+        How that disturbs the poses.
+    """
+
+    vehicles: int
+    seed: int = 0
+    world: TowingWorld | None = None
+    simulation: LocalisationSimulationSettings = field(
+        default_factory=LocalisationSimulationSettings
+    )
+
+
+@dataclass(frozen=True)
+class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation]):
+    """How a localisation's driver makes it from a job file; see `DriverFactory`."""
+
+
+def _simulated(inputs: LocalisationInputs, settings: NoSettings) -> SimulatedLocalisation:
+    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
+
+    if inputs.world is None:
+        raise ConfigurationError(
+            "a simulated localisation sees simulated vehicles alone", key="localisation.driver"
+        )
+    return SimulatedLocalisation(inputs.world, inputs.simulation, seed=inputs.seed)
+
+
+def _mqtt(inputs: LocalisationInputs, settings: MqttLocalisationSettings) -> MqttLocalisation:
+    with LOCALISATIONS.explain_missing_package("mqtt"):
+        from tjscan.vehicle.mqtt_localisation import MqttLocalisation
+    return MqttLocalisation(settings, inputs.vehicles)
+
+
+SIMULATED: Final = LocalisationDriverFactory(_simulated, kind=DriverKind.SIMULATED)
+MQTT: Final = LocalisationDriverFactory(_mqtt, MqttLocalisationSettings)
+
+LOCALISATIONS: Final[Registry[LocalisationDriverFactory]] = Registry(
+    "localisation",
+    {
+        "simulated": "tjscan.vehicle.localisation_drivers:SIMULATED",
+        "mqtt": "tjscan.vehicle.localisation_drivers:MQTT",
+    },
+    extras={"mqtt": "vehicle"},
+    key="localisation.driver",
+    type=LocalisationDriverFactory,
+)
+"""Every localisation by name. See `tjscan.core.devices.DriverFactory` for how to add one."""

@@ -1,0 +1,148 @@
+"""What goes wrong with the poses of simulated vehicles on their way to whoever reads them."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import count
+from math import nan, radians
+from typing import Annotated, Final
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from tjscan.core.frames import Array
+from tjscan.core.units import DEG, MM, SECONDS, FileUnit, SettingsTable
+from tjscan.vehicle.localisation import VehiclePose
+
+PERCENT: Final = FileUnit("percent", 0.01)
+
+NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
+"""Standard deviation that the fault `PoseFault.NOISE` adds, metres and radians."""
+
+JUMP: Final = np.array((0.5, 0.0, 0.0))
+"""By how much the fault `PoseFault.JUMP` puts them off, metres and radians."""
+
+LATE: Final = 0.3
+HELD_BACK: Final = 0.12
+"""Seconds of the faults late and disorder."""
+
+
+class PoseFault(StrEnum):
+    """What can be wrong with the poses of one vehicle, or of all."""
+
+    NOISE = "pose-noise"
+    """They scatter by 3 mm and 1° more."""
+    LOST = "pose-lost"
+    """None comes."""
+    LATE = "pose-late"
+    """They come 0.3 s later."""
+    DISORDER = "pose-disorder"
+    """Every second one is held back and comes after its follower."""
+    FROZEN = "pose-frozen"
+    """The same pose is given again and again, as if it were new."""
+    JUMP = "pose-jump"
+    """They lie 0.5 m off."""
+    SWAP = "pose-swap"
+    """They are those of the next vehicle, and the other way round."""
+    NAN = "pose-nan"
+    """They hold NaN."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalisationSimulationSettings(SettingsTable):
+    """The table [simulation.localisation]: how simulated vehicles are seen.
+
+    Parameters
+    ----------
+    period : float
+        Between two poses of a vehicle, seconds.
+    position_noise, heading_noise : float
+        Standard deviations, metres and radians.
+    lost : float
+        Share of the poses that never come.
+    delay : float
+        With which poses come, seconds.
+    """
+
+    period: Annotated[float, Gt(0), Le(1), SECONDS] = 0.05
+    position_noise: Annotated[float, Ge(0), Le(1000), MM] = 0.5e-3
+    heading_noise: Annotated[float, Ge(0), Le(180), DEG] = radians(0.1)
+    lost: Annotated[float, Ge(0), Le(100), PERCENT] = 0.0
+    delay: Annotated[float, Ge(0), Le(2), SECONDS] = 0.0
+
+
+class DisturbedPoses:
+    """Takes true poses, and gives what comes of them.
+
+    Parameters
+    ----------
+    settings : LocalisationSimulationSettings
+    seed : int
+        Of all random numbers.
+    """
+
+    def __init__(self, settings: LocalisationSimulationSettings, seed: int) -> None:
+        self.settings = settings
+        self.faults: set[tuple[PoseFault, int | None]] = set()
+        """What is wrong now, and with which vehicle, from 0; None is all of them."""
+        self._random = np.random.default_rng(seed)
+        self._on_the_way: list[tuple[float, int, int, VehiclePose]] = []
+        self._sent = count()
+        self._frozen: dict[int, VehiclePose] = {}
+        self._due = -np.inf
+
+    def see(self, time: float, poses: Array) -> None:
+        """Look at the vehicles, if it is time to: x, y and heading, shape (n, 3)."""
+        s = self.settings
+        if time < self._due - 1e-9:
+            return
+        self._due = time + s.period
+        scatter = np.array((s.position_noise, s.position_noise, s.heading_noise))
+        # The same numbers are drawn whatever is wrong, so a fault of one leaves the others alone.
+        noise, more = self._random.standard_normal((2, *poses.shape))
+        lost = self._random.random(len(poses))
+        for vehicle in range(len(poses)):
+            at = poses[self._seen_as(vehicle, len(poses))] + scatter * noise[vehicle]
+            if self._has(PoseFault.NOISE, vehicle):
+                at = at + NOISE * more[vehicle]
+            if self._has(PoseFault.JUMP, vehicle):
+                at = at + JUMP
+            if self._has(PoseFault.NAN, vehicle):
+                at = np.full(3, nan)
+            x, y, heading = at.tolist()
+            self._send(vehicle, VehiclePose(time, x, y, heading), lost[vehicle] < s.lost)
+
+    def arrived(self, now: float) -> Iterator[tuple[int, VehiclePose]]:
+        """Give which vehicles' poses came until now, in the order in which they came."""
+        while self._on_the_way and self._on_the_way[0][0] <= now + 1e-9:
+            _, _, vehicle, pose = heapq.heappop(self._on_the_way)
+            yield vehicle, pose
+
+    def _send(self, vehicle: int, pose: VehiclePose, lost: bool) -> None:
+        if self._has(PoseFault.FROZEN, vehicle):
+            pose = replace(self._frozen.setdefault(vehicle, pose), time=pose.time)
+        else:
+            self._frozen.pop(vehicle, None)
+        number = next(self._sent)
+        delay = self.settings.delay
+        if self._has(PoseFault.LATE, vehicle):
+            delay += LATE
+        sample = round(pose.time / self.settings.period)
+        if self._has(PoseFault.DISORDER, vehicle) and sample % 2:
+            delay += HELD_BACK
+        if not lost and not self._has(PoseFault.LOST, vehicle):
+            heapq.heappush(self._on_the_way, (pose.time + delay, number, vehicle, pose))
+
+    def _seen_as(self, vehicle: int, vehicles: int) -> int:
+        for one, other in ((vehicle, vehicle + 1), (vehicle - 1, vehicle - 1)):
+            if (PoseFault.SWAP, one) in self.faults and 0 <= one < vehicles - 1:
+                return other
+        if (PoseFault.SWAP, None) in self.faults:
+            return min(vehicle ^ 1, vehicles - 1)
+        return vehicle
+
+    def _has(self, fault: PoseFault, vehicle: int) -> bool:
+        return (fault, vehicle) in self.faults or (fault, None) in self.faults
