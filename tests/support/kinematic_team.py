@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
+from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.core.frames import Array
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.following import velocity_from_twist
 from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
-
-
-@dataclass(frozen=True)
-class MeasuredPose:
-    time: float
-    x: float
-    y: float
-    heading: float
 
 
 class KinematicVehicle:
@@ -61,15 +56,27 @@ class ExactLocalisation:
     """Poses as they are but for a trace of noise; `change` may bend each, or lose it."""
 
     team: KinematicTeam
-    change: Callable[[int, MeasuredPose], MeasuredPose | None] = lambda v, pose: pose
+    change: Callable[[int, VehiclePose], VehiclePose | None] = lambda v, pose: pose
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
 
-    def read(self) -> list[MeasuredPose | None]:
+    identity = DeviceIdentity()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def report_events_to(self, listener: EventListener) -> None: ...
+
+    def read_passers_by(self) -> tuple[TrackedDisc, ...]:
+        return ()
+
+    def read(self) -> tuple[VehiclePose | None, ...]:
         noise = 1e-6 * self.rng.standard_normal((len(self.team.vehicles), 3))
-        return [
-            self.change(v, MeasuredPose(self.team.time, *(vehicle.pose + noise[v]).tolist()))
+        return tuple(
+            self.change(v, VehiclePose(self.team.time, *(vehicle.pose + noise[v]).tolist()))
             for v, vehicle in enumerate(self.team.vehicles)
-        ]
+        )
 
 
 @dataclass

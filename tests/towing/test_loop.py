@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kinematic_team import ExactLocalisation, KinematicTeam, MeasuredPose, RowPlanner
+from kinematic_team import ExactLocalisation, KinematicTeam, RowPlanner
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
@@ -17,6 +17,7 @@ from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.towing.team import TowingTeam
+from tjscan.vehicle.localisation import VehiclePose
 
 SEAM = SeamSettings(points=((3.0, 0.0), (3.2, 0.0)), speed=0.01)
 
@@ -42,7 +43,7 @@ class Rig:
 
     def __init__(
         self,
-        change: Callable[[int, MeasuredPose], MeasuredPose | None] = lambda v, pose: pose,
+        change: Callable[[int, VehiclePose], VehiclePose | None] = lambda v, pose: pose,
         disturb: Callable[[Rig, float], None] = lambda rig, time: None,
         halt: Callable[[Array], str] = lambda tip: "",
         seam: SeamSettings = SEAM,
@@ -134,7 +135,7 @@ def test_a_vehicle_that_is_told_to_drive_and_does_not_is_noticed() -> None:
     ],
 )
 def test_poses_that_cannot_be_true_halt_the_weld_with_a_named_cause(
-    change: Callable[[MeasuredPose], MeasuredPose | None], why: str
+    change: Callable[[VehiclePose], VehiclePose | None], why: str
 ) -> None:
     rig = Rig(lambda v, pose: change(pose) if v == 0 and pose.time > 5.0 else pose)
     with pytest.raises(TowHalted, match=f"pose of vehicle 1 is lost: {why}"):
@@ -143,10 +144,10 @@ def test_poses_that_cannot_be_true_halt_the_weld_with_a_named_cause(
 
 
 def test_swapped_poses_are_never_taken() -> None:
-    def swap(v: int, pose: MeasuredPose) -> MeasuredPose:
+    def swap(v: int, pose: VehiclePose) -> VehiclePose:
         if pose.time < 5.0 or v == 2:
             return pose
-        return MeasuredPose(pose.time, *rig.team.vehicles[1 - v].pose.tolist())
+        return VehiclePose(pose.time, *rig.team.vehicles[1 - v].pose.tolist())
 
     rig = Rig(swap)
     with pytest.raises(TowHalted, match="jumped"):

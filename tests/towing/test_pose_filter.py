@@ -1,22 +1,13 @@
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
 from tjscan.towing.pose_filter import PoseEstimate, VehiclePoseFilter
+from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
 PERIOD = 0.1
 CREEP = Twist(0.01, 0.0)
-
-
-@dataclass(frozen=True)
-class Measured:
-    time: float
-    x: float
-    y: float
-    heading: float
 
 
 def make_filter(sigma: float = 3e-3) -> VehiclePoseFilter:
@@ -41,7 +32,7 @@ def test_noise_is_averaged_over_what_the_odometry_bridges() -> None:
     found, truth = drive(
         make_filter(),
         600,
-        lambda k, x: Measured(k * PERIOD, x + 3e-3 * rng.standard_normal(), 0.0, 0.0),
+        lambda k, x: VehiclePose(k * PERIOD, x + 3e-3 * rng.standard_normal(), 0.0, 0.0),
     )
     off = np.array([one.pose[0] for one in found])[100:] - truth[100:]
     assert np.sqrt(np.mean(off**2)) < 1e-3
@@ -49,30 +40,30 @@ def test_noise_is_averaged_over_what_the_odometry_bridges() -> None:
 
 def test_late_poses_are_taken_as_of_their_own_time() -> None:
     found, truth = drive(
-        make_filter(), 300, lambda k, x: Measured((k - 3) * PERIOD, x - 3e-3, 0.0, 0.0)
+        make_filter(), 300, lambda k, x: VehiclePose((k - 3) * PERIOD, x - 3e-3, 0.0, 0.0)
     )
     assert abs(found[-1].pose[0] - truth[-1]) < 1e-3
 
 
 def test_poses_out_of_order_count_for_nothing() -> None:
     one = make_filter()
-    drive(one, 50, lambda k, x: Measured(k * PERIOD, x, 0.0, 0.0))
-    found, truth = drive(one, 5, lambda k, x: Measured(1.0, 0.3, 0.0, 0.0), start=50)
+    drive(one, 50, lambda k, x: VehiclePose(k * PERIOD, x, 0.0, 0.0))
+    found, truth = drive(one, 5, lambda k, x: VehiclePose(1.0, 0.3, 0.0, 0.0), start=50)
     assert found[-1].pose[0] == pytest.approx(truth[-1], abs=1e-3)
 
 
 @pytest.mark.parametrize(
     ("fault", "why"),
     [
-        (lambda k, x: Measured(k * PERIOD, x + 0.5, 0.0, 0.0), "jumped"),
-        (lambda k, x: Measured(k * PERIOD, 0.049, 0.0, 0.0), "frozen"),
-        (lambda k, x: Measured(k * PERIOD, np.nan, 0.0, 0.0), "not a number"),
+        (lambda k, x: VehiclePose(k * PERIOD, x + 0.5, 0.0, 0.0), "jumped"),
+        (lambda k, x: VehiclePose(k * PERIOD, 0.049, 0.0, 0.0), "frozen"),
+        (lambda k, x: VehiclePose(k * PERIOD, np.nan, 0.0, 0.0), "not a number"),
         (lambda k, x: None, "none comes"),
     ],
 )
 def test_what_cannot_be_is_refused_and_named(fault: object, why: str) -> None:
     one = make_filter(0.5e-3)
-    drive(one, 50, lambda k, x: Measured(k * PERIOD, x, 0.0, 0.0))
+    drive(one, 50, lambda k, x: VehiclePose(k * PERIOD, x, 0.0, 0.0))
     found, truth = drive(one, 40, fault, start=50)
     assert found[-1].refused == why
     assert found[-1].age > 1.0

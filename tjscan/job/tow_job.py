@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-from annotated_types import Ge, Gt, Le, MaxLen
+from annotated_types import Ge, Gt, Le, Len, MaxLen
 from pydantic import model_validator
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.job.devices import DeviceSettings
 from tjscan.job.tow_checks import check_held_links, check_tow_geometry
+from tjscan.job.tow_world import TowSimulationSettings
 from tjscan.towing.area import Area
 from tjscan.towing.cable import Cable
 from tjscan.towing.tables import (
@@ -28,9 +31,24 @@ from tjscan.towing.tables import (
 )
 from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
 from tjscan.towing.weights import EffortTargets, TowingWeights
+from tjscan.vehicle.localisation_drivers import LOCALISATIONS
+from tjscan.vehicle.mqtt_settings import MqttSettings
 
 GRAVITY: Final = 9.81
 NEWTON: Final = FileUnit("n")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamMqttSettings(MqttSettings):
+    """The table [vehicles.mqtt]: the broker, and what the topics of all vehicles begin with.
+
+    Parameters
+    ----------
+    prefix : str
+        Of all topics; that of a vehicle goes on with its number, 1, 2, ...
+    """
+
+    prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +57,8 @@ class VehiclesSettings(SettingsTable):
 
     Parameters
     ----------
+    driver : str
+        ``simulated``, or ``mqtt`` for vehicles behind a broker.
     count : int
         With the welder.
     links : tuple of int or None
@@ -50,14 +70,23 @@ class VehiclesSettings(SettingsTable):
         At most, m/s.
     force : float
         With which a vehicle can pull at most, newton.
+    mqtt : TeamMqttSettings
     """
 
-    driver: str = "simulated"
+    driver: Literal["simulated", "mqtt"] = "simulated"
     count: Annotated[int, Ge(2), Le(20)] = 6
     links: Annotated[tuple[int, ...] | None, LIST_OR_WORD_IN_FILE] = None
     radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
     speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
     force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 49.0
+    mqtt: TeamMqttSettings = field(default_factory=TeamMqttSettings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
+    """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
+
+    registry: ClassVar[Registry[Any]] = LOCALISATIONS
 
 
 class TowJob(StrictFileModel):
@@ -73,8 +102,9 @@ class TowJob(StrictFileModel):
     weights: WeightSettings = WeightSettings()
     targets: TargetSettings = TargetSettings()
     limits: LimitSettings = LimitSettings()
-    localisation: LocalisationSettings = LocalisationSettings()
+    localisation: TowLocalisationSettings = TowLocalisationSettings()
     following: FollowingSettings = FollowingSettings()
+    simulation: TowSimulationSettings = TowSimulationSettings()
 
     @model_validator(mode="after")
     def _can_be(self) -> TowJob:

@@ -176,9 +176,9 @@ def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
 def _in_plane(title: str, points: Array, name: str) -> ReportChart:
     return ReportChart(
         title,
-        "y / m",
+        "-y / m",
         "x / m",
-        points[:, 1],
+        -points[:, 1],
         points[:, 0],
         line=name,
         plane=True,

@@ -15,7 +15,7 @@ from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.cable import Cable
-from tjscan.towing.devices import Localisation, Team
+from tjscan.towing.devices import Team
 from tjscan.towing.following import PoseFollower
 from tjscan.towing.journal import TowCycle, TowJournal
 from tjscan.towing.plan import ShapePlanner, TowingPlan
@@ -24,6 +24,7 @@ from tjscan.towing.standstill import StandstillCheck
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team import TowingTeam
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
+from tjscan.vehicle.localisation import Localisation, VehiclePose
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
 PERIOD: Final = 0.1
@@ -346,10 +347,7 @@ def _fault_of(state: VehicleState | VehicleFault) -> str:
     return state.fault if isinstance(state, VehicleState) else str(state)
 
 
-def _seen(measured: Sequence[object]) -> Array:
+def _seen(measured: Sequence[VehiclePose | None]) -> Array:
     return np.array(
-        [
-            (np.nan,) * 3 if one is None else (one.x, one.y, one.heading)  # type: ignore[attr-defined]
-            for one in measured
-        ]
+        [(np.nan,) * 3 if one is None else (one.x, one.y, one.heading) for one in measured]
     )

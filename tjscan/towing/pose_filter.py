@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.towing.devices import TimedPose
 from tjscan.towing.following import velocity_from_twist, wrap_angle
+from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
 SLIP: Final = 0.1
@@ -107,7 +107,7 @@ class VehiclePoseFilter:
         self._trail.append((time, self._pose.copy()))
 
     def update(
-        self, time: float, period: float, odometry: Twist, measured: TimedPose | None
+        self, time: float, period: float, odometry: Twist, measured: VehiclePose | None
     ) -> PoseEstimate:
         """Go on to a time, and take in the pose that was measured, if one came.
 
@@ -119,7 +119,7 @@ class VehiclePoseFilter:
             Since the last update, seconds.
         odometry : Twist
             Mean of the period.
-        measured : TimedPose or None
+        measured : VehiclePose or None
         """
         if self._pose is not None:
             self._go_on(period, odometry)
@@ -163,7 +163,7 @@ class VehiclePoseFilter:
         if self._denied is not None:
             self._denied = self._denied + step
 
-    def _take(self, measured: TimedPose, time: float) -> None:
+    def _take(self, measured: VehiclePose, time: float) -> None:
         found = np.array((measured.x, measured.y, measured.heading))
         if not np.isfinite(found).all() or not isfinite(measured.time):
             self._refused = "not a number"

@@ -10,10 +10,10 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
-from tjscan.towing.devices import TimedPose
 from tjscan.towing.pose_filter import SIGMAS, PoseEstimate, VehiclePoseFilter
 from tjscan.towing.tables import LocalisationSettings
 from tjscan.towing.team import TowingTeam
+from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
 
@@ -87,7 +87,7 @@ class TeamPoses:
         time: float,
         period: float,
         odometry: Sequence[Twist],
-        measured: Sequence[TimedPose | None],
+        measured: Sequence[VehiclePose | None],
     ) -> TeamEstimate:
         """Go on to a time with what was measured since the last update."""
         found = [
