@@ -94,7 +94,7 @@ def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
     stderr.print(table)
     for one in figures:
         if not one.holds:
-            print_message(f"{one.name}: {one.value:.4g} {one.unit}: {one.advice}")
+            print_message(f"{one.name} is {one.value:.3g} {one.unit}".rstrip() + f": {one.advice}")
 
 
 def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: bool) -> None:

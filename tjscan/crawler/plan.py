@@ -99,22 +99,6 @@ class GuardSettings(SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TorchAxesSettings(SettingsTable):
-    """The table [torch]: what the torch's axes can do.
-
-    Parameters
-    ----------
-    reach : float
-        To either side of the vehicle's middle, metres.
-    speed : float
-        Across the joint, m/s.
-    """
-
-    reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
-    speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CourseSettings(SettingsTable):
     """The table [course]: how the joint runs in the hull, as drawings or templates say.
 

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
-from tjscan.crawler.plan import TorchAxesSettings
+from types import TracebackType
+from typing import Protocol, Self
 
 
 class TorchAxes(Protocol):
-    """Torch on its axes, with its arc."""
+    """Torch on its axes, with its arc. It is a context manager: entering connects it."""
+
+    def __enter__(self) -> Self:
+        """Connect, with the arc out."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Put the arc out, and disconnect."""
+        ...
+
+    @property
+    def arc(self) -> bool:
+        """Whether the arc burns."""
+        ...
 
     def move(self, y: float, z: float, period: float) -> float:
         """Go towards a place, for a period; returns where the torch is across the joint now.
@@ -21,6 +38,11 @@ class TorchAxes(Protocol):
             Out of the hull, metres.
         period : float
             Seconds until the next call.
+
+        Raises
+        ------
+        VehicleFault
+            If it reports a fault, or nothing any more.
         """
         ...
 
@@ -29,27 +51,45 @@ class TorchAxes(Protocol):
         ...
 
 
-class SimulatedTorchAxes:
+class FixedTorch:
+    """A torch without axes that a crawler carries along its middle; a welder strikes the arc."""
+
+    arc = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.arc = False
+
+    def move(self, y: float, z: float, period: float) -> float:
+        """Stay in the middle."""
+        return 0.0
+
+    def set_arc(self, *, burning: bool) -> None:
+        """Note what the welder is told by the event."""
+        self.arc = burning
+
+
+class SimulatedTorchAxes(FixedTorch):
     """Torch axes that go where they are sent as fast as they can, within their reach.
 
     Parameters
     ----------
-    settings : TorchAxesSettings
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
     """
 
-    def __init__(self, settings: TorchAxesSettings) -> None:
-        self._settings = settings
+    def __init__(self, reach: float, speed: float) -> None:
+        self._reach, self._speed = reach, speed
         self.y = self.z = 0.0
-        self.arc = False
 
     def move(self, y: float, z: float, period: float) -> float:
         """Go towards a place; see `TorchAxes.move`."""
-        reach, step = self._settings.reach, self._settings.speed * period
-        wanted = min(max(y, -reach), reach)
+        step = self._speed * period
+        wanted = min(max(y, -self._reach), self._reach)
         self.y += min(max(wanted - self.y, -step), step)
         self.z = z
         return self.y
-
-    def set_arc(self, *, burning: bool) -> None:
-        """Strike the arc, or end it."""
-        self.arc = burning

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from time import monotonic
+from typing import Any, Final, Self
 
 import numpy as np
 
+from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
-from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchAxes
+from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl_job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
 from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
+from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.model import LaserModel
 from tjscan.laser.over_joint import SimulatedSectionLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
 from tjscan.vehicle.drivers import VEHICLES, VehicleDriverFactory, VehicleDriverInputs
@@ -37,7 +42,7 @@ class SimulatedWeld:
         With a [simulation].
     pose : callable
         Gives the vehicle's true pose T_w_v, shape (4, 4).
-    torch : SimulatedTorchAxes
+    torch : TorchAxes
         Whose arc it is.
     disturb : callable
         Is told whether the arc burns, which disturbs the vehicle's sensors.
@@ -47,7 +52,7 @@ class SimulatedWeld:
 
     job: CrawlJob
     pose: Callable[[], Array]
-    torch: SimulatedTorchAxes
+    torch: TorchAxes
     disturb: Callable[[bool], None]
     welded: list[list[float]] = field(default_factory=list)
     _burned: bool = False
@@ -148,14 +153,14 @@ class CrawlCell:
         with ExitStack() as stack:
             stack.enter_context(self.vehicle)
             stack.enter_context(self.laser)
+            stack.enter_context(self.torch)
             stack.pop_all()
         return self
 
     def __exit__(self, *error: object) -> None:
-        try:
-            self.laser.__exit__(None, None, None)
-        finally:
-            self.vehicle.__exit__(None, None, None)
+        with ExitStack() as stack:
+            for device in (self.vehicle, self.laser, self.torch):
+                stack.push(device)
 
 
 def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
@@ -185,12 +190,9 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
             ),
             job.vehicle.driver_settings,
         )
+    torch = _make_torch(job)
     if world is None:
-        raise ConfigurationError(
-            "only a simulated joint has a laser and a torch over it so far: add [simulation]",
-            key="simulation",
-        )
-    torch = SimulatedTorchAxes(job.torch)
+        return CrawlCell(vehicle, _make_laser(job), torch)
 
     def disturb(burning: bool) -> None:
         if isinstance(vehicle, SimulatedVehicle):
@@ -204,10 +206,48 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
         disturb,
         [] if left is None else [list(ends) for ends in left.welded],
     )
+    if job.laser.driver_kind is not DriverKind.SIMULATED:
+        return CrawlCell(vehicle, _make_laser(job), torch, weld)
     laser = SimulatedSectionLaser(
         weld.view, weld.laser_model, rng=np.random.default_rng([world.seed, RANDOM_STREAM])
     )
     return CrawlCell(vehicle, laser, torch, weld)
+
+
+def _make_torch(job: CrawlJob) -> TorchAxes:
+    with TORCHES.explain_missing_package(job.torch.driver):
+        return TORCHES.load(job.torch.driver).make(
+            TorchDriverInputs(
+                reach=job.torch.reach,
+                speed=job.torch.speed,
+                vehicle=job.vehicle.driver_settings,
+            ),
+            job.torch.driver_settings,
+        )
+
+
+def _make_laser(job: CrawlJob) -> LineLaser:
+    """Make a laser that is a device: it sits on a vehicle, and no flange says where."""
+    with LASER_DRIVERS.explain_missing_package(job.laser.driver):
+        return LASER_DRIVERS.load(job.laser.driver).make(
+            LaserDriverInputs(
+                LaserModel(),
+                LaserFlange(_no_flange, _no_flange, monotonic),
+                np.eye(4),
+                _no_flange,
+                seed=None,
+                recording=_no_flange,
+            ),
+            job.laser.driver_settings,
+        )
+
+
+def _no_flange() -> Any:
+    raise ConfigurationError(
+        "this laser's driver asks for an arm's flange, and a crawler has none: it needs a driver "
+        "that takes profiles alone",
+        key="laser.driver",
+    )
 
 
 def _no_recording() -> tuple[VehicleState, ...]:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-from annotated_types import Ge, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import Field, model_validator
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.crawler.plan import (
     AlignmentSettings,
     CourseSettings,
     GuardSettings,
-    TorchAxesSettings,
     WeldSettings,
 )
 from tjscan.crawler.proximity import ProximitySettings
@@ -27,7 +26,9 @@ from tjscan.crawler.slip_model import CrawlerGeometry
 from tjscan.crawler.steering import SteeringSettings
 from tjscan.crawler.torch_path import PassSettings
 from tjscan.job.devices import DeviceSettings
+from tjscan.job.torch_drivers import TORCHES
 from tjscan.joint.hull import HullJoint
+from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.laser.section_laser import SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLES
 from tjscan.vehicle.simulation import VehicleSimulationSettings
@@ -71,6 +72,34 @@ class VehicleSettings(DeviceSettings):
         return self.id or self.driver
 
 
+@dataclass(frozen=True, kw_only=True)
+class CrawlLaserSettings(DeviceSettings):
+    """The table [laser] of a crawl: which line laser looks at the joint ahead of the torch.
+
+    It is mounted with x_s to the vehicle's right and z_s into the hull.
+    """
+
+    registry: ClassVar[Registry[Any]] = LASER_DRIVERS
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorchSettings(DeviceSettings):
+    """The table [torch]: which torch the crawler carries, and what its axes can do.
+
+    Parameters
+    ----------
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
+    """
+
+    registry: ClassVar[Registry[Any]] = TORCHES
+
+    reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
+    speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrawlSimulationSettings(SettingsTable):
     """The table [simulation]: the world of a simulated crawl.
@@ -110,7 +139,8 @@ class CrawlJob(StrictFileModel):
         LIST_OR_WORD_IN_FILE,
         Field(alias="pass"),
     ] = (PassSettings(),)
-    torch: TorchAxesSettings = TorchAxesSettings()
+    laser: CrawlLaserSettings = CrawlLaserSettings()
+    torch: TorchSettings = TorchSettings()
     steering: SteeringSettings = SteeringSettings()
     slip: SlipUncertainty = SlipUncertainty()
     proximity: ProximitySettings = ProximitySettings()
@@ -119,11 +149,19 @@ class CrawlJob(StrictFileModel):
     simulation: CrawlSimulationSettings | None = None
 
     @model_validator(mode="after")
-    def _simulated_vehicle_has_a_world(self) -> CrawlJob:
-        if self.simulation is None and self.vehicle.driver_kind is DriverKind.SIMULATED:
-            raise ConfigurationError(
-                "a simulated vehicle needs a [simulation] table", key="simulation"
-            )
+    def _simulated_devices_have_a_world(self) -> CrawlJob:
+        for table in (self.vehicle, self.laser, self.torch):
+            if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
+                kind = table.registry.kind
+                raise ConfigurationError(
+                    f"a simulated {kind} needs a [simulation] table; {table.registry.key} names a "
+                    f"real one, of: {', '.join(table.registry.names)}",
+                    key="simulation",
+                )
+            if table is not self.vehicle and table.driver_kind is DriverKind.REPLAYED:
+                raise ConfigurationError(
+                    "a crawl replays with tjscan crawl replay", key=table.registry.key
+                )
         return self
 
     @model_validator(mode="after")

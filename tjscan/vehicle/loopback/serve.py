@@ -23,6 +23,7 @@ from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
 from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
 
@@ -104,7 +105,7 @@ def _linked(
             serial=str(vehicle.number),
             software=VERSION,
         ),
-        topics=(COMMAND_TOPIC, COMMANDER_TOPIC),
+        topics=(COMMAND_TOPIC, COMMANDER_TOPIC, TORCH_TOPIC, TORCH_COMMANDER_TOPIC),
         receive=inbox.put,
         changed=lambda up: None,
     )

@@ -8,6 +8,7 @@ from math import inf
 from typing import Final
 
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
+from tjscan.vehicle.loopback.torch import LoopbackTorch
 from tjscan.vehicle.mqtt_link import ReceivedMessage
 from tjscan.vehicle.simulated_body import SimulatedBody
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
@@ -67,6 +68,7 @@ class LoopbackVehicle:
         self._sent = 0
         self._moving = False
         self._last_state = VehicleState(body.time, Twist(0.0, 0.0))
+        self.torch = LoopbackTorch(session)
 
     def order_fault(self, fault: VehicleFaultOrder) -> None:
         """Bring a fault, or clear them all."""
@@ -75,7 +77,6 @@ class LoopbackVehicle:
             self._twist = None
         else:
             self.faults.add(fault)
-        self.body.arc_burning = VehicleFaultOrder.ARC in self.faults
 
     def receive(self, received: ReceivedMessage) -> None:
         """Obey a message, or drop it and tell why."""
@@ -88,6 +89,8 @@ class LoopbackVehicle:
                 if received.retained:
                     raise BadMessage("the broker kept it from before")
                 self._receive_command(CommandMessage.from_json(received.payload), received.time)
+            else:
+                self.torch.receive(received)
         except BadMessage as error:
             self.dropped += 1
             if self.dropped in REPORTED:
@@ -100,6 +103,8 @@ class LoopbackVehicle:
             self._twist = None
         if not self.link_stands:
             self._twist = None
+        of_torch = self.torch.advance(now, period)
+        self.body.arc_burning = self.torch.arc or VehicleFaultOrder.ARC in self.faults
         grip = SPINNING_GRIP if VehicleFaultOrder.SLIP in self.faults else 1.0
         state = self._disturbed(self.body.advance(self._twist, period=period, grip=grip))
         self._tell_motion(now)
@@ -124,7 +129,7 @@ class LoopbackVehicle:
         payload = message.to_json()
         if VehicleFaultOrder.NAN in self.faults:
             payload = payload.replace(b'"speed":', b'"speed":NaN,"was":')
-        return [(STATE_TOPIC, payload), (POSE_TOPIC, at.to_json())]
+        return [(STATE_TOPIC, payload), (POSE_TOPIC, at.to_json()), of_torch]
 
     def _receive_presence(self, message: PresenceMessage, now: float) -> None:
         if message.session == self._gate.session:

@@ -1,0 +1,69 @@
+"""The torches that a crawl job can name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
+from tjscan.vehicle.mqtt_settings import MqttSettings
+
+if TYPE_CHECKING:
+    from tjscan.vehicle.mqtt_torch import MqttTorch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchDriverInputs:
+    """What a torch's driver makes its torch from, besides its own settings.
+
+    Parameters
+    ----------
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
+    vehicle : SettingsTable or object
+        Settings of the vehicle's driver: a torch may hang on the same link.
+    """
+
+    reach: float
+    speed: float
+    vehicle: object
+
+
+TorchDriverFactory = DriverFactory[TorchDriverInputs, TorchAxes]
+
+
+def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
+    if not isinstance(context.vehicle, MqttSettings):
+        raise ConfigurationError(
+            'the torch "mqtt" hangs on the link of its vehicle: vehicle.driver must be "mqtt" too',
+            key="torch.driver",
+        )
+    with TORCHES.explain_missing_package("mqtt"):
+        from tjscan.vehicle.mqtt_torch import MqttTorch
+    return MqttTorch(context.vehicle, context.reach)
+
+
+SIMULATED: Final = TorchDriverFactory(
+    lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
+    kind=DriverKind.SIMULATED,
+)
+FIXED: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
+MQTT: Final = TorchDriverFactory(_over_mqtt)
+
+TORCHES: Final[Registry[TorchDriverFactory]] = Registry(
+    "torch",
+    {
+        "simulated": "tjscan.job.torch_drivers:SIMULATED",
+        "none": "tjscan.job.torch_drivers:FIXED",
+        "mqtt": "tjscan.job.torch_drivers:MQTT",
+    },
+    extras={"mqtt": "vehicle"},
+    key="torch.driver",
+    type=DriverFactory,
+)
+"""Every torch driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""

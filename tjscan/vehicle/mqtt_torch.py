@@ -1,0 +1,148 @@
+"""The torch of a vehicle behind an MQTT broker."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Self
+from uuid import uuid4
+
+from tjscan.core.errors import DriveFault, VehicleLinkLost
+from tjscan.core.version import VERSION
+from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.torch_wire import (
+    TORCH_COMMANDER_TOPIC,
+    TORCH_STATE_TOPIC,
+    TORCH_TOPIC,
+    TorchMessage,
+    TorchStateMessage,
+)
+from tjscan.vehicle.wire import BadMessage, MessageGate, PresenceMessage
+
+
+class MqttTorch:
+    """Torch axes and an arc over the link of the vehicle that carries them.
+
+    Every call of `move` sends where the torch has to be, and for how long the arc may burn
+    without a further one; so it goes out where this program hangs, and by its last will where it
+    is gone.
+
+    Parameters
+    ----------
+    settings : MqttSettings
+        Of the vehicle.
+    reach : float
+        To either side of the vehicle's middle, metres.
+    """
+
+    def __init__(self, settings: MqttSettings, reach: float) -> None:
+        self._settings, self._reach = settings, reach
+        self._y = self._z = 0.0
+        self._arc = False
+        self._begin()
+
+    def _begin(self) -> None:
+        settings = self._settings
+        self._session, self._number = uuid4().hex, 0
+        self._state: TorchStateMessage | None = None
+        self._heard, self._first = time.monotonic(), threading.Event()
+        self._gate = MessageGate()
+        self._link = BrokerLink(
+            settings.host,
+            settings.port,
+            prefix=settings.prefix,
+            presence_topic=TORCH_COMMANDER_TOPIC,
+            presence=PresenceMessage(
+                session=self._session,
+                number=0,
+                time=time.monotonic(),
+                alive=True,
+                model="tjscan",
+                software=VERSION,
+            ),
+            topics=(TORCH_STATE_TOPIC,),
+            receive=self._receive,
+            changed=lambda up: None,
+        )
+
+    def __enter__(self) -> Self:
+        """Connect, and wait for the torch's first state.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If there is no broker, or no torch on it.
+        """
+        self._begin()
+        self._arc = False
+        self._link.connect(self._settings.connect_limit)
+        if not self._first.wait(self._settings.connect_limit):
+            self._link.close()
+            raise VehicleLinkLost(
+                f"no torch answers on {self._settings.prefix}/{TORCH_STATE_TOPIC}. Is it switched "
+                'on? A vehicle without one takes torch.driver = "none".'
+            )
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Put the arc out, and disconnect."""
+        self.set_arc(burning=False)
+        self._link.close()
+
+    @property
+    def arc(self) -> bool:
+        """Whether the arc burns, as the torch reports."""
+        return self._state is not None and self._state.arc
+
+    def move(self, y: float, z: float, period: float) -> float:
+        """Send the torch to a place; returns where it is. See `TorchAxes.move`.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If nothing was heard of it for too long.
+        DriveFault
+            If it reports a fault.
+        """
+        self._y, self._z = min(max(y, -self._reach), self._reach), z
+        self._send()
+        state = self._state
+        if state is None or time.monotonic() - self._heard > self._settings.silence_limit:
+            raise VehicleLinkLost(
+                f"the torch of {self._settings.prefix} has been silent for "
+                f"{time.monotonic() - self._heard:.1f} s"
+            )
+        if state.fault:
+            raise DriveFault(f"the torch reports: {state.fault}. Mend it, then start again.")
+        return state.y
+
+    def set_arc(self, *, burning: bool) -> None:
+        """Strike the arc, or end it."""
+        self._arc = burning
+        self._send()
+
+    def _send(self) -> None:
+        self._number += 1
+        message = TorchMessage(
+            session=self._session,
+            number=self._number,
+            time=time.monotonic(),
+            y=self._y,
+            z=self._z,
+            arc=self._arc,
+            hold=self._settings.dead_man,
+        )
+        self._link.publish(TORCH_TOPIC, message.to_json())
+
+    def _receive(self, received: ReceivedMessage) -> None:
+        """Take a state in, in the link's thread; what is none is dropped, and silence shows it."""
+        if received.retained:
+            return
+        try:
+            message = TorchStateMessage.from_json(received.payload)
+        except BadMessage:
+            return
+        if not self._gate.reason_to_drop(message, received.time):
+            self._state, self._heard = message, received.time
+            self._first.set()
