@@ -95,9 +95,11 @@ class Spy(DeviceBase):
         self.told.append(("linear", T_b_f))
         return self.arm.move_linear(T_b_f)
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         self.told.append(("joint", T_b_f))
-        return self.arm.move_joint_to_pose(T_b_f, near)
+        return self.arm.move_joint_to_pose(T_b_f, near, direct=direct)
 
     def stop(self) -> None:
         self.arm.stop()
@@ -364,8 +366,10 @@ def test_checking_looks_at_every_path_and_moves_nothing() -> None:
 
 def test_an_arm_that_took_another_configuration_is_not_moved_on() -> None:
     class Elsewhere(Spy):
-        def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
-            reached = super().move_joint_to_pose(T_b_f, near)
+        def move_joint_to_pose(
+            self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+        ) -> ArmState:
+            reached = super().move_joint_to_pose(T_b_f, near, direct=direct)
             return ArmState(
                 reached.q + np.array((0, 0, 0, 0, 0, 2 * np.pi)), reached.T_b_f, reached.time
             )

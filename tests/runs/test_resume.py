@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,14 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import lock_and_clean_directory
+from tjscan.job import read_scan_job
 from tjscan.recording.writer import recording_files
+from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan import scan_in_cell
+from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.section import Substep
 
 SAME = 1e-9
 """Millimetres: what rounding leaves when noise is off."""
@@ -92,6 +99,26 @@ def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) 
         "scan-3.mcap",
     ]
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+@pytest.mark.parametrize(
+    "elsewhere_deg", [(-40, -70, -90, -40, 90, 30), (60, -120, 100, 20, -90, 0)]
+)
+def test_an_arm_that_was_moved_goes_back_to_the_configuration_in_which_it_scanned(
+    whole: Path, tmp_path: Path, elsewhere_deg: tuple[float, ...]
+) -> None:
+    done = read_recorded_scan(cut(whole, tmp_path / "cut", 0.3))
+    job = read_scan_job(PAPER, FAULTLESS)
+    q = np.radians(elsewhere_deg)
+    moved = replace(done.views[-1], q=q, T_b_f=Kinematics.load("ur10e").forward(q))
+    cell = RunContext(job, PAPER).make_cell(left=moved)
+    result = scan_in_cell(cell, job, CombinedJournal(), done)
+    back = next(view for view in result.views if view.substep == Substep.RESUMED)
+    section = done.sections[back.index]
+    assert np.abs(q - section.view.q).max() > 1
+    np.testing.assert_allclose(back.q, section.view.q, atol=1e-6)
+    points = 1e3 * np.array([section.points_b for section in result.sections])
+    np.testing.assert_allclose(points, recorded_corners(whole), atol=1e-5)
 
 
 def test_a_finished_scan_measures_nothing_more_and_its_results_are_written(

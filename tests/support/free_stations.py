@@ -83,7 +83,9 @@ class FreeArm(DeviceBase):
         self._error = self._spread * self._rng.standard_normal(6)
         return self.state()
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         return self.move_linear(T_b_f)
 
     def stop(self) -> None:

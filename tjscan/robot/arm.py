@@ -87,11 +87,14 @@ class Arm(Protocol):
         """
         ...
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         """Move to a flange pose along a line in joint space, and return the state reached.
 
         It ends in the configuration nearest to the joint angles `near`, shape (n,), in radians;
-        nearest to those it has where they are left out.
+        nearest to those it has where they are left out. An arm that goes round what blocks its
+        way does not where the path is to be `direct`.
 
         Raises
         ------

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import chain, product
+from itertools import chain, combinations, product
 from types import TracebackType
 from typing import Final, Self
 
@@ -24,6 +23,9 @@ LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 SAME_CONFIGURATION: Final = 0.1
 """Radians a joint may end from where it was planned: far more than a calibrated arm differs from
 its nominal model, far less than another configuration does."""
+
+Way = Sequence[tuple[bool, Array, Array | None]]
+"""Segments of a way: each straight or in joint space, its end, joint angles near its end."""
 
 SWEEP: Final = np.pi / 2
 """Radians a joint may turn on a move that has to end near given joint angles: where
@@ -51,12 +53,12 @@ class PathSegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClearPath:
-    """A collision-free path: one direct segment, or a detour of three.
+    """A collision-free path: one direct segment, or a detour of two or three.
 
     Parameters
     ----------
     segments : tuple of PathSegment
-        Its parts: the direct way is one, a detour three.
+        Its parts: the direct way is one, a detour two or three.
     blocked : PathBlocked, optional
         What stands in the direct way, where another one had to be found.
     """
@@ -78,6 +80,8 @@ class ClearPath:
     def _how(self) -> str:
         if len(self.segments) == 1:
             return "into another configuration"
+        if not self.segments[0].straight:
+            return "some joints first, then the others"
         _, across, forward = self.segments
         lift = float(np.linalg.norm(across.T_b_f[:3, 3] - forward.T_b_f[:3, 3]))
         how = "on a line" if across.straight else "in joint space"
@@ -175,12 +179,14 @@ class CollisionCheckedArm:
         """
         return self._move(T_b_f, straight=True)
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         """Move along a line in joint space, or round what blocks it. See `move_linear`.
 
-        With `near` it ends in that configuration and no other, by the direct path or not at all.
+        With `near` it ends in that configuration and no other.
         """
-        return self._move(T_b_f, straight=False, near=near)
+        return self._move(T_b_f, straight=False, near=near, direct=direct)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
@@ -193,11 +199,18 @@ class CollisionCheckedArm:
         self._arm.accept_moves_again()
 
     def plan_clear_path(
-        self, q: Array, T_b_f: Array, *, straight: bool, near: Array | None = None
+        self,
+        q: Array,
+        T_b_f: Array,
+        *,
+        straight: bool,
+        near: Array | None = None,
+        direct: bool = False,
     ) -> ClearPath:
-        """Plan a collision-free path: the direct one, else a detour of three segments.
+        """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
-        A move in joint space has one choice more: another configuration at its end.
+        A move in joint space has one choice more: another configuration at its end; or, where it
+        has to end near given joint angles, some joints first and then the others.
 
         Parameters
         ----------
@@ -208,45 +221,64 @@ class CollisionCheckedArm:
         straight : bool
             Whether the direct path is a line of the flange, or of the joints.
         near : ndarray, shape (n,), optional
-            Joint angles near which a move in joint space has to end, by the direct path.
+            Joint angles near which a move in joint space has to end.
+        direct : bool, optional
+            Whether it takes the direct path or none.
 
         Raises
         ------
         PathBlocked, PoseUnreachable
             Of the direct path, if no other way keeps clear either.
         """
-        if near is not None:
-            segments = self._into(q, T_b_f, near)
-            _check_near(segments[-1], near)
-            return ClearPath(segments)
         try:
-            return ClearPath((self._segment(q, T_b_f, straight=straight),))
+            return ClearPath(self._segments(q, [(straight, T_b_f, near)]))
         except PathBlocked as blocked:
-            if blocked.share == 0:  # where it stands: no way begins elsewhere
+            if direct or blocked.share == 0:  # where it stands: no way begins elsewhere
                 raise
-            others = () if straight else self._configurations(q, T_b_f)
-            for plan in chain(self._detours(q, T_b_f, straight=straight), others):
+            ways = self._detours(q, T_b_f, near, straight=straight)
+            if near is not None:
+                ways = chain(ways, self._parts(q, T_b_f, near))
+            elif not straight:
+                ways = chain(ways, self._configurations(q, T_b_f))
+            for way in ways:
                 try:
-                    return ClearPath(plan(), blocked)
+                    segments = self._segments(q, way)
+                    if near is not None:
+                        _check_near(segments[-1].q, T_b_f, near)
+                    return ClearPath(segments, blocked)
                 except PoseUnreachable:
                     continue
             raise _without_detour(blocked, self._lifts) from None
 
     def _detours(
-        self, q: Array, T_b_f: Array, *, straight: bool
-    ) -> Iterator[Callable[[], tuple[PathSegment, ...]]]:
-        """Plans of ways back, across and forward; the nearer ones first."""
+        self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
+    ) -> Iterator[Way]:
+        """Ways back, across and forward; the nearer ones first."""
         T_start = self.clearance.kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
-            yield partial(self._segments, q, ((True, back), (across, ahead), (True, T_b_f)))
+            yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
 
-    def _configurations(
-        self, q: Array, T_b_f: Array
-    ) -> Iterator[Callable[[], tuple[PathSegment, ...]]]:
-        """Plans of direct moves into the other configurations; the nearer ones first."""
+    def _parts(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
+        """Ways that turn some joints first and then the others, as one jogs an arm.
+
+        Straight to the pose, or to one drawn back from there and then forward.
+        """
+        kinematics, joints = self.clearance.kinematics, range(len(q))
+        for lift in (0.0, *self._lifts):
+            ahead = self._drawn_back(T_b_f, lift)
+            for count in joints[1:]:
+                for first in combinations(joints, count):
+                    between = np.array(q)
+                    between[list(first)] = near[list(first)]
+                    T_between = kinematics.forward(between)
+                    way = [(False, T_between, between), (False, ahead, near), (True, T_b_f, None)]
+                    yield way if lift else way[:2]
+
+    def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
+        """Direct ways into the other configurations; the nearer ones first."""
         for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
-            yield partial(self._into, q, T_b_f, other)
+            yield [(False, T_b_f, other)]
 
     def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
@@ -258,32 +290,24 @@ class CollisionCheckedArm:
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _segments(self, q: Array, detour: Iterable[tuple[bool, Array]]) -> tuple[PathSegment, ...]:
-        segments = []
-        for straight, T in detour:
-            segment = self._segment(q, T, straight=straight)
-            q = segment.q
-            segments.append(segment)
+    def _segments(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
+        clearance, segments = self.clearance, []
+        for straight, T, near in way:
+            if straight:
+                q = clearance.joint_angles_after_linear_move(q, T)
+            else:
+                q = clearance.joint_angles_after_joint_move(q, T, near)
+                if near is not None:
+                    _check_near(q, T, near)
+            segments.append(PathSegment(straight, T, q))
         return tuple(segments)
 
-    def _into(self, q: Array, T_b_f: Array, near: Array) -> tuple[PathSegment, ...]:
-        """The direct move in joint space into one configuration."""
-        return (
-            PathSegment(False, T_b_f, self.clearance.joint_angles_after_joint_move(q, T_b_f, near)),
-        )
-
-    def _segment(self, q: Array, T_b_f: Array, *, straight: bool) -> PathSegment:
-        plan = (
-            self.clearance.joint_angles_after_linear_move
-            if straight
-            else self.clearance.joint_angles_after_joint_move
-        )
-        return PathSegment(straight, T_b_f, plan(q, T_b_f))
-
-    def _move(self, T_b_f: Array, *, straight: bool, near: Array | None = None) -> ArmState:
+    def _move(
+        self, T_b_f: Array, *, straight: bool, near: Array | None = None, direct: bool = False
+    ) -> ArmState:
         with self._latch.hold_for_move():
             state = self._arm.state()
-            path = self.plan_clear_path(state.q, T_b_f, straight=straight, near=near)
+            path = self.plan_clear_path(state.q, T_b_f, straight=straight, near=near, direct=direct)
             if path.blocked is not None:
                 self._report("detour", str(path))
             for segment in path.segments:
@@ -300,15 +324,15 @@ def _ignore(name: str, detail: str) -> None:
     """Listen to nothing."""
 
 
-def _check_near(segment: PathSegment, near: Array) -> None:
+def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
-    away = np.abs(segment.q - near)
+    away = np.abs(q - near)
     if away.max() > SWEEP:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "
             "can't stay as they are. Start from another configuration or move the base.",
-            segment.T_b_f,
+            T_b_f,
         )
 
 

@@ -68,7 +68,9 @@ class ReplayedArm(DeviceBase):
         self._poses.go_to_view(T_b_f)
         return self.state()
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         """Go on to the recorded view with this pose; see `move_linear`."""
         return self.move_linear(T_b_f)
 

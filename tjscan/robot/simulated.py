@@ -120,7 +120,9 @@ class SimulatedArm(DeviceBase):
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
         return self._move(lambda q: self._linear_path(q, T_b_f))
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
         return self._move(lambda q: self._joint_path(q, T_b_f, near))
 

@@ -79,6 +79,19 @@ class ProfileTaker:
         self._stop.raise_if_stop_now()
         return self._setup.arm.move_joint_to_pose(T_b_f)
 
+    def return_to_view(self, view: ProfileView) -> ArmState:
+        """Move to where a view was taken, in the configuration that it was taken in.
+
+        In another one the arm may not come round the rest of the joint.
+
+        Raises
+        ------
+        PoseUnreachable
+            If there is no way into that configuration.
+        """
+        self._stop.raise_if_stop_now()
+        return self._setup.arm.move_joint_to_pose(view.T_b_f, near=view.q)
+
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a straight line."""
         self._stop.raise_if_stop_now()
@@ -100,7 +113,8 @@ class ProfileTaker:
                 # In the present configuration or not at all: the arm never changes sides on its
                 # way round a joint.
                 self._stop.raise_if_stop_now()
-                return self._setup.arm.move_joint_to_pose(T_b_f, near=self._setup.arm.state().q)
+                here = self._setup.arm.state().q
+                return self._setup.arm.move_joint_to_pose(T_b_f, near=here, direct=True)
             except PoseUnreachable as error:
                 self._log.record_event(ScanEvent.STRAIGHT, str(error))
         return self.move_linear(T_b_f)

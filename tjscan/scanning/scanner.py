@@ -135,12 +135,15 @@ class Scanner:
         ------
         JointMoved
             If the last section lies elsewhere now, or is not found any more.
+        PoseUnreachable
+            Before anything moves, if the arm can't get from where it stands into the
+            configuration that it scanned in.
         ArmFault, LaserFault, Interrupted
             As `run` does.
         """
         self._log.restore_from_recording(done, sections)
         self._taker.remember_views(done.views)
-        moved = self._check_last_section(self._taker.move_joint_to_pose(sections[-1].view.T_b_f))
+        moved = self._check_last_section(self._taker.return_to_view(sections[-1].view))
         last = len(sections) - 1
         self._log.record_event(
             ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm"

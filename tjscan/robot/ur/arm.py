@@ -117,7 +117,9 @@ class UrArm(DeviceBase):
         """
         return self._move(T_b_f, self._linear_path, self._linear_command)
 
-    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+    def move_joint_to_pose(
+        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
+    ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
         return self._move(T_b_f, partial(self._joint_path, near=near), joint_command)
 
