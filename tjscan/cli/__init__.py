@@ -38,6 +38,9 @@ app.command(
     "tjscan.cli.doctor:doctor", name="doctor", help="Check a job's cell and report what is wrong."
 )
 app.command(
+    "tjscan.cli.laser:laser", name="laser", help="Show what a line laser sees, live, and write it."
+)
+app.command(
     "tjscan.cli.reprocess:reprocess",
     name="reprocess",
     help="Read a run's recorded profiles again, with other settings.",

@@ -1,8 +1,8 @@
 """The job file: one scan, or one calibration, in millimetres and degrees, as a person writes it."""
 
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
-from tjscan.job.files import CalibrationJob, CellJob, ScanJob
-from tjscan.job.reading import read_calibration_job, read_scan_job
+from tjscan.job.files import CalibrationJob, CellJob, LaserJob, ScanJob
+from tjscan.job.reading import read_calibration_job, read_laser_job, read_scan_job
 from tjscan.job.simulation import (
     SimulatedBoardSettings,
     SimulatedStationSettings,
@@ -25,6 +25,7 @@ __all__ = [
     "CellJob",
     "ClearanceSettings",
     "JointSettings",
+    "LaserJob",
     "LaserSettings",
     "PlacedSolidSettings",
     "ScanJob",
@@ -35,5 +36,6 @@ __all__ = [
     "StationPoseSettings",
     "StationSettings",
     "read_calibration_job",
+    "read_laser_job",
     "read_scan_job",
 ]

@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from tjscan.calibration.file import read_calibration
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind, NoSettings
@@ -241,6 +243,51 @@ def make_simulated_laser(
         NoSettings(),
     )
     return laser
+
+
+def make_laser_alone(
+    table: LaserSettings, model: LaserModel, time: Callable[[], float]
+) -> LineLaser:
+    """Make a real laser that nothing carries.
+
+    Parameters
+    ----------
+    table : LaserSettings
+        Which laser.
+    model : LaserModel
+        The window that the job states.
+    time : callable
+        Gives the seconds on the clock that its profiles are timed by.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a real one, or a package is missing that its driver needs.
+    """
+    driver = LASER_DRIVERS.load(table.driver)
+    if driver.kind is not DriverKind.REAL:
+        raise ConfigurationError(f"{table.driver!r} is no real laser", key="laser.driver")
+    with LASER_DRIVERS.explain_missing_package(table.driver):
+        laser: LineLaser = driver.make(
+            LaserDriverInputs(
+                model,
+                LaserFlange(_no_flange, _no_flange, time),
+                np.eye(4),
+                _no_scene,
+                seed=None,
+                recording=lambda: _recording(table)[::2],
+            ),
+            table.driver_settings,
+        )
+    return laser
+
+
+def _no_flange() -> Array:
+    raise ConfigurationError("the laser sits on no arm here", key="arm")
+
+
+def _no_scene() -> SimulatedScene:
+    raise ConfigurationError("there is nothing simulated to look at", key="simulation")
 
 
 def _recording(

@@ -159,6 +159,13 @@ class CellJob(StrictFileModel):
         return self.model_copy(update={"station": (station,), "simulation": simulation})
 
 
+class LaserJob(StrictFileModel):
+    """The tables that a laser needs which nothing carries yet: itself, and how it is read."""
+
+    laser: LaserSettings = LaserSettings()
+    groove: GrooveSettings = GrooveSettings()
+
+
 class ScanJob(CellJob):
     """A job file that describes a scan."""
 

@@ -13,7 +13,7 @@ from tjscan.core.config import (
     validate_table,
 )
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.files import CalibrationJob, CellJob, ScanJob
+from tjscan.job.files import CalibrationJob, CellJob, LaserJob, ScanJob
 from tjscan.job.kinds import kind_of_other_file
 from tjscan.job.station import casefolded_name
 
@@ -58,19 +58,56 @@ def read_job_table(model: type[M], file: Path, overrides: dict[str, Any] | None)
     if (other := kind_of_other_file(data, model.model_fields)) is not None:
         raise ConfigurationError(f"is {other.name}: {other.use}", file=file)
     with add_file_to_errors(file):
-        for key, value in (overrides or {}).items():
-            *tables, last = key.split(".")
-            table: Any = data
-            for name in tables:
-                table = _inner(table, name, key)
-            if isinstance(table, list):
-                raise ConfigurationError(
-                    f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
-                )
-            table[last] = value
-            if key in EXCLUDED:
-                table.pop(EXCLUDED[key], None)
+        replace_keys(data, overrides or {})
         return validate_table(model, data, file)
+
+
+def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> LaserJob:
+    """Read the tables of a laser and its reading alone, from a job of any kind or a file of these.
+
+    Parameters
+    ----------
+    file, overrides
+        As for `read_scan_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or a key of these tables is wrong.
+    """
+    data = read_toml(file)
+    with add_file_to_errors(file):
+        replace_keys(data, overrides or {})
+        return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
+
+
+def replace_keys(data: dict[str, Any], overrides: dict[str, Any]) -> None:
+    """Replace single keys of a file's tables, in place.
+
+    Parameters
+    ----------
+    data : dict
+        The tables.
+    overrides : dict
+        Dotted keys and their values.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no place for a key.
+    """
+    for key, value in overrides.items():
+        *tables, last = key.split(".")
+        table: Any = data
+        for name in tables:
+            table = _inner(table, name, key)
+        if isinstance(table, list):
+            raise ConfigurationError(
+                f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
+            )
+        table[last] = value
+        if key in EXCLUDED:
+            table.pop(EXCLUDED[key], None)
 
 
 def _inner(tables: Any, name: str, key: str) -> Any:

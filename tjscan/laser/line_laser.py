@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.laser.profile import Profile
@@ -42,4 +43,36 @@ class LineLaser(Protocol):
         LaserFault
             If no profile came.
         """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LaserDescription:
+    """What a laser states about itself and its link, for a person to read.
+
+    Parameters
+    ----------
+    link : str
+        How it is connected.
+    format : str
+        What it sends, and what its numbers mean.
+    near, far : float
+        Limits of z in frame s that it can state, in metres.
+    advice : str
+        What would be better, in a sentence; empty where nothing would.
+    """
+
+    link: str
+    format: str
+    near: float
+    far: float
+    advice: str = ""
+
+
+@runtime_checkable
+class DescribedLaser(Protocol):
+    """A laser that describes itself; a simulated or a recorded one has nothing to describe."""
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser; it has to be connected."""
         ...

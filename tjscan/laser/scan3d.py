@@ -44,6 +44,12 @@ class CoordinateFormat:
         """Bytes of a point."""
         return np.dtype(self.dtype).itemsize * len(self.components)
 
+    def raw_range(self, axis: AxisScale) -> tuple[float, float]:
+        """Least and greatest raw number of an axis: its limits, and what its numbers hold."""
+        kind = np.dtype(self.dtype)
+        low, high = (0.0, float(np.iinfo(kind).max)) if kind.kind == "u" else (-inf, inf)
+        return max(low, axis.low), min(high, axis.high)
+
     @property
     def has_x(self) -> bool:
         """Whether points state x; where they do not, x follows from the column."""

@@ -13,14 +13,16 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job import LaserSettings, ScanJob, read_scan_job
 from tjscan.job.cell import Cell, clear_path_planner_of_job
+from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 
-LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde")
+LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde", "viva-genicam")
 """Whose versions are reported."""
 
 SAME_ARM: Final = 0.02
@@ -112,6 +114,10 @@ def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
 
         yield (arm := _look("arm", lambda: connect(cell.arm, f"{job.arm.driver} {job.arm.model}")))
         yield (laser := _look("laser", lambda: connect(cell.laser, job.laser.device_id)))
+        if laser.passed and isinstance(cell.laser, DescribedLaser):
+            yield _look("laser's link", partial(_link, cell.laser, cell.laser.identity))
+            yield _look("laser's format", partial(_format, cell.laser))
+            yield _look("laser's range", partial(_range, cell.laser, job.laser))
         if arm.passed:
             yield _look("model", partial(_model, cell))
             yield _look("stance", partial(_stance, cell))
@@ -181,6 +187,29 @@ def _stance(cell: Cell) -> str:
         return "nothing is known that the arm could touch"
     pair, distance = nearest
     return f"nearest to each other are {pair.moving} and {pair.other}, {1e3 * distance:.0f} mm"
+
+
+def _link(laser: DescribedLaser, identity: DeviceIdentity) -> str:
+    described = laser.describe()
+    return "; ".join(filter(None, (f"{identity} at {described.link}", described.advice)))
+
+
+def _format(laser: DescribedLaser) -> str:
+    return laser.describe().format
+
+
+def _range(laser: DescribedLaser, table: LaserSettings) -> str:
+    """Whether the laser can state every z of the job's measuring range."""
+    described = laser.describe()
+    wanted = f"{1e3 * table.near:g} to {1e3 * table.far:g} mm"
+    able = f"it can state z from {1e3 * described.near:g} to {1e3 * described.far:g} mm"
+    if described.near > table.near or described.far < table.far:
+        raise ConfigurationError(
+            f"the job expects z from {wanted}, and {able}: set near_mm and far_mm to what its "
+            "manual says; where its z points the other way, laser.genicam.flip_z and offset_mm",
+            key="laser.near_mm",
+        )
+    return f"{able}; the job expects {wanted}"
 
 
 def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:

@@ -68,9 +68,9 @@ class SimulatedProfiles:
 
     def begin(self) -> None:
         """Begin with the first profile again."""
-        self._laser = self._make()
-        self._laser.__enter__()
+        self.laser = self._make()
+        self.laser.__enter__()
 
     def expose(self) -> Profile:
         """Take the next profile."""
-        return self._laser.capture()
+        return self.laser.capture()

@@ -14,6 +14,7 @@ from tjscan.laser.genicam.link import GenicamProcess
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock
 from tjscan.laser.genicam.scales import scales_of_laser
 from tjscan.laser.genicam.settings import GenicamSettings
+from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import FORMATS, Scan3dScales, points
 
@@ -157,6 +158,35 @@ class GenicamLaser:
         when, uncertainty = cell_time_of_exposure(block.exposed, block.uncertainty, cell, read)
         row = FORMATS[laser.pixel_format].point_size * block.columns
         return points(block.data[:row], block.pixel_format, scales, when, uncertainty)
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser and its link; raises as `connected` does."""
+        laser, scales, table = self.connected, self.scales, self.settings
+        layout = FORMATS[laser.pixel_format]
+        pieces = -(-layout.point_size * laser.columns * laser.rows // laser.packet_size)
+        clock = (
+            "its clock can be read"
+            if laser.latches
+            else "its clock can't be read, so it starts anew for each profile"
+        )
+        axes = ", ".join(
+            f"{name} = {1e3 * axis.scale:.6g} mm * raw {1e3 * axis.offset:+.6g} mm"
+            for name, axis in (("x", scales.x), ("z", scales.z))
+        )
+        stated = "as the laser states" if table.scale is None else "as the job states"
+        ends = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
+        return LaserDescription(
+            link=f"{laser.address}, about {pieces} packets of at most {laser.packet_size} bytes a "
+            f"profile, {clock}",
+            format=f"{laser.pixel_format}, {laser.columns} points, rows: {laser.rows}, {axes}, "
+            f"{stated}",
+            near=min(ends),
+            far=max(ends),
+            advice=""
+            if table.serial is not None
+            else f'state serial = "{laser.identity.serial}" in the job, so that its calibration '
+            "holds for this laser alone",
+        )
 
     def _check_identity(self, found: DeviceIdentity) -> None:
         if self.settings.serial is not None and found.serial != self.settings.serial:

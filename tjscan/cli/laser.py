@@ -1,0 +1,50 @@
+"""``tjscan laser``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+
+def laser(
+    job: Path,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    profiles: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+    write: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Show what a line laser sees, live, with the groove that is read in it. No arm is needed.
+
+    Of the job file only [laser] and [groove] count. Ctrl-C ends it. Every key of the job file is
+    an option too.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    profiles
+        How many to take; left out, until interrupted.
+    write
+        Write the profiles into this new text file, which 'tjscan groove' reads.
+    json
+        Print a line of JSON for each profile on stdout.
+    """
+    from contextlib import ExitStack
+    from itertools import islice
+
+    from tjscan.cli.laser_output import LiveProfiles, print_description
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.runs.laser import ProfileFile, open_laser_of_job, read_live_profiles
+
+    with ExitStack() as stack:
+        device, settings = stack.enter_context(open_laser_of_job(job, parse_overrides(overrides)))
+        file = None if write is None else stack.enter_context(ProfileFile(write))
+        print_description(device)
+        show = stack.enter_context(LiveProfiles(json=json))
+        for reading in islice(read_live_profiles(device, settings), profiles):
+            show.show_reading(reading)
+            if file is not None:
+                file.add(reading.profile)

@@ -1,0 +1,124 @@
+"""Look through a line laser: profile after profile, each with what is read in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError
+from tjscan.groove.settings import GrooveSettings
+from tjscan.job import read_laser_job
+from tjscan.job.cell import make_laser_alone
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.model import LaserModel
+from tjscan.laser.profile import Profile
+from tjscan.result.readings import ProfileReading, measure_grooves
+
+MM_PER_METRE: Final = 1e3
+
+
+@contextmanager
+def open_laser_of_job(
+    job_file: Path, overrides: dict[str, Any]
+) -> Iterator[tuple[LineLaser, GrooveSettings]]:
+    """Connect the laser of a job, and nothing else, while the block runs.
+
+    Of the file only [laser] and [groove] count, so that it may be a job of any kind, or hold no
+    more than these two tables. A simulated laser needs the whole job of a scan: it looks from the
+    first start pose.
+
+    Parameters
+    ----------
+    job_file : Path
+        The file.
+    overrides : dict
+        Dotted keys and their values, as `read_scan_job` takes them.
+
+    Yields
+    ------
+    tuple of LineLaser and GrooveSettings
+        The laser, connected, and how its profiles are read.
+
+    Raises
+    ------
+    ConfigurationError, LaserFault
+        If the file is wrong, or the laser can't be had.
+    """
+    job = read_laser_job(job_file, overrides)
+    with add_file_to_errors(job_file):
+        if job.laser.driver_kind is DriverKind.REPLAYED:
+            raise ConfigurationError(
+                "what was recorded is read with 'tjscan groove RUN'", key="laser.driver"
+            )
+        if job.laser.driver_kind is DriverKind.REAL:
+            laser = make_laser_alone(job.laser, LaserModel(), time.monotonic)
+        else:
+            from tjscan.runs.simulated_profiles import SimulatedProfiles
+
+            laser = SimulatedProfiles.of_job(job_file, overrides, None).laser
+    with laser:
+        yield laser, job.groove
+
+
+def read_live_profiles(laser: LineLaser, settings: GrooveSettings) -> Iterator[ProfileReading]:
+    """Take profile after profile, and read the groove in each; raises as `capture` does.
+
+    Parameters
+    ----------
+    laser : LineLaser
+        Connected.
+    settings : GrooveSettings
+        How grooves are read.
+    """
+    number = 0
+    while True:
+        number += 1
+        yield next(measure_grooves({f"profile {number}": laser.capture()}, settings))
+
+
+class ProfileFile:
+    """Text file of profiles, with columns profile, x and z: `tjscan groove` reads it.
+
+    A context manager. Each profile is in the file when `add` returns.
+
+    Parameters
+    ----------
+    file : Path
+        A new file.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._count = file, 0
+
+    def __enter__(self) -> ProfileFile:
+        """Make the file.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is there already, or can't be made.
+        """
+        try:
+            self._stream = self._file.open("x", encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(
+                f"can't be written: {error.strerror}", file=self._file
+            ) from None
+        self._stream.write("profile,x_mm,z_mm\n")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stream.close()
+
+    def add(self, profile: Profile) -> None:
+        """Write a profile; what has no point stays empty."""
+        self._count += 1
+        for x, z, valid in zip(profile.x_s, profile.z_s, profile.valid, strict=True):
+            point = f"{MM_PER_METRE * x:.5f},{MM_PER_METRE * z:.5f}" if valid else ","
+            self._stream.write(f"{self._count},{point}\n")
+        self._stream.flush()
