@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 
+from tjscan.vehicle.loopback.bodies import CrawlerBody
 from tjscan.vehicle.loopback.faults import (
     OrderedFault,
     VehicleFaultOrder,
@@ -54,7 +55,8 @@ class Program:
 
 def vehicle() -> LoopbackVehicle:
     settings = VehicleSimulationSettings(encoder_noise=0.0)
-    return LoopbackVehicle(1, SimulatedBody(TrackGeometry(), settings), "itself", lambda line: None)
+    body = CrawlerBody(SimulatedBody(TrackGeometry(), settings))
+    return LoopbackVehicle(1, body, "itself", lambda line: None)
 
 
 def advance(vehicle: LoopbackVehicle, start: float, seconds: float) -> StateMessage:

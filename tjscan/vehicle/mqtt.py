@@ -20,6 +20,7 @@ from tjscan.core.frames import Array, pose, rot_z
 from tjscan.core.version import VERSION
 from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.pose_gate import PoseGate
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist
 from tjscan.vehicle.wire import (
     COMMAND_TOPIC,
@@ -74,7 +75,7 @@ class MqttVehicle:
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
-        self._gate, self._pose_gate = MessageGate(), MessageGate()
+        self._gate, self._pose_gate = MessageGate(), PoseGate()
         self._order: tuple[Twist, float] | None = None
         self._pose: PoseMessage | None = None
         self._session, self._number, self.dropped = uuid4().hex, 0, 0
@@ -241,7 +242,7 @@ class MqttVehicle:
                 self._receive_state(StateMessage.from_json(received.payload), received.time)
             elif received.topic == POSE_TOPIC:
                 message = PoseMessage.from_json(received.payload)
-                _let_through(self._pose_gate, message, received.time)
+                self._pose_gate.measured(message, received.time)
                 self._pose = message
         except BadMessage as error:
             self.dropped += 1
@@ -257,7 +258,7 @@ class MqttVehicle:
             return
         if self._gate.session and message.session != self._gate.session:
             raise BadMessage("another vehicle announced itself, or this one started again")
-        self._gate.session = self._pose_gate.session = message.session
+        self._gate.session = message.session
         self._identity = DeviceIdentity(message.model, message.serial, message.software)
         self._lost = ""
 
@@ -324,7 +325,7 @@ class MqttVehicle:
                 return
 
 
-def _let_through(gate: MessageGate, message: StateMessage | PoseMessage, now: float) -> None:
+def _let_through(gate: MessageGate, message: StateMessage, now: float) -> None:
     reason = gate.reason_to_drop(message, now)
     if reason:
         raise BadMessage(reason)

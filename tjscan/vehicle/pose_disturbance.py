@@ -46,7 +46,7 @@ class PoseFault(StrEnum):
     JUMP = "pose-jump"
     """They lie 0.5 m off."""
     SWAP = "pose-swap"
-    """They are those of the next vehicle, and the other way round."""
+    """They and the neighbour's are exchanged: of the first and second vehicle, and so on."""
     NAN = "pose-nan"
     """They hold NaN."""
 
@@ -137,12 +137,10 @@ class DisturbedPoses:
             heapq.heappush(self._on_the_way, (pose.time + delay, number, vehicle, pose))
 
     def _seen_as(self, vehicle: int, vehicles: int) -> int:
-        for one, other in ((vehicle, vehicle + 1), (vehicle - 1, vehicle - 1)):
-            if (PoseFault.SWAP, one) in self.faults and 0 <= one < vehicles - 1:
-                return other
-        if (PoseFault.SWAP, None) in self.faults:
-            return min(vehicle ^ 1, vehicles - 1)
-        return vehicle
+        """Whose pose is given as a vehicle's: 0 and 1 are exchanged, 2 and 3, and so on."""
+        other = vehicle ^ 1
+        swapped = self._has(PoseFault.SWAP, vehicle) or self._has(PoseFault.SWAP, other)
+        return other if swapped and other < vehicles else vehicle
 
     def _has(self, fault: PoseFault, vehicle: int) -> bool:
         return (fault, vehicle) in self.faults or (fault, None) in self.faults

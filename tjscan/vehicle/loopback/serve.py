@@ -18,7 +18,9 @@ from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
 from tjscan.core.loopback import check_is_loopback_address
 from tjscan.core.version import VERSION
+from tjscan.vehicle.loopback.bodies import CrawlerBody, LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_fault
+from tjscan.vehicle.loopback.towing import TowingBodies
 from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
 from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
@@ -47,10 +49,12 @@ def run_loopback_vehicles(
     settings: Path | None,
     seed: int,
     attached: bool,
+    towing: TowingBodies | None = None,
 ) -> None:
     """Run vehicles until interrupted, or until an attached stdin ends.
 
-    What it has to say goes to stdout, a line each.
+    What it has to say goes to stdout, a line each. They are crawlers side by side, or those of a
+    towing world, which counts them.
 
     Raises
     ------
@@ -62,23 +66,35 @@ def run_loopback_vehicles(
     if not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigurationError(f"1 to {MOST_VEHICLES} (found {vehicles})", key="vehicles")
     host, port = _parse_broker(broker)
-    tracks, simulation = _read_settings(settings)
+    bodies: list[LoopbackBody] = []
+    if towing is not None:
+        bodies += towing.bodies
+        if vehicles != len(bodies):
+            raise ConfigurationError(
+                f"the job has {len(bodies)} vehicles (found {vehicles})", key="vehicles"
+            )
+    else:
+        bodies += _crawlers(vehicles, settings, seed)
     if hasattr(signal, "SIGTTIN"):
         # In the background there is a terminal, but nobody to read from: carry on without.
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     with ExitStack() as stack:
         served = []
-        for number in range(1, vehicles + 1):
-            x, y = simulation.start
-            own = replace(simulation, start=(x, y + BESIDE * (number - 1)))
-            body = SimulatedBody(tracks, own, seed=seed + number - 1)
+        for number, body in enumerate(bodies, 1):
             vehicle = LoopbackVehicle(number, body, uuid4().hex, _tell)
-            link = stack.enter_context(_linked(vehicle, host, port, f"{prefix}/{number}"))
+            model = "loopback crawler" if towing is None else "loopback towing vehicle"
+            link = stack.enter_context(_linked(vehicle, host, port, f"{prefix}/{number}", model))
             served.append((vehicle, *link))
+        world = None
+        if towing is not None:
+            tracker = towing.link(host, port, prefix)
+            tracker.connect(CONNECT_LIMIT)
+            stack.callback(tracker.close)
+            world = (towing, tracker)
         _tell(f"ready {host}:{port} {prefix}")
         orders: SimpleQueue[str | None] = SimpleQueue()
         Thread(target=_listen, args=(orders,), daemon=True).start()
-        _run(served, orders, attached=attached)
+        _run(served, world, orders, attached=attached)
 
 
 Inbox = SimpleQueue[ReceivedMessage]
@@ -87,7 +103,7 @@ Served = tuple[LoopbackVehicle, BrokerLink, Inbox]
 
 @contextmanager
 def _linked(
-    vehicle: LoopbackVehicle, host: str, port: int, prefix: str
+    vehicle: LoopbackVehicle, host: str, port: int, prefix: str, model: str
 ) -> Iterator[tuple[BrokerLink, Inbox]]:
     """Connect a vehicle; its messages wait in the inbox until it looks there."""
     inbox: Inbox = SimpleQueue()
@@ -101,7 +117,7 @@ def _linked(
             number=0,
             time=time.monotonic(),
             alive=True,
-            model="loopback crawler",
+            model=model,
             serial=str(vehicle.number),
             software=VERSION,
         ),
@@ -116,7 +132,13 @@ def _linked(
         link.close()
 
 
-def _run(served: list[Served], orders: SimpleQueue[str | None], *, attached: bool) -> None:
+def _run(
+    served: list[Served],
+    world: tuple[TowingBodies, BrokerLink] | None,
+    orders: SimpleQueue[str | None],
+    *,
+    attached: bool,
+) -> None:
     before = due = time.monotonic()
     while True:
         due = max(due + PERIOD, time.monotonic())  # a process that was held up does not hurry
@@ -124,7 +146,7 @@ def _run(served: list[Served], orders: SimpleQueue[str | None], *, attached: boo
         while not orders.empty():
             line = orders.get()
             if line is not None:
-                _obey(line, served)
+                _obey(line, served, None if world is None else world[0])
             elif attached:
                 return
         now = time.monotonic()
@@ -135,14 +157,26 @@ def _run(served: list[Served], orders: SimpleQueue[str | None], *, attached: boo
             vehicle.link_stands = link.stands
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
+        if world is not None:
+            towing, tracker = world
+            towing.advance(period)
+            for topic, payload in towing.sightings(now):
+                tracker.publish(topic, payload)
 
 
-def _obey(line: str, served: list[Served]) -> None:
+def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
     try:
         order = parse_ordered_fault(line, len(served))
     except ConfigurationError as error:
         _tell(f"refused {error}")
         return
+    if order.fault not in served[0][0].body.possible_faults:
+        _tell(f"refused these vehicles can't have the fault {order.fault}")
+        return
+    if towing is not None and order.fault is VehicleFaultOrder.PASSER_STANDS:
+        towing.hold_passers_by(True)
+    if towing is not None and order.fault is VehicleFaultOrder.CLEAR:
+        towing.hold_passers_by(False)
     for vehicle, link, _ in served:
         if order.vehicle in (0, vehicle.number):
             cut = VehicleFaultOrder.DROP_LINK in vehicle.faults
@@ -164,6 +198,15 @@ def _listen(orders: SimpleQueue[str | None]) -> None:
         for line in sys.stdin:
             orders.put(line)
     orders.put(None)
+
+
+def _crawlers(vehicles: int, settings: Path | None, seed: int) -> Iterator[CrawlerBody]:
+    """Crawlers beside each other, as the job has them."""
+    tracks, simulation = _read_settings(settings)
+    x, y = simulation.start
+    for number in range(vehicles):
+        own = replace(simulation, start=(x, y + BESIDE * number))
+        yield CrawlerBody(SimulatedBody(tracks, own, seed=seed + number))
 
 
 def _parse_broker(broker: str) -> tuple[str, int]:

@@ -7,10 +7,10 @@ from dataclasses import replace
 from math import inf
 from typing import Final
 
+from tjscan.vehicle.loopback.bodies import LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
 from tjscan.vehicle.loopback.torch import LoopbackTorch
 from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.simulated_body import SimulatedBody
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
 from tjscan.vehicle.wire import (
     COMMAND_TOPIC,
@@ -25,9 +25,6 @@ from tjscan.vehicle.wire import (
     PresenceMessage,
     StateMessage,
 )
-
-SPINNING_GRIP: Final = 1 / 3
-"""Share of their tracks' motion that vehicles follow while these spin."""
 
 DRIVE_FAULT: Final = "left drive: over temperature"
 
@@ -44,7 +41,7 @@ class LoopbackVehicle:
     ----------
     number : int
         Of the vehicle.
-    body : SimulatedBody
+    body : LoopbackBody
         What moves.
     session : str
         Of its messages.
@@ -53,7 +50,7 @@ class LoopbackVehicle:
     """
 
     def __init__(
-        self, number: int, body: SimulatedBody, session: str, tell: Callable[[str], None]
+        self, number: int, body: LoopbackBody, session: str, tell: Callable[[str], None]
     ) -> None:
         self.number, self.body, self.session = number, body, session
         self.faults: set[VehicleFaultOrder] = set()
@@ -75,8 +72,11 @@ class LoopbackVehicle:
         if fault is VehicleFaultOrder.CLEAR:
             self.faults.clear()
             self._twist = None
+        elif fault is VehicleFaultOrder.PUSH:
+            self.body.push()
         else:
             self.faults.add(fault)
+        self.body.take_faults(frozenset(self.faults))
 
     def receive(self, received: ReceivedMessage) -> None:
         """Obey a message, or drop it and tell why."""
@@ -105,8 +105,9 @@ class LoopbackVehicle:
             self._twist = None
         of_torch = self.torch.advance(now, period)
         self.body.arc_burning = self.torch.arc or VehicleFaultOrder.ARC in self.faults
-        grip = SPINNING_GRIP if VehicleFaultOrder.SLIP in self.faults else 1.0
-        state = self._disturbed(self.body.advance(self._twist, period=period, grip=grip))
+        state = self.body.advance(self._twist, period)
+        if VehicleFaultOrder.DRIVE_FAULT in self.faults:
+            state = replace(state, fault=DRIVE_FAULT)
         self._tell_motion(now)
         if frozen:
             return []
@@ -115,10 +116,6 @@ class LoopbackVehicle:
         else:
             self._sent += 1
         self._last_state = state
-        x, y, heading = self.body.plant.pose_w.tolist()
-        at = PoseMessage(
-            session=self.session, number=self._sent, time=now, x=x, y=y, heading=heading
-        )
         message = StateMessage.of_state(
             state,
             session=self.session,
@@ -129,7 +126,14 @@ class LoopbackVehicle:
         payload = message.to_json()
         if VehicleFaultOrder.NAN in self.faults:
             payload = payload.replace(b'"speed":', b'"speed":NaN,"was":')
-        return [(STATE_TOPIC, payload), (POSE_TOPIC, at.to_json()), of_torch]
+        sent = [(STATE_TOPIC, payload), of_torch]
+        if self.body.own_pose is not None:
+            x, y, heading = self.body.own_pose.tolist()
+            at = PoseMessage(
+                session=self.session, number=self._sent, time=now, x=x, y=y, heading=heading
+            )
+            sent.append((POSE_TOPIC, at.to_json()))
+        return sent
 
     def _receive_presence(self, message: PresenceMessage, now: float) -> None:
         if message.session == self._gate.session:
@@ -149,20 +153,14 @@ class LoopbackVehicle:
         if reason:
             raise BadMessage(reason)
         self._heard = now
-        if message.order == "stop" or message.sideways:
+        on_tracks = message.sideways and not self.body.drives_sideways
+        if message.order == "stop" or on_tracks:
             self._twist = None
-            if message.sideways:
+            if on_tracks:
                 raise BadMessage("a vehicle on tracks can't drive sideways")
         else:
             self._twist = message.twist
             self._until = now + min(message.hold, DEAD_MAN) - self.body.braking_time
-
-    def _disturbed(self, state: VehicleState) -> VehicleState:
-        if VehicleFaultOrder.DRIVE_FAULT in self.faults:
-            state = replace(state, fault=DRIVE_FAULT)
-        if VehicleFaultOrder.EDGE in self.faults and state.proximity:
-            state = replace(state, proximity=(inf, inf, *state.proximity[2:]))
-        return state
 
     def _tell_motion(self, now: float) -> None:
         if self._moving == self.body.stands:
