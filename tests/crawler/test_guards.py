@@ -52,6 +52,14 @@ def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
         standing.watch_joint(None, 0.0, 0.11)
 
 
+def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near() -> None:
+    found = guards()
+    for _ in range(100):
+        found.watch_joint(None, 0.1, 0.01, sigma=0.007)
+    with pytest.raises(CrawlStopped, match="not seen for"):
+        found.watch_joint(None, 2.1, 0.01, sigma=0.008)
+
+
 def test_a_joint_that_leaves_the_line_is_one_too_many() -> None:
     guards().watch_joint(0.021, 0.005, 0.01)
     with pytest.raises(CrawlStopped, match="does not follow"):

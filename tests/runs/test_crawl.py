@@ -78,6 +78,29 @@ def test_no_arc_is_struck_where_the_torch_is_not_known(job_file: Path, tmp_path:
     assert "needs 0.01 mm" in found.events[-1].detail
 
 
+def test_a_joint_is_filled_to_its_cap(job_file: Path, tmp_path: Path) -> None:
+    """The laser close to the torch sees in each pass what the last one left; at last no edge."""
+    beads = [(18.5, 0.5, 1.0), (20, 2, 1.1)]
+    levels = [
+        {"level_mm": level, "crown_mm": crown, "left": -side, "right": side}
+        for level, crown, side in beads
+    ]
+    keys = {
+        "vehicle.laser_to_torch_mm": 30,
+        "weld.length_m": 0.04,
+        "pass": [{"speed_mm_s": 20}] * 2,
+        "simulation.joint.beads": levels,
+        "simulation.arc_points_percent": 20,
+    }
+    out = tmp_path / "run"
+    run_crawl(CrawlContext(read_crawl_job(job_file, keys), job_file), out)
+    found = read_recorded_crawl(out)
+    assert found.events[-1].name == Phase.MANUAL
+    capped = found.passes[1]
+    assert capped.read_share > 0.9
+    assert capped.true_deviation_rms < 0.2e-3
+
+
 def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     job = read_crawl_job(job_file)

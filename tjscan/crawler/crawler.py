@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import cos, nan, pi
+from math import cos, inf, nan, pi
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
@@ -158,7 +158,7 @@ class Crawler:
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._journal = guards, operator, journal
-        self._phase = Phase.MANUAL
+        self._phase, self._all_welded = Phase.MANUAL, False
         self._number, self._travel, self._arc = 0, 0.0, False
         self._time: float | None = None
         self._deviation = 0.0
@@ -245,6 +245,7 @@ class Crawler:
         for number in range(done + 1, len(self._plan.passes) + 1):
             arc_from = 0.0 if start is None or number > done + 1 else start.arc_from
             self._weld_pass(number, arc_from)
+            self._all_welded = number == len(self._plan.passes)
             self._go_back(home)
             left = len(self._plan.passes) - number
             self._enter(
@@ -379,7 +380,8 @@ class Crawler:
             profile,
         )
         if self._phase is not Phase.MANUAL:
-            self._guards.watch_joint(d, state.odometry.speed, period)
+            sigma = torch.sigma if self._all_welded else inf
+            self._guards.watch_joint(d, state.odometry.speed, period, sigma=sigma)
         return period, d is not None
 
     def _enter(self, event: Event, detail: str) -> None:

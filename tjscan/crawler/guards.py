@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
+from typing import Final
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.vehicle.vehicle import Twist, VehicleState
+
+SURELY: Final = 3.0
+"""Standard deviations within which something surely lies."""
 
 
 class Guards:
@@ -49,7 +53,9 @@ class Guards:
                 f"{self._settings.torque:g}. Make least_radius_mm greater",
             )
 
-    def watch_joint(self, d: float | None, speed: float, period: float) -> None:
+    def watch_joint(
+        self, d: float | None, speed: float, period: float, *, sigma: float = inf
+    ) -> None:
         """Look at a reading of the joint, or at there being none.
 
         Parameters
@@ -60,6 +66,9 @@ class Guards:
             Of the vehicle, m/s.
         period : float
             Since the last call, seconds.
+        sigma : float, optional
+            Of the torch's place beside the joint, metres, where nothing is left to weld: the
+            joint need not be seen as long as it surely lies within the laser's line.
 
         Raises
         ------
@@ -67,6 +76,8 @@ class Guards:
             If the joint was not seen for too long, or leaves the laser's line.
         """
         settings = self._settings
+        if d is None and SURELY * sigma < settings.field:
+            return
         if d is None:
             self._blind_travel += abs(speed) * period
             self._blind_time += period
