@@ -104,6 +104,10 @@ crawl.command(
     help="Feed a recorded crawl through another estimator.",
 )
 app.command(crawl)
+tow = App(name="tow", help="Tow a welding cable with several vehicles, in an optimised shape.")
+tow.command("tjscan.cli.tow_run:tow_run", name="run", help="Tow along a seam as a job says.")
+tow.command("tjscan.cli.tow_replay:tow_replay", name="replay", help="Plan a recorded tow anew.")
+app.command(tow)
 app.register_install_completion_command()
 
 EXIT_CODES: dict[type[TjscanError], int] = {

@@ -169,6 +169,7 @@ TASKS: Final[Registry[TaskPlugin]] = Registry(
         "scan": "tjscan.scanning.task:TASK",
         "calibrate": "tjscan.calibration.task:TASK",
         "crawl": "tjscan.crawler.task:TASK",
+        "tow": "tjscan.towing.task:TASK",
     },
 )
 """The algorithms. What each brings to results, reports and studies is said there."""

@@ -29,11 +29,11 @@ class TowFigures:
     seconds, waited_s : float
         Of the whole tow, and of it with the welder waiting.
     plan_hz : float
-        Plans a second that this computer would make: 1 over the mean time of one.
+        Plans a second that one processor would make: 1 over the mean time of one.
     plan_p99_ms : float
         99th percentile of a plan's time.
     real_time_factor : float
-        Seconds of the tow for each that it took.
+        Seconds of the tow for each of a processor that it took.
     objective, objective_max : float
         The paper's f of 100, mean and largest.
     constraint : float

@@ -36,9 +36,9 @@ class TowCycle:
         x, y, radius, metres, and velocity along x and y, m/s.
     plan : TowingPlan
     seconds : float
-        That the plan took.
+        Of a processor that the plan took.
     host : float
-        Seconds on this computer's clock since the loop began.
+        Seconds of a processor that the program took since the loop began.
     wait : str
         Why the welder waits, in a sentence; empty where it welds.
     stopped : tuple of int

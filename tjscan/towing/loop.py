@@ -138,7 +138,7 @@ class CableTow:
         VehicleFault
             The same, where a vehicle or the link to it is to blame.
         """
-        self._along, self._began = along, host.perf_counter()
+        self._along, self._began = along, host.process_time()
         with self._stopped_by_errors():
             estimate = self._wait_for_poses()
             self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
@@ -199,9 +199,9 @@ class CableTow:
         waiting, pace = self._reason_to_wait(estimate), self._pace(estimate)
         pace = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
-        began = host.perf_counter()
+        began = host.thread_time()
         plan, pace = self._plan(estimate, obstacles, pace)
-        seconds = host.perf_counter() - began
+        seconds = host.thread_time() - began
         if plan.halt:
             waiting = waiting or Waiting(plan.halt)
         elif pace == 0 and waiting is None:
@@ -223,7 +223,7 @@ class CableTow:
                 np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(-1, 5),
                 plan,
                 seconds,
-                host.perf_counter() - self._began,
+                host.process_time() - self._began,
                 "" if waiting is None else waiting.why,
                 self._stopped,
             )

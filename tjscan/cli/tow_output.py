@@ -1,0 +1,103 @@
+"""Output of the tow commands: progress and tables on stderr, JSON on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pydantic_core import to_json
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.core.config import add_file_to_errors
+from tjscan.job.tow_cell import make_planner
+from tjscan.job.tow_job import TowJob
+from tjscan.report.write import write_run_report
+from tjscan.runs.tow import TowContext
+from tjscan.runs.tow_figures import UNITS
+from tjscan.runs.tow_results import FIGURES, read_tow_figures
+from tjscan.runs.tow_sweep import sweep_seam
+from tjscan.towing.journal import TowCycle
+from tjscan.towing.seam import Seam
+
+
+class TowProgress:
+    """A tow's journal that prints events, and shows how far the welder is.
+
+    Parameters
+    ----------
+    progress : Progress
+        Running.
+    task : TaskID
+        Whose total is the whole seam, or the whole time, in steps of 1.
+    """
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+        self._first: float | None = None
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Show how far it is."""
+        if self._first is None:
+            self._first = cycle.time
+        done = 1e3 * cycle.along or cycle.time - self._first
+        self._progress.update(self._task, completed=done)
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Print an event."""
+        print_message(f"{name}: {detail}")
+
+
+@contextmanager
+def watch_tow(job: TowJob, file: Path) -> Iterator[TowContext]:
+    """Print a tow's events and how far it is, and write its report, while the block runs."""
+    seam = Seam(job.seam)
+    unit = "mm of seam" if seam.length else "s"
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=stderr) as progress:
+        task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
+        yield TowContext(job, file, TowProgress(progress, task), write_run_report)
+
+
+def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
+    """Say whether the cable can follow along the whole seam.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't, with where and why.
+    """
+    with add_file_to_errors(file):
+        sweep = sweep_seam(job, make_planner(job))
+        sweep.refuse_if_blocked()
+    bend = max(abs(plan.angles).max() for plan in sweep.plans)
+    if json:
+        found = {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)}
+        print(to_json(found, indent=2).decode())
+        return
+    limit = job.chain.joint_limit
+    print_message(
+        f"{file}: the cable can follow along the whole seam, {1e3 * sweep.length:.0f} mm; joints "
+        f"bend by {57.2958 * bend:.0f}° at most, and {57.2958 * limit:.0f}° are allowed"
+    )
+
+
+def print_figures(directory: Path, *, json: bool) -> None:
+    """Print the figures of a run."""
+    figures = read_tow_figures(directory)
+    if json:
+        print(to_json({"directory": str(directory), "figures": figures}, indent=2).decode())
+        return
+    table = Table("figure", "value", title=str(directory / FIGURES))
+    for name, value in figures.items():
+        if value is not None:
+            text = f"{value:.4g}" if isinstance(value, float) else str(value)
+            add_text_row(table, UNITS[name][0], f"{text} {UNITS[name][1]}".strip())
+    stderr.print(table)

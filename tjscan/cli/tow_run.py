@@ -1,0 +1,64 @@
+"""``tjscan tow run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def tow_run(
+    job: Path,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    out: Path | None = None,
+    method: str | None = None,
+    resume: bool = False,
+    dry_run: bool = False,
+    json: bool = False,
+) -> None:
+    """Tow a welding cable along a seam as a job says, into a new run directory.
+
+    Every key of the job is an option too: ``--seam.speed-mm-min 330``, ``--vehicles.driver mqtt``.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML); with --resume the run directory of a tow to go on with.
+    out
+        The directory to make; ``runs/JOB-DATE`` where left out.
+    method
+        ours, or paper for the problem of Suzuki et al. (2022) as printed.
+    resume
+        Go on with a tow that was stopped.
+    dry_run
+        Find out whether the cable can follow along the whole seam; nothing moves.
+    json
+        Print the figures as JSON on stdout.
+    """
+    from tjscan.cli.overrides import parse_overrides
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.job.tow_reading import read_tow_job
+
+    keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
+    file = job / "job.toml" if resume else job
+    parsed = read_tow_job(file, keys)
+    if resume and (out is not None or keys or dry_run):
+        raise ConfigurationError(
+            "--resume goes on with the job of the run: no --out, no --dry-run, no keys"
+        )
+    # A job with a mistake in it is refused before anything heavy is loaded.
+    from tjscan.cli.tow_output import print_figures, print_sweep, watch_tow
+    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.tow import resume_tow, run_tow
+
+    if dry_run:
+        print_sweep(parsed, file, json=json)
+        return
+    directory = file.parent if resume else out or default_run_directory(file)
+    with watch_tow(parsed, file) as context:
+        if resume:
+            resume_tow(context)
+        else:
+            run_tow(context, directory)
+    print_figures(directory, json=json)

@@ -1,0 +1,250 @@
+"""From a tow job to its planner, its vehicles and who measures their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol, Self
+
+import numpy as np
+
+from tjscan.core.devices import EventListener
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow_world import FaultyTeam, towing_world_of_job
+from tjscan.towing.area import DiscObstacle
+from tjscan.towing.devices import Team
+from tjscan.towing.journal import TowTruth
+from tjscan.towing.plan import ShapePlanner
+from tjscan.towing.seam import Seam
+from tjscan.vehicle.localisation import Localisation
+from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
+
+if TYPE_CHECKING:
+    from tjscan.vehicle.cable_model import TowingWorldModel
+    from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+    from tjscan.vehicle.towing_world import TowingWorld
+
+EXTRA: Final = "towing"
+"""What to install for a planner or a simulated cable."""
+
+
+def make_planner(job: TowJob) -> ShapePlanner:
+    """Make the planner that a job names.
+
+    Raises
+    ------
+    ConfigurationError
+        If a package that it needs is not installed.
+    """
+    known = job.localisation
+    try:
+        planner, estimate = (import_module(f"tjscan.towing.{n}") for n in ("planner", "estimate"))
+        paper = import_module("tjscan.towing.paper_planner") if job.method == "paper" else None
+    except ModuleNotFoundError as error:
+        raise _missing(error, "method") from error
+    settings = planner.PlannerSettings(
+        job.objective_weights,
+        job.effort_targets,
+        job.hard_limits,
+        estimate.PoseTrust(known.position_sigma, known.heading_sigma),
+    )
+    kind = planner.TowingPlanner if paper is None else paper.PaperPlanner
+    made: ShapePlanner = kind(job.chain, job.team, job.floor, settings)
+    return made
+
+
+class ConnectedTeam(Team, Protocol):
+    """A team that is a context manager."""
+
+    def __enter__(self) -> Self:
+        """Connect all vehicles."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """Stop and disconnect them."""
+        ...
+
+
+class TowCell:
+    """Vehicles and localisation of a tow; a context manager for the devices.
+
+    Parameters
+    ----------
+    team : ConnectedTeam
+    localisation : Localisation
+    standing : sequence of DiscObstacle
+        Obstacles that stand.
+    world : TowingWorld or None
+        The truth of a simulation, which no algorithm sees.
+    """
+
+    def __init__(
+        self,
+        team: ConnectedTeam,
+        localisation: Localisation,
+        standing: Sequence[DiscObstacle],
+        world: TowingWorld | None = None,
+    ) -> None:
+        self.team, self.localisation, self.world = team, localisation, world
+        self._standing = tuple(standing)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(self.team)
+            stack.enter_context(self.localisation)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report what the devices have to say to a listener."""
+        self.localisation.report_events_to(listener)
+        if hasattr(self.team, "report_events_to"):
+            self.team.report_events_to(listener)
+
+    def obstacles(self, time: float) -> list[DiscObstacle]:
+        """Obstacles at a time on the team's clock: what moves has gone on as it was seen."""
+        moving = []
+        for disc in self.localisation.read_passers_by():
+            late = max(0.0, time - disc.time)
+            x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
+            moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
+        return [*self._standing, *moving]
+
+    @property
+    def truth(self) -> Callable[[], TowTruth] | None:
+        """Function that tells what the simulation truly did; None for real vehicles."""
+        world = self.world
+        return None if world is None else lambda: _truth_of(world)
+
+
+def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> TowCell:
+    """Make the devices that a job names; connect nothing.
+
+    Parameters
+    ----------
+    job : TowJob
+    angles : ndarray, shape (N,)
+        Of the cable's joints at the beginning of a simulation, radians.
+    left : TowTruth, optional
+        Where an interrupted run left the simulation.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job lacks what a driver needs.
+    """
+    standing = standing_obstacles(job)
+    settings, count = job.simulation, job.vehicles.count
+    world = team = None
+    if job.vehicles.driver == "simulated":
+        try:
+            from tjscan.vehicle.simulated_team import SimulatedTeam
+            from tjscan.vehicle.towing_world import TowingWorld
+        except ModuleNotFoundError as error:
+            raise _missing(error, "vehicles.driver") from error
+        begin = 0.0
+        if left is not None:
+            angles, begin = _angles_of(left.line, job.root.heading), left.time
+        world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
+        team = SimulatedTeam(world)
+    factory = LOCALISATIONS.load(job.localisation.driver)
+    with LOCALISATIONS.explain_missing_package(job.localisation.driver):
+        localisation = factory.make(
+            LocalisationInputs(
+                vehicles=count, seed=settings.seed, world=world, simulation=settings.localisation
+            ),
+            job.localisation.driver_settings,
+        )
+    if team is None:
+        return TowCell(_mqtt_team(job), localisation, standing)
+    faulty = FaultyTeam(team, localisation, settings.faults)
+    return TowCell(faulty, localisation, standing, world)
+
+
+def _mqtt_team(job: TowJob) -> ConnectedTeam:
+    from tjscan.vehicle.drivers import VEHICLES
+    from tjscan.vehicle.paced_team import PacedTeam
+
+    with VEHICLES.explain_missing_package("mqtt"):
+        from tjscan.vehicle.mqtt import MqttVehicle
+    link = job.vehicles.mqtt
+    return PacedTeam(
+        [
+            MqttVehicle(replace(link, prefix=f"{link.prefix}/{number}"))
+            for number in range(1, job.vehicles.count + 1)
+        ]
+    )
+
+
+def _truth_of(world: TowingWorld) -> TowTruth:
+    truth = world.truth()
+    return TowTruth(
+        truth.time,
+        truth.points,
+        truth.poses,
+        truth.forces[-1],
+        truth.drive_forces,
+        truth.passers_by[:, :3],
+        truth.touches,
+    )
+
+
+def _angles_of(line: Array, root_heading: float) -> Array:
+    """Angles of the joints of a line, shape (N,), radians."""
+    steps = np.diff(line, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    return np.diff(headings, prepend=root_heading)
+
+
+def _missing(error: ModuleNotFoundError, key: str) -> ConfigurationError:
+    if (error.name or "").split(".")[0] == "tjscan":
+        raise error
+    return ConfigurationError(
+        f"towing needs the package {error.name}, which is not installed: "
+        f"pip install 'tjscan[{EXTRA}]'",
+        key=key,
+    )
+
+
+def read_towing_world(
+    file: Path,
+) -> tuple[TowingWorldModel, Array, LocalisationSimulationSettings]:
+    """Read the world that a tow job simulates, with the cable as it lies at the beginning.
+
+    Parameters
+    ----------
+    file : Path
+        The job.
+
+    Returns
+    -------
+    model : TowingWorldModel
+    angles : ndarray, shape (N,)
+        Of the cable's joints, radians.
+    localisation : LocalisationSimulationSettings
+
+    Raises
+    ------
+    ConfigurationError
+        If the job is wrong, or the cable has no shape where the seam begins.
+    """
+    job = read_tow_job(file)
+    start = make_planner(job).start(Seam(job.seam).pose_at(0.0), standing_obstacles(job))
+    if start.halt:
+        raise ConfigurationError(start.halt, file=file, key="seam.points_mm")
+    return towing_world_of_job(job), start.angles, job.simulation.localisation
+
+
+def standing_obstacles(job: TowJob) -> list[DiscObstacle]:
+    """Obstacles of a job that never move."""
+    return [DiscObstacle(*one.points[0], one.radius) for one in job.obstacles if not one.speed]

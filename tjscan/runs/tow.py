@@ -1,0 +1,136 @@
+"""Tow a cable along a seam as a job says, or go on with a tow that was interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tomli_w
+
+from tjscan.core.config import add_file_to_errors, table_to_dict
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import lock_and_clean_directory
+from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
+from tjscan.job.tow_job import TowJob
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.writer import next_recording_file
+from tjscan.result.directory import JOB
+from tjscan.runs.context import do_nothing_when_finished
+from tjscan.runs.directory import empty_run_directory, write_job_copy
+from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
+from tjscan.runs.tow_sweep import sweep_seam
+from tjscan.towing.journal import CombinedTowJournal, TowJournal
+from tjscan.towing.loop import CableTow, TowSetting
+from tjscan.towing.plan import ShapePlanner
+from tjscan.towing.seam import Seam
+from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
+
+
+@dataclass(frozen=True)
+class TowContext:
+    """A tow job with its file, and where its run reports to.
+
+    Parameters
+    ----------
+    job : TowJob
+    job_file : Path
+        Where it was read from.
+    journal : TowJournal
+        Receives everything, once it is on disk.
+    finished : callable
+        Is called with the directory once its results are written.
+    """
+
+    job: TowJob
+    job_file: Path
+    journal: TowJournal = field(default_factory=CombinedTowJournal)
+    finished: Callable[[Path], object] = do_nothing_when_finished
+
+
+def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: TowJournal) -> CableTow:
+    """Make the loop of a job for a cell whose devices are connected."""
+    setting = TowSetting(
+        job.chain, job.team, Seam(job.seam), job.localisation, job.following, cell.obstacles
+    )
+    return CableTow(cell.team, cell.localisation, setting, planner, journal)
+
+
+def run_tow(context: TowContext, directory: Path) -> None:
+    """Tow as a job says, into a new run directory.
+
+    Raises
+    ------
+    TjscanError
+        If the job is wrong, the tow is halted or a device fails; the recording holds what
+        happened until then, and the results are written from it.
+    """
+    job = context.job
+    with add_file_to_errors(context.job_file):
+        planner = make_planner(job)
+        sweep = sweep_seam(job, planner)
+        sweep.refuse_if_blocked()
+        cell = make_tow_cell(job, sweep.start.angles)
+        make_tow_directory(context, directory)
+    _tow(context, directory, cell, planner, 0.0)
+
+
+def resume_tow(context: TowContext) -> None:
+    """Go on with an interrupted tow, in its run directory.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is nothing to go on with.
+    """
+    directory = context.job_file.parent
+    recorded = read_recorded_tow(directory)
+    if any(event.name == REPLAY for event in recorded.events):
+        raise ConfigurationError(
+            "is a replay: nothing was towed there. Resume the tow itself", file=directory
+        )
+    if recorded.complete:
+        raise ConfigurationError("the whole seam is welded: nothing is left to do", file=directory)
+    if not recorded.cycles:
+        raise ConfigurationError(
+            "nothing was towed: there is nothing to go on with. Start a new tow", file=directory
+        )
+    left = recorded.truths[-1] if recorded.truths else None
+    last = recorded.cycles[-1]
+    with add_file_to_errors(context.job_file):
+        planner = make_planner(context.job)
+        cell = make_tow_cell(context.job, last.plan.angles, left)
+    _tow(context, directory, cell, planner, last.along)
+
+
+def make_tow_directory(context: TowContext, directory: Path) -> None:
+    """Make a run directory with the job in it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds something already.
+    RecordingError
+        If it can't be made.
+    """
+    with empty_run_directory(directory) as draft:
+        text = tomli_w.dumps(table_to_dict(context.job))
+        write_job_copy(draft, text, context.job_file, "w")
+
+
+def _tow(
+    context: TowContext, directory: Path, cell: TowCell, planner: ShapePlanner, along: float
+) -> None:
+    """Tow, record, and write the results, however it ended."""
+    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    file = next_recording_file(directory, TOW_RECORDING)
+    with lock_and_clean_directory(directory):
+        try:
+            with record_tow(file, origin, cell.truth) as recording:
+                journal = CombinedTowJournal((recording, context.journal))
+                cell.report_events_to(journal.record_event)
+                with cell:
+                    make_tow(context.job, cell, planner, journal).run(along)
+        finally:
+            write_tow_results(directory, context.job)
+            context.finished(directory)

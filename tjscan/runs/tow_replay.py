@@ -1,0 +1,108 @@
+"""What another planner would have asked for in a recorded tow; nothing moves."""
+
+from __future__ import annotations
+
+import time as host
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.job.tow_cell import make_planner
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.recording.header import JobSnapshot
+from tjscan.result.directory import JOB
+from tjscan.runs.context import do_nothing_when_finished
+from tjscan.runs.tow import TowContext, make_tow_directory
+from tjscan.runs.tow_results import write_tow_results
+from tjscan.towing.area import DiscObstacle
+from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.loop import PERIOD
+from tjscan.towing.plan import ShapePlanner, TowingPlan
+from tjscan.towing.seam import Seam
+from tjscan.towing.topics import REPLAY, TOW_RECORDING, TowEvent, read_tow, record_tow
+
+REPLAYABLE: Final = ("method", "weights.", "targets.", "limits.")
+"""Keys that say what a planner makes of poses, not how the tow was done."""
+
+
+def replay_tow(
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path,
+    finished: Callable[[Path], object] = do_nothing_when_finished,
+) -> None:
+    """Plan a recorded tow anew from the poses as they were believed, into a run directory.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the tow, whole, cut short or resumed; it stays as it is.
+    overrides : dict
+        Dotted keys and values, those of `REPLAYABLE` only.
+    out : Path
+        The directory to make.
+    finished : callable
+        Is called with it once its results are written.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no tow, or a key says how it was done.
+    RecordingError
+        If its recording is damaged, or the new directory can't be written.
+    """
+    job_file = directory / JOB
+    refuse_links_outside(directory, JOB)
+    for key in overrides:
+        if not key.startswith(REPLAYABLE):
+            raise ConfigurationError(
+                "says how the tow was done, and it is done. What may change: "
+                f"{', '.join(REPLAYABLE)}",
+                file=job_file,
+                key=key,
+            )
+    if out.resolve().is_relative_to(directory.resolve()):
+        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
+    with add_file_to_errors(job_file):
+        planner = make_planner(context.job)
+    entries = list(read_tow(directory))
+    make_tow_directory(context, out)
+    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
+    truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
+    seam, last = Seam(context.job.seam), None
+    with lock_and_clean_directory(out):
+        with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
+            journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
+            for entry in entries:
+                if isinstance(entry, TowCycle):
+                    cycle = _planned_anew(entry, planner, seam, last)
+                    last = last if cycle.plan.halt else cycle.plan
+                    journal.record_cycle(cycle)
+                elif isinstance(entry, TowEvent):
+                    journal.record_event(entry.name, entry.detail)
+        write_tow_results(out, context.job)
+    finished(out)
+
+
+def _planned_anew(
+    cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan | None
+) -> TowCycle:
+    obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
+    began = host.thread_time()
+    plan = planner.plan(
+        cycle.poses,
+        seam.pose_at(cycle.along),
+        dt=PERIOD,
+        last=last,
+        obstacles=obstacles,
+        stopped=cycle.stopped,
+    )
+    return replace(cycle, plan=plan, seconds=host.thread_time() - began)

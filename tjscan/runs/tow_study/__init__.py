@@ -1,0 +1,1 @@
+"""Studies of tows: what they vary, make and measure."""

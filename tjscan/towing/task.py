@@ -1,0 +1,14 @@
+"""What towing brings to reports and studies."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tjscan.core.registry import TaskPlugin
+
+TASK: Final = TaskPlugin(
+    "tow",
+    report="tjscan.runs.tow_report:tow_chapter",
+    study="tjscan.runs.tow_study.backend:TOW_STUDY",
+    recording="tow.mcap",
+)
