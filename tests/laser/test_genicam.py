@@ -12,6 +12,7 @@ import pytest
 from cells import PAPER
 from laser_cell import laser_at, loopback_laser, write_groove_profiles
 
+from tjscan.core.config import validate_table
 from tjscan.core.errors import (
     ConfigurationError,
     LaserFault,
@@ -24,7 +25,9 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.job import read_scan_job
-from tjscan.laser.genicam.laser import TAKEN_AGAIN
+from tjscan.laser.genicam.gige import TAKEN_AGAIN
+from tjscan.laser.genicam.scancontrol_laser import ScanControlLaser
+from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.scan3d import FORMATS
 
@@ -266,3 +269,31 @@ def test_a_job_names_the_laser_and_its_calibration_holds_for_that_one() -> None:
         read_scan_job(PAPER, keys | {"laser.genicam": {"rows": 1}})
     with pytest.raises(ConfigurationError, match=r"laser\.genicam"):
         read_scan_job(PAPER, keys)
+
+
+def test_a_scancontrol_has_the_same_transport_and_a_payload_of_its_own(
+    loopback: LaserLoopbackProcess,
+) -> None:
+    """The loopback sends another payload, which is refused: triggers, freshness and names work."""
+    table = {"address": loopback.host, "model": "2600-100", "registers": {"0xA024": 1}}
+    with ScanControlLaser(validate_table(ScanControlSettings, table), time.monotonic) as laser:
+        assert laser.identity.serial == "1"
+        with pytest.raises(ProfileFormatRefused, match=r"laser\.scancontrol"):
+            laser.capture()
+
+
+@pytest.mark.parametrize(
+    ("table", "hint"),
+    [
+        ({}, "address or serial"),
+        ({"address": "10.0.0.7"}, "either model"),
+        ({"address": "10.0.0.7", "model": "2600-100", "scale_mm": 0.005}, "either model"),
+        ({"address": "10.0.0.7", "model": "2900-50"}, "2600-100"),
+        ({"address": "10.0.0.7", "model": "2600-50", "fields": ["z"]}, "fields"),
+        ({"address": "10.0.0.7", "model": "2600-50", "registers": {"f0": 1}}, "0xf0f0081c"),
+        ({"address": "10.0.0.7", "model": "2600-50", "points": 100}, "80"),
+    ],
+)
+def test_what_a_scancontrol_needs_is_said(table: dict[str, object], hint: str) -> None:
+    with pytest.raises(ConfigurationError, match=hint):
+        validate_table(ScanControlSettings, table)

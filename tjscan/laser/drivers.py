@@ -125,9 +125,10 @@ LASER_DRIVERS: Final[Registry[LaserDriverFactory]] = Registry(
     {
         "simulated": "tjscan.laser.drivers:SIMULATED",
         "replay": "tjscan.laser.drivers:REPLAYED",
-        "genicam": "tjscan.laser.genicam.driver:DRIVER",
+        "genicam": "tjscan.laser.genicam.driver:GENICAM",
+        "scancontrol": "tjscan.laser.genicam.driver:SCANCONTROL",
     },
-    extras={"genicam": "genicam"},
+    extras={"genicam": "genicam", "scancontrol": "genicam"},
     key="laser.driver",
     type=DriverFactory,
 )

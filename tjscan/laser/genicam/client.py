@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import viva_genicam
 
@@ -36,6 +36,7 @@ from tjscan.laser.genicam.messages import (
     LaserRequest,
     ReceivedBlock,
     StatedAxis,
+    StreamSetup,
 )
 from tjscan.laser.genicam.settings import FeatureValue
 
@@ -57,7 +58,6 @@ PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
 LATCH: Final = (2).to_bytes(4, "big")
 
 GenicamError: Any = viva_genicam.GenicamError
-Trigger = Literal["software", "fresh"]
 
 
 class GenicamClient:
@@ -66,7 +66,7 @@ class GenicamClient:
     def __init__(self) -> None:
         self._camera: Any = None
         self._stream: Any = None
-        self._trigger: Trigger = "software"
+        self._setup = StreamSetup("software")
         self._ticks_per_second = 0
         self._latches = False
         self._exposure: float | None = None
@@ -76,24 +76,23 @@ class GenicamClient:
         *,
         address: str | None,
         serial: str | None,
-        pixel_format: str | None,
-        exposure: float | None,
-        rows: int | None,
-        trigger: Trigger,
         features: Mapping[str, FeatureValue],
         packet_size: int | None,
+        setup: StreamSetup,
     ) -> ConnectedLaser:
-        """Connect, set everything up, and begin to stream; parameters as in `GenicamSettings`."""
-        self._trigger = trigger
+        """Connect, set everything up, and begin to stream; parameters as in `GigeSettings`."""
+        self._setup = setup
         address = self._open(address, serial)
         for name, value in features.items():
             self._set(name, value)
-        if exposure is not None:
-            self._camera.set_exposure_time(1e6 * exposure)
-        chosen = self._choose_format(pixel_format)
-        if rows is not None:
-            self._set("Height", rows)
-        if trigger == "software":
+        for register, number in setup.registers.items():
+            self._camera.write_register(register, number.to_bytes(4))
+        if setup.exposure is not None:
+            self._camera.set_exposure_time(1e6 * setup.exposure)
+        chosen = self._choose_format(setup.pixel_format) if setup.chooses_format else ""
+        if setup.rows is not None:
+            self._set("Height", setup.rows)
+        if setup.trigger == "software":
             self._camera.enable_trigger("FrameStart", "Software")
         elif "TriggerMode" in self._names:
             self._camera.disable_trigger("FrameStart")
@@ -107,8 +106,8 @@ class GenicamClient:
             identity=self.identity(),
             address=address,
             pixel_format=chosen,
-            columns=self._camera.get_integer("Width"),
-            rows=self._camera.get_integer("Height"),
+            columns=self._read("Width", self._camera.get_integer) or 0,
+            rows=self._read("Height", self._camera.get_integer) or 0,
             packet_size=int.from_bytes(self._camera.read_register(PACKET_SIZE)) & 0xFFFF,
             unit=self._read("Scan3dDistanceUnit", self._camera.get_enum),
             output_mode=self._read("Scan3dOutputMode", self._camera.get_enum),
@@ -131,7 +130,7 @@ class GenicamClient:
         stale = 0
         for attempt in range(1, attempts + 1):
             asked = time.monotonic()
-            if self._trigger == "software":
+            if self._setup.trigger == "software":
                 self._camera.trigger_software()
             until = asked + timeout
             while (wait := until - time.monotonic()) > 0:
@@ -207,9 +206,10 @@ class GenicamClient:
 
         A trigger exposes after the call. What runs free may state when the exposure ended.
         """
-        if self._trigger == "software":
+        if self._setup.trigger == "software":
             return 0.0
-        return (self._exposure or 0.0) * self._ticks_per_second
+        margin = self._exposure if self._setup.margin is None else self._setup.margin
+        return (margin or 0.0) * self._ticks_per_second
 
     def _open(self, address: str | None, serial: str | None) -> str:
         """Find and control the laser; gives its address."""

@@ -1,0 +1,157 @@
+"""scanCONTROL's payloads, on bytes that are made from the maker's specification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from struct import pack
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tjscan.core.errors import LaserFault, ProfileFormatRefused
+from tjscan.laser.profile import Profile
+from tjscan.laser.scancontrol import (
+    FIELD_WORDS,
+    POINTS,
+    SCALES,
+    ScanControlLayout,
+    parse_scancontrol,
+    parse_time_stamp,
+)
+
+SCALE = SCALES["2600-100"]
+OFFSET_SECONDS = 1 / (8000 * 3072)
+
+
+def clock_word(seconds: float) -> int:
+    """A time as the specification compounds it: seconds, cycles of 1/8000, offsets of 1/3072."""
+    offsets = round(seconds / OFFSET_SECONDS)
+    cycles, offset = divmod(offsets, 3072)
+    whole, cycle = divmod(cycles, 8000)
+    return whole % 128 << 25 | cycle << 12 | offset
+
+
+def time_stamp(count: int, opened: float, closed: float, edges: int = 0) -> bytes:
+    return pack(">IIHHI", 0b10 << 30 | count, clock_word(opened), edges, 0, clock_word(closed))
+
+
+def reflection(
+    x: int, z: int, *, width: int = 9, intensity: int = 700, threshold: int = 3
+) -> bytes:
+    first = width << 20 | intensity << 10 | threshold
+    return pack(">IHHII", first, x, z, 123_456, 654_321)
+
+
+def full_profile(pairs: list[tuple[int, int]], stamp: bytes) -> bytes:
+    """Each point with its first reflection, and none in the three others."""
+    nothing = reflection(0, 0)
+    whole = b"".join(reflection(x, z) + 3 * nothing for x, z in pairs)
+    return whole[:-16] + stamp
+
+
+def raw_numbers(points: int) -> list[tuple[int, int]]:
+    random = np.random.default_rng(1)
+    pairs = random.integers(1, 65536, (points, 2)).tolist()
+    pairs[3] = [17, 0]
+    return [(x, z) for x, z in pairs]
+
+
+def assert_is(profile: Profile, pairs: list[tuple[int, int]]) -> None:
+    """The documents' formula: (raw - 32768) * scale, and the offset for z; raw z 0 is no point."""
+    for i, (x, z) in enumerate(pairs):
+        if z == 0:
+            assert np.isnan(profile.x_s[i])
+            assert np.isnan(profile.z_s[i])
+        else:
+            assert 1e3 * profile.x_s[i] == pytest.approx((x - 32768) * 0.005, abs=1e-9)
+            assert 1e3 * profile.z_s[i] == pytest.approx((z - 32768) * 0.005 + 250, abs=1e-9)
+
+
+@pytest.mark.parametrize("points", POINTS)
+def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None:
+    pairs = raw_numbers(points)
+    raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
+    assert len(raw) == 64 * points
+    profile, stamp = parse_scancontrol(raw, ScanControlLayout(points=points), SCALE, 3.5, 0.1)
+    assert_is(profile, pairs)
+    assert (profile.time, profile.time_uncertainty) == (3.5, 0.1)
+    assert stamp is not None
+    assert stamp.count == 77
+
+
+def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point_alone() -> None:
+    raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
+    first, _ = parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
+    fourth, _ = parse_scancontrol(raw, ScanControlLayout(points=80, reflection=3), SCALE)
+    assert first.valid[-1]
+    assert not fourth.valid.any()
+
+
+@pytest.mark.parametrize("little", [False, True])
+@pytest.mark.parametrize("fields", [("z", "x"), tuple(FIELD_WORDS)])
+def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...]) -> None:
+    pairs, order = raw_numbers(160), "<" if little else ">"
+    values = {"x": [x for x, _ in pairs], "z": [z for _, z in pairs]}
+    row = b"".join(
+        pack(f"{order}{160 * FIELD_WORDS[name]}H", *values.get(name, [9] * 160 * FIELD_WORDS[name]))
+        for name in fields
+    )
+    stamped = row + bytes(2 * 160 - 16) + time_stamp(5, 127.9999, 0.0004, edges=8)
+    layout = ScanControlLayout("container", 160, fields=fields, little_endian=little)
+    for raw in (stamped, 3 * stamped):
+        profile, stamp = parse_scancontrol(raw, layout, SCALE)
+        assert_is(profile, pairs)
+        assert stamp is not None
+        assert (stamp.count, stamp.edges) == (5, 8)
+        assert stamp.exposure == pytest.approx(0.0005, abs=2 * OFFSET_SECONDS)
+    profile, stamp = parse_scancontrol(row, replace(layout, time_stamp=False), SCALE)
+    assert_is(profile, pairs)
+    assert stamp is None
+
+
+def test_a_turned_axis_counts_from_the_other_end_and_zero_is_still_no_point() -> None:
+    pairs = raw_numbers(80)
+    raw = full_profile(pairs, time_stamp(1, 1.0, 1.1))
+    turned = ScanControlLayout(points=80, flip_x=True, flip_z=True)
+    profile, _ = parse_scancontrol(raw, turned, SCALE)
+    assert_is(profile, [(65535 - x, 65535 - z if z else 0) for x, z in pairs])
+
+
+@given(st.floats(0, 127.999), st.integers(0, 0xFFFFFF), st.integers(0, 0xFFFF))
+def test_a_time_stamp_comes_back_to_one_offset_of_the_clock(
+    opened: float, count: int, edges: int
+) -> None:
+    stamp = parse_time_stamp(time_stamp(count, opened, opened, edges))
+    assert stamp.opened == pytest.approx(opened, abs=OFFSET_SECONDS)
+    assert (stamp.count, stamp.edges) == (count, edges)
+
+
+def test_payloads_of_another_size_are_refused() -> None:
+    raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
+    with pytest.raises(ProfileFormatRefused, match="160 points"):
+        parse_scancontrol(raw[:-1], ScanControlLayout(points=160), SCALE)
+    with pytest.raises(ProfileFormatRefused):
+        parse_scancontrol(b"", ScanControlLayout(), SCALE)
+
+
+@given(st.data())
+def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject) -> None:
+    layout = ScanControlLayout(
+        data.draw(st.sampled_from(["full", "container"])),
+        data.draw(st.sampled_from(POINTS[:2])),
+        data.draw(st.integers(0, 3)),
+        time_stamp=data.draw(st.booleans()),
+        little_endian=data.draw(st.booleans()),
+    )
+    rest = data.draw(st.binary(max_size=80))
+    raw = bytes(data.draw(st.integers(0, 1)) * layout.row_bytes)
+    at = data.draw(st.integers(0, max(len(raw), 1)))
+    raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
+    try:
+        profile, _ = parse_scancontrol(raw, layout, SCALE)
+    except LaserFault:
+        return
+    assert len(profile) == layout.points
+    assert np.isfinite(profile.points_s).all()

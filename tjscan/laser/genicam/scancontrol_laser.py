@@ -1,0 +1,63 @@
+"""A scanCONTROL 26xx, 27xx or 29xx as a `LineLaser`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tjscan.laser.genicam.gige import GigeLaser
+from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
+from tjscan.laser.genicam.settings import ScanControlSettings
+from tjscan.laser.profile import Profile
+from tjscan.laser.scancontrol import (
+    SCALES,
+    ScanControlLayout,
+    ScanControlScale,
+    parse_scancontrol,
+)
+
+
+class ScanControlLaser(GigeLaser):
+    """A `LineLaser` with the transport of GigE Vision and a payload of its own.
+
+    It runs free, and what its stream stamps earlier than the call, and the margin after it, is
+    thrown away. No such sensor was at hand: the payload is read as its documents have it.
+
+    Parameters
+    ----------
+    settings : ScanControlSettings
+        How to reach it, and how it is set up.
+    time : callable
+        Gives the seconds on the clock of the cell.
+    """
+
+    def __init__(self, settings: ScanControlSettings, time: Callable[[], float]) -> None:
+        super().__init__(settings, time)
+        self.settings = settings
+        self._layout = ScanControlLayout(
+            kind=settings.layout,
+            points=settings.points,
+            reflection=settings.reflection - 1,
+            fields=settings.fields,
+            time_stamp=settings.time_stamp,
+            little_endian=settings.little_endian,
+            flip_x=settings.flip_x,
+            flip_z=settings.flip_z,
+        )
+
+    @property
+    def scale(self) -> ScanControlScale:
+        """Scale and offset of its model, or those that the job states."""
+        table = self.settings
+        if table.scale is not None and table.offset is not None:
+            return ScanControlScale(table.scale, table.offset)
+        return SCALES[str(table.model)]
+
+    def _setup(self) -> StreamSetup:
+        registers = {int(at, 16): value for at, value in self.settings.registers.items()}
+        return StreamSetup(trigger="fresh", registers=registers, margin=self.settings.margin)
+
+    def _understand(self, laser: ConnectedLaser) -> None:
+        """Nothing is asked: the job states how it is set up."""
+
+    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+        return parse_scancontrol(block.data, self._layout, self.scale, time, uncertainty)[0]

@@ -1,0 +1,231 @@
+"""Profiles of Micro-Epsilon's scanCONTROL 26xx, 27xx and 29xx from their own payloads.
+
+Two layouts: the full profile, 64 bytes for each point, and the rearranged container, whose rows are
+profiles and whose columns are fields. Both end in a time stamp. From the maker's documents:
+"Interface documentation linLLT" 0.2.0 (2017), sections 2.2 and 2.3, and "Interface Specification,
+Supplement B" to the scanCONTROL 2600, revision 1.57 (2014). Numbers are big-endian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from struct import unpack
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+
+from tjscan.core.errors import ProfileFormatRefused
+from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
+
+POINTS: Final = (80, 160, 320, 640)
+"""How many points a profile may have."""
+
+REFLECTIONS: Final = 4
+BYTES_OF_REFLECTION: Final = 16
+TIME_STAMP_BYTES: Final = 16
+
+CLOCK_PERIOD: Final = 128.0
+"""Seconds after which the sensor's clock starts at zero again."""
+
+CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
+
+ZERO: Final = 32_768
+"""Raw number of the coordinate 0, or of the offset."""
+
+GREATEST: Final = 65_535
+
+Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
+
+FIELD_WORDS: Final[Mapping[str, int]] = MappingProxyType(
+    {"z": 1, "x": 1, "threshold": 1, "intensity": 1, "width": 1, "moment0": 2, "moment1": 2}
+)
+"""Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanControlScale:
+    """What one count is worth, and where the middle of the counts lies.
+
+    Parameters
+    ----------
+    scale : float
+        Metres for each count, of x and z.
+    offset : float
+        z of the raw number 32768, in metres.
+    """
+
+    scale: float
+    offset: float
+
+
+SCALES: Final[Mapping[str, ScanControlScale]] = MappingProxyType(
+    {
+        "2600-10": ScanControlScale(0.5e-6, 0.055),
+        "2600-25": ScanControlScale(1e-6, 0.065),
+        "2600-50": ScanControlScale(2e-6, 0.095),
+        "2600-100": ScanControlScale(5e-6, 0.250),
+    }
+)
+"""Of the models that the specification lists."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanControlTime:
+    """Time stamp at the end of a profile.
+
+    Parameters
+    ----------
+    count : int
+        Number of the profile, below 2^24.
+    opened, closed : float
+        Seconds on the sensor's clock when its shutter opened and closed, below 128.
+    edges : int
+        Twice the encoder's edges, or the digital inputs.
+    """
+
+    count: int
+    opened: float
+    closed: float
+    edges: int
+
+    @property
+    def exposure(self) -> float:
+        """Seconds for which the shutter was open, across the end of the clock's period too."""
+        return (self.closed - self.opened) % CLOCK_PERIOD
+
+
+def parse_time_stamp(raw: bytes) -> ScanControlTime:
+    """Parse the 16 bytes at the end of a profile.
+
+    Raises
+    ------
+    ProfileFormatRefused
+        If they are not 16, or count further than the clock does.
+    """
+    if len(raw) != TIME_STAMP_BYTES:
+        raise ProfileFormatRefused(f"{len(raw)} bytes are no time stamp of {TIME_STAMP_BYTES}")
+    count, opened, edges, closed = unpack(">IIHxxI", raw)
+    return ScanControlTime(count & 0xFFFFFF, _seconds(opened), _seconds(closed), edges)
+
+
+def _seconds(word: int) -> float:
+    seconds, cycle, offset = word >> 25, (word >> 12) & 0x1FFF, word & 0xFFF
+    if cycle >= CYCLES_PER_SECOND or offset >= OFFSETS_PER_CYCLE:
+        raise ProfileFormatRefused(
+            f"the time stamp counts {cycle} cycles and {offset} offsets, and the clock only below "
+            f"{CYCLES_PER_SECOND} and {OFFSETS_PER_CYCLE}: the payload is of another layout"
+        )
+    return seconds + (cycle + offset / OFFSETS_PER_CYCLE) / CYCLES_PER_SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class ScanControlLayout:
+    """How a payload is laid out, as the sensor is set up.
+
+    Parameters
+    ----------
+    kind : str
+        ``full`` or ``container``.
+    points : int
+        Points of a profile, one of `POINTS`.
+    reflection : int
+        Which of the four reflections of the full profile, from 0.
+    fields : sequence of str
+        Of the container, among `FIELD_WORDS`, in their order; z and x at least.
+    time_stamp : bool
+        Whether rows of the container end in a field with the time stamp; full profiles always do.
+    little_endian : bool
+        Whether the container was set to that.
+    flip_x, flip_z : bool
+        Whether the axes are turned round: raw number 65535 - n instead of n.
+    """
+
+    kind: Literal["full", "container"] = "full"
+    points: int = 640
+    reflection: int = 0
+    fields: Sequence[str] = ("z", "x")
+    time_stamp: bool = True
+    little_endian: bool = False
+    flip_x: bool = False
+    flip_z: bool = False
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one profile."""
+        if self.kind == "full":
+            return self.points * REFLECTIONS * BYTES_OF_REFLECTION
+        words = sum(FIELD_WORDS[name] for name in self.fields)
+        return 2 * self.points * (words + self.time_stamp)
+
+
+def parse_scancontrol(
+    raw: bytes,
+    layout: ScanControlLayout,
+    scale: ScanControlScale,
+    time: float = 0.0,
+    time_uncertainty: float = 0.0,
+) -> tuple[Profile, ScanControlTime | None]:
+    """Parse a payload; of a container with many rows the first.
+
+    Parameters
+    ----------
+    raw : bytes
+        The payload.
+    layout : ScanControlLayout
+        How it is laid out.
+    scale : ScanControlScale
+        Of the model.
+    time, time_uncertainty : float
+        Of the profile, on the clock of the cell.
+
+    Returns
+    -------
+    Profile
+        In frame s, metres.
+    ScanControlTime or None
+        Its time stamp, where it has one.
+
+    Raises
+    ------
+    ProfileFormatRefused
+        If the payload is not of that layout.
+    """
+    size = layout.row_bytes
+    if not raw or len(raw) % size:
+        raise ProfileFormatRefused(
+            f"{len(raw)} bytes are no {layout.kind} profile of {layout.points} points ({size} "
+            "bytes): set laser.scancontrol as the sensor is set up"
+        )
+    row = raw[:size]
+    stamped = layout.kind == "full" or layout.time_stamp
+    stamp = parse_time_stamp(row[-TIME_STAMP_BYTES:]) if stamped else None
+    raw_x, raw_z = _full_profile(row, layout) if layout.kind == "full" else _container(row, layout)
+    missing = raw_z == 0  # also where the axis is turned round
+    if layout.kind == "full" and layout.reflection == REFLECTIONS - 1:
+        missing[-1] = True  # the time stamp lies there
+    x, z = (
+        scale.scale * ((GREATEST - values if flip else values) - ZERO)
+        for values, flip in ((raw_x, layout.flip_x), (raw_z, layout.flip_z))
+    )
+    x[missing] = z[missing] = np.nan
+    return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty), stamp
+
+
+def _full_profile(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:
+    """Raw x and z: the second word of a reflection, its position and its distance."""
+    words = np.frombuffer(row, dtype=">u2").reshape(layout.points, REFLECTIONS, -1)
+    chosen = words[:, layout.reflection].astype(np.float64)
+    return chosen[:, 2], chosen[:, 3]
+
+
+def _container(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:
+    """Raw x and z: fields of the row, one behind the other."""
+    words = np.frombuffer(row, dtype="<u2" if layout.little_endian else ">u2").astype(np.float64)
+    found, begin = {}, 0
+    for name in layout.fields:
+        found[name] = words[begin : begin + layout.points]
+        begin += FIELD_WORDS[name] * layout.points
+    return found["x"], found["z"]
