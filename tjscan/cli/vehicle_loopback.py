@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tjscan.vehicle.loopback.towing import TowingBodies
 
 
 def vehicle_loopback(
     *,
-    vehicles: int = 1,
+    vehicles: int | None = None,
     broker: str = "127.0.0.1:1883",
     prefix: str = "tjscan/vehicle",
     settings: Path | None = None,
@@ -16,19 +20,23 @@ def vehicle_loopback(
 ) -> None:
     """Stand in for vehicles on this machine, behind an MQTT broker on it, until interrupted.
 
-    A line on stdin commands a fault: drive-fault, drop-link, freeze, stale, nan, slip, edge or
-    arc; clear sets all right again. With a number behind it, it is for that vehicle alone.
+    With the job of a tow they hold its cable and are seen by a tracker; else they are crawlers. A
+    line on stdin commands a fault: drive-fault, drop-link, freeze, stale or nan; of crawlers slip,
+    edge or arc; at a cable stop, push, passer-stands, or what goes wrong with poses, such as
+    pose-lost. clear sets all right again. With a number behind it, it is for that vehicle alone.
 
     Parameters
     ----------
     vehicles
-        How many; their topics begin with the prefix and their number, 1, 2, ...
+        How many; their topics begin with the prefix and their number, 1, 2, ... One crawler, or as
+        many as the tow has, where left out.
     broker
         HOST:PORT of a broker on this machine, such as mosquitto.
     prefix
         Of all topics.
     settings
-        A job file whose [simulation.vehicle] and [vehicle.tracks] the vehicles have.
+        A job file whose [simulation.vehicle] and [vehicle.tracks] the crawlers have, or that of a
+        tow.
     seed
         Of their random numbers.
     attached
@@ -39,4 +47,23 @@ def vehicle_loopback(
     with VEHICLES.explain_missing_package("mqtt"):
         from tjscan.vehicle.loopback.serve import run_loopback_vehicles
 
-    run_loopback_vehicles(vehicles, broker, prefix, settings=settings, seed=seed, attached=attached)
+    towing = None if settings is None else _read_tow(settings, seed)
+    if vehicles is None:
+        vehicles = 1 if towing is None else len(towing.bodies)
+    run_loopback_vehicles(
+        vehicles, broker, prefix, settings=settings, seed=seed, attached=attached, towing=towing
+    )
+
+
+def _read_tow(file: Path, seed: int) -> TowingBodies | None:
+    """The vehicles of a tow; None where the file is another job."""
+    from tjscan.core.config import read_toml
+
+    if "seam" not in read_toml(file):
+        return None
+    from tjscan.job.tow_cell import read_towing_world
+    from tjscan.vehicle.loopback.towing import TowingBodies
+    from tjscan.vehicle.towing_world import TowingWorld
+
+    model, angles, localisation = read_towing_world(file)
+    return TowingBodies(TowingWorld(model, angles, seed=seed), localisation, seed)
