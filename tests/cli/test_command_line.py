@@ -199,6 +199,15 @@ def test_groove_says_why_it_found_none(tmp_path: Path, capsys: pytest.CaptureFix
     assert tjscan("groove", flat, "--units", "inch") == 2
 
 
+@pytest.mark.parametrize("command", ["compare", "groove", "scan"])
+def test_a_name_too_long_for_a_file_ends_with_2(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = Path("a" * 300 + ".csv")
+    assert tjscan(command, name, *([name] if command == "compare" else [])) == 2
+    assert "oo long" in capsys.readouterr().err
+
+
 def test_a_scan_that_ends_early_says_so_with_its_exit_code(tmp_path: Path) -> None:
     out = tmp_path / "run"
     assert tjscan("scan", PAPER, "--scan.length-mm", "3000", "--out", out) == 1

@@ -1,6 +1,7 @@
 """``tjscan compare`` as a user types it: files, units, frames, and what it ends with."""
 
 import json
+import os
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -229,10 +230,24 @@ def test_mistaken_units_end_with_2(
     assert tjscan("compare", cloud, CAD, "--units", units, "--frame", "j") == 2
 
 
+CUT_PLY = b"""ply
+format ascii 1.0
+element vertex 1000
+property float x
+property float y
+property float z
+end_header
+0 0 0
+900 0 0
+0 900 0
+"""
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
         ("empty.ply", b""),
+        ("cut.ply", CUT_PLY),
         ("noise.ply", bytes(range(256))),
         ("cut.stl", b"solid x\nfacet normal 0 0"),
         ("noise.pcd", b"VERSION nothing"),
@@ -279,6 +294,27 @@ def test_a_3mf_in_inches_is_refused(tmp_path: Path) -> None:
         archive.writestr("3D/3dmodel.model", '<model unit="inch" xml:lang="en-US"></model>')
     with pytest.raises(ConfigurationError, match="inch"):
         read_shape(file, StatedUnitAndFrame("mm", "j"))
+
+
+def test_an_archive_that_unpacks_without_bound_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "bomb.3mf"
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("3D/3dmodel.model", "w") as part,
+    ):
+        for _ in range(501):
+            part.write(bytes(1_000_000))
+    with pytest.raises(ConfigurationError, match="unpacks to 501000000 bytes"):
+        read_shape(file, StatedUnitAndFrame("mm", "j"))
+
+
+def test_what_a_mesh_names_beside_it_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")  # reading it would wait for ever
+    file = tmp_path / "mesh.obj"
+    file.write_text("mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
+    mesh = read_shape(file, StatedUnitAndFrame("mm", "j")).mesh
+    assert mesh is not None
+    assert len(mesh.triangles) == 1
 
 
 def test_e57_is_in_metres_by_its_standard(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import sys
 from collections.abc import Sequence
@@ -139,6 +140,11 @@ def main(tokens: Sequence[str] | None = None) -> None:
         sys.exit(exit_code_of_error(error))
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"tjscan: too long for the name of a file: {error.filename!s:.60}…", file=sys.stderr)
+        sys.exit(2)
     except KeyboardInterrupt:
         print("tjscan: interrupted", file=sys.stderr)
         sys.exit(130)

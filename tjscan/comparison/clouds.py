@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +33,9 @@ from tjscan.laser.files import METRES_PER_UNIT
 
 MOST_BYTES: Final = 4_000_000_000
 """A larger file would fill the memory."""
+
+MOST_UNPACKED_BYTES: Final = 500_000_000
+"""What an archive may hold: some eight million triangles as text."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
 """Points, triangles or None, and the unit that the file states with where it states it."""
@@ -131,7 +135,8 @@ def _read_edges(path: Path) -> FeatureEdges | None:
 def _read_trimesh(path: Path) -> FileContent:
     import trimesh
 
-    loaded = trimesh.load(path, process=False)
+    nothing = trimesh.resolvers.ZipResolver({})  # materials and textures are not opened
+    loaded = trimesh.load(path, process=False, resolver=nothing)
     if isinstance(loaded, trimesh.Scene):
         loaded = loaded.to_mesh()
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.intp).reshape(-1, 3)
@@ -139,23 +144,35 @@ def _read_trimesh(path: Path) -> FileContent:
 
 
 def _read_ply(path: Path) -> FileContent:
-    """PLY states its unit where this program wrote it, in a comment."""
+    """PLY states its unit where this program wrote it, in a comment; and how much it holds."""
+    header = _ply_header(path)
     points, triangles, _ = _read_trimesh(path)
-    with path.open("rb") as stream:
-        for line in stream:
-            word = line.decode("ascii", errors="replace").strip()
-            if word.startswith("comment units: "):
-                unit = word.removeprefix("comment units: ").split(",")[0].strip()
-                if unit in METRES_PER_UNIT:
-                    return points, triangles, (unit, "its header")
-            if word == "end_header":
-                break
+    stated = [int(line.split()[2]) for line in header if line.startswith("element vertex ")]
+    if stated != [len(points)]:
+        raise ConfigurationError(
+            f"is cut off: it holds {len(points)} vertices, its header says {stated}", file=path
+        )
+    for line in header:
+        if line.startswith("comment units: "):
+            unit = line.removeprefix("comment units: ").split(",")[0].strip()
+            if unit in METRES_PER_UNIT:
+                return points, triangles, (unit, "its header")
     return points, triangles, None
+
+
+def _ply_header(path: Path) -> list[str]:
+    with path.open("rb") as stream:
+        lines = (line.decode("ascii", errors="replace").strip() for line in stream)
+        return list(takewhile(lambda line: line != "end_header", lines))
 
 
 def _read_3mf(path: Path) -> FileContent:
     """3MF states its unit in the model, millimetre where it says none."""
     with zipfile.ZipFile(path) as archive:
+        if (size := sum(part.file_size for part in archive.infolist())) > MOST_UNPACKED_BYTES:
+            raise ConfigurationError(
+                f"unpacks to {size} bytes, {MOST_UNPACKED_BYTES} at most", file=path
+            )
         model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
         head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
     match = re.search(r"<model\b[^>]*\bunit=[\"'](\w+)[\"']", head)
