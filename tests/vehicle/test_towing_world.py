@@ -143,9 +143,9 @@ def test_energy_does_not_grow() -> None:
 def test_the_motion_converges_with_the_step() -> None:
     def end(step: float) -> tuple[Array, Array]:
         towed = world(SHORT, 0.05, step=step)
-        drive(towed, [Twist(0.02, 0.0, 0.01), Twist(0.03, 0.05, 0.0)], 3.0)
+        drive(towed, [Twist(0.02, 0.0, 0.01), Twist(0.03, 0.05, 0.0)], 1.5)
         towed.truth()
-        towed.advance(1.0)
+        towed.advance(0.5)
         truth = towed.truth()
         return truth.points, truth.forces
 
@@ -253,6 +253,8 @@ def test_a_passer_by_walks_stands_and_is_told_when_it_touches() -> None:
     touches = passed.truth().touches
     assert touches
     assert all("passer-by 1" in touch for touch in touches)
+    passed.advance(1.0)
+    assert passed.passers_by[0, 1] > 0.05  # it stands where it met the cable
 
 
 @pytest.mark.parametrize(
@@ -269,3 +271,26 @@ def test_a_passer_by_walks_stands_and_is_told_when_it_touches() -> None:
 def test_a_cable_that_can_not_be_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"cable|vehicles|welder"):
         CableModel(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_driving_breaks_it(seed: int) -> None:
+    """Rough driving, pushes, jams, walls and a passer-by: all stays finite and in one piece."""
+    random = np.random.default_rng(seed)
+    cable = CableModel(links=18, held=(5, 11, 17))
+    outline = np.array(((-0.3, -1.0), (1.6, -1.0), (1.6, 1.0), (-0.3, 1.0)))
+    passer_by = PasserBy(0.2, random.uniform(-1, 2, (3, 2)), speed=0.3)
+    rough = world(cable, random.normal(0.1, 0.1, 18), walls=(outline,), passers_by=(passer_by,))
+    for _ in range(10):
+        for which in range(3):
+            rough.order(which, Twist(*random.uniform(-0.3, 0.3, 3)))
+        rough.push(int(random.integers(3)), *random.uniform(-0.2, 0.2, 2).tolist())
+        if random.random() < 0.1:
+            rough.jam(int(random.integers(3)))
+        rough.advance(0.3)
+    truth = rough.truth()
+    np.testing.assert_allclose(truth.points[[6, 12, 18]], truth.poses[:, :2], atol=1e-6)
+    lengths = np.hypot(*np.diff(truth.points, axis=0).T)
+    assert (lengths < cable.link_length + 5e-3).all()
+    assert rough.plant.points[:, 2].max() < 0.1
+    assert np.abs(truth.forces).max() < 1e3

@@ -15,6 +15,13 @@ from tjscan.vehicle.cable_scene import specify_scene
 STEP: Final = 0.005
 """Seconds of one step; docs/vehicles.md has what others give."""
 
+DIVERGED: Final = tuple(
+    getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}") for what in ("QPOS", "QVEL", "QACC")
+)
+
+# Warnings become errors below; left alone, MuJoCo writes them to a file where the program runs.
+mujoco.set_mju_user_warning(lambda message: None)
+
 
 class CablePlant:
     """What truly moves: a cable that lies on the floor, and the n vehicles that hold it.
@@ -68,12 +75,14 @@ class CablePlant:
     @property
     def headings(self) -> Array:
         """Directions of the links in the plane, radians, not wrapped, shape (N,)."""
+        mujoco.mj_kinematics(self._model, self._data)
         along = self._data.xmat[self._links].reshape(-1, 3, 3)[:, :, 0]
         return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
     @property
     def points(self) -> Array:
         """The root and the far end of each link, metres, shape (N + 1, 3)."""
+        mujoco.mj_kinematics(self._model, self._data)
         near = self._data.xpos[self._links]
         tip = near[-1] + self.cable.link_length * self._data.xmat[self._links[-1]][[0, 3, 6]]
         return np.vstack((near, tip))
@@ -117,7 +126,7 @@ class CablePlant:
         """
         self._data.qfrc_applied[self._dof] = np.ravel(forces)
         mujoco.mj_step(self._model, self._data)
-        if self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+        if any(self._data.warning[kind].number for kind in DIVERGED):
             raise VehicleFault(
                 "the simulation of the cable diverged. Forces or speeds are beyond what it can "
                 "follow; take a smaller step."

@@ -233,12 +233,16 @@ class TowingWorld:
         )
         plant.advance(forces)
         self._gone += 1
-        self._walked += np.where(self._standing, 0.0, step)
+        touches = plant.touches
+        for which, stands in enumerate(self._standing):
+            # Who walks into something stands there: no floor could hold what he would push.
+            met = any(f"passer-by {which + 1}" in pair for pair in touches)
+            self._walked[which] += 0.0 if stands or met else step
         self._place_passers_by()
         self._pushes += forces
         self._most_push = np.maximum(self._most_push, np.hypot(forces[:, 0], forces[:, 1]))
         self._summed += 1
-        self._touched |= plant.touches
+        self._touched |= touches
 
     def _place_passers_by(self) -> None:
         for which, (passer_by, time) in enumerate(
