@@ -170,6 +170,22 @@ def test_a_passer_by_is_seen_and_can_be_made_to_stand(loopback: Loopback) -> Non
     assert loopback.passers_by[-1].vx == 0.0
 
 
+def test_it_tells_what_truly_happened(loopback: Loopback) -> None:
+    first: list[str] = []
+    for _ in range(6):
+        for which in range(3):
+            loopback.drive(which, 0.1 if which % 2 else -0.1)
+        loopback.run(0.2)
+        first += loopback.towing.look_at_truth()
+    told = json.loads(loopback.towing.tell_truth())
+    truth = loopback.world.truth()
+    assert told["bend_deg"] >= np.rad2deg(np.abs(truth.angles).max()) - 1
+    assert told["force_n"] > 0.1
+    assert told["touches"] == sorted(set(first))
+    assert len(first) == len(set(first))
+    np.testing.assert_allclose(told["poses"], truth.poses)
+
+
 def test_every_fault_is_one_of_a_crawler_or_of_a_towing_vehicle() -> None:
     crawler, towing = CrawlerBody.possible_faults, TowingBody.possible_faults
     assert crawler | towing == frozenset(VehicleFaultOrder)

@@ -94,10 +94,14 @@ class LoopbackProgram:
 
     def schedule_fault(self, line: str) -> None:
         """Schedule a fault, and wait until it is accepted."""
+        self._write(line)
+        self.wait_for_line(f"ordered {line}")
+
+    def _write(self, line: str) -> None:
+        """Write a line to its stdin."""
         if self._process.stdin is not None:
             self._process.stdin.write(f"{line}\n")
             self._process.stdin.flush()
-        self.wait_for_line(f"ordered {line}")
 
     def wait_for_line(self, *wanted: str, timeout: float = REPLY_TIMEOUT) -> str:
         """Wait until the process prints a line that begins with one of these, and return it.

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any, Final
+
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.core.loopback import LoopbackProgram
+
+TRUTH: Final = "truth"
+"""What asks for the truth of a towing world, and begins the line with it."""
 
 
 class VehicleLoopbackProcess(LoopbackProgram):
@@ -31,3 +37,9 @@ class VehicleLoopbackProcess(LoopbackProgram):
             If it goes on moving.
         """
         return float(self.wait_for_line(f"at rest {vehicle} ", timeout=timeout).split()[-1])
+
+    def ask_for_truth(self) -> dict[str, Any]:
+        """What is true of a tow, and was since it began; see `TowingBodies.tell_truth`."""
+        self._write(TRUTH)
+        told: dict[str, Any] = json.loads(self.wait_for_line(f"{TRUTH} ").removeprefix(f"{TRUTH} "))
+        return told

@@ -20,6 +20,7 @@ from tjscan.core.loopback import check_is_loopback_address
 from tjscan.core.version import VERSION
 from tjscan.vehicle.loopback.bodies import CrawlerBody, LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_fault
+from tjscan.vehicle.loopback.process import TRUTH
 from tjscan.vehicle.loopback.towing import TowingBodies
 from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
 from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
@@ -160,11 +161,16 @@ def _run(
         if world is not None:
             towing, tracker = world
             towing.advance(period)
+            for touch in towing.look_at_truth():
+                _tell(f"touched {touch}")
             for topic, payload in towing.sightings(now):
                 tracker.publish(topic, payload)
 
 
 def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
+    if towing is not None and line.strip() == TRUTH:
+        _tell(f"{TRUTH} {towing.tell_truth()}")
+        return
     try:
         order = parse_ordered_fault(line, len(served))
     except ConfigurationError as error:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
-from math import cos, isnan, sin
+from dataclasses import dataclass, field
+from math import cos, degrees, hypot, isnan, sin
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
@@ -35,6 +37,9 @@ PUSH: Final = 0.2
 
 CLOCK_ERROR: Final = 3600.0
 """Seconds by which a clock goes wrong."""
+
+LOOK: Final = 0.1
+"""Seconds between two looks at the truth."""
 
 TRACKER_TOPIC: Final = "tracker"
 """Where what sees the vehicles announces itself."""
@@ -104,6 +109,25 @@ class TowingBody:
         return
 
 
+@dataclass(slots=True)
+class TowingExtremes:
+    """What truly happened in a loopback world since it began, for whoever judges a tow.
+
+    Parameters
+    ----------
+    bend : float
+        Largest angle of a joint, radians.
+    force : float
+        Largest force of the cable on the welder, newton, each the mean of 0.1 s.
+    touches : set of str
+        What touched what.
+    """
+
+    bend: float = 0.0
+    force: float = 0.0
+    touches: set[str] = field(default_factory=set)
+
+
 class TowingBodies:
     """The vehicles of one world, what sees them, and the passers-by.
 
@@ -121,6 +145,7 @@ class TowingBodies:
         self._world = world
         self._poses = DisturbedPoses(localisation, seed)
         self._session, self._due = uuid4().hex, world.time
+        self.extremes, self._looked = TowingExtremes(), world.time
         self.bodies = tuple(
             TowingBody(world, which, self._poses) for which in range(world.vehicles)
         )
@@ -129,6 +154,31 @@ class TowingBodies:
         """Let the world go on, seconds."""
         self._world.advance(period)
         self._poses.see(self._world.time, self._world.plant.poses)
+
+    def look_at_truth(self) -> list[str]:
+        """Take note of what happened, ten times a second; what touched for the first time."""
+        if self._world.time - self._looked < LOOK:
+            return []
+        self._looked = self._world.time
+        truth, extremes = self._world.truth(), self.extremes
+        extremes.bend = max(extremes.bend, float(abs(truth.angles).max()))
+        extremes.force = max(extremes.force, float(hypot(*truth.forces[-1, :2])))
+        first = [touch for touch in truth.touches if touch not in extremes.touches]
+        extremes.touches.update(first)
+        return first
+
+    def tell_truth(self) -> str:
+        """What is true, and was since the world began, as JSON."""
+        world, extremes = self._world, self.extremes
+        return json.dumps(
+            {
+                "time_s": world.time,
+                "bend_deg": degrees(extremes.bend),
+                "force_n": extremes.force,
+                "touches": sorted(extremes.touches),
+                "poses": world.plant.poses.tolist(),
+            }
+        )
 
     def hold_passers_by(self, stand: bool) -> None:
         """Let all passers-by stand, or walk on."""
