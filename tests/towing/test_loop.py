@@ -169,7 +169,7 @@ def test_a_vehicle_that_was_pushed_is_found_again_and_led_back() -> None:
 def test_the_welder_must_stand_at_its_seam() -> None:
     rig = Rig()
     rig.team.vehicles[2].pose += (0.0, 0.3, 0.0)
-    with pytest.raises(TowHalted, match="300 mm from where its seam begins"):
+    with pytest.raises(TowHalted, match="the welder stands 300 mm from where"):
         rig.run()
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 
 import numpy as np
 
-from tjscan.core.devices import EventListener
+from tjscan.core.devices import DriverKind, EventListener
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job.tow_job import TowJob
@@ -24,11 +24,15 @@ from tjscan.towing.plan import ShapePlanner
 from tjscan.towing.seam import Seam
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
+from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:
     from tjscan.vehicle.cable_model import TowingWorldModel
     from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
     from tjscan.vehicle.towing_world import TowingWorld
+
+LONGEST_GUESS: Final = 1.0
+"""Seconds for which what moves is taken to go on as it was last seen."""
 
 EXTRA: Final = "towing"
 """What to install for a planner or a simulated cable."""
@@ -115,7 +119,7 @@ class TowCell:
         """Obstacles at a time on the team's clock: what moves has gone on as it was seen."""
         moving = []
         for disc in self.localisation.read_passers_by():
-            late = max(0.0, time - disc.time)
+            late = min(max(0.0, time - disc.time), LONGEST_GUESS)
             x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
             moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
         return [*self._standing, *moving]
@@ -144,7 +148,7 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
         If the job lacks what a driver needs.
     """
     standing = standing_obstacles(job)
-    settings, count = job.simulation, job.vehicles.count
+    settings = job.simulation
     world = team = None
     if job.vehicles.driver == "simulated":
         try:
@@ -157,18 +161,34 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
             angles, begin = _angles_of(left.line, job.root.heading), left.time
         world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
         team = SimulatedTeam(world)
-    factory = LOCALISATIONS.load(job.localisation.driver)
-    with LOCALISATIONS.explain_missing_package(job.localisation.driver):
-        localisation = factory.make(
-            LocalisationInputs(
-                vehicles=count, seed=settings.seed, world=world, simulation=settings.localisation
-            ),
-            job.localisation.driver_settings,
-        )
+    localisation = _localisation(job, world)
     if team is None:
         return TowCell(_mqtt_team(job), localisation, standing)
     faulty = FaultyTeam(team, localisation, settings.faults)
     return TowCell(faulty, localisation, standing, world)
+
+
+def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
+    """The localisation that a job names; on the vehicles' broker where it names none."""
+    table, name = job.localisation, job.localisation.driver
+    own = table.driver_settings
+    if world is None and table.driver_kind is DriverKind.SIMULATED:
+        link, name = job.vehicles.mqtt, "mqtt"
+        own = table.drivers.get(name) or MqttLocalisationSettings(
+            host=link.host,
+            port=link.port,
+            prefix=link.prefix,
+            connect_limit=link.connect_limit,
+        )
+    inputs = LocalisationInputs(
+        vehicles=job.vehicles.count,
+        seed=job.simulation.seed,
+        world=world,
+        simulation=job.simulation.localisation,
+    )
+    factory = LOCALISATIONS.load(name)
+    with LOCALISATIONS.explain_missing_package(name):
+        return factory.make(inputs, own)
 
 
 def _mqtt_team(job: TowJob) -> ConnectedTeam:

@@ -22,7 +22,7 @@ from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
 from tjscan.runs.tow_sweep import sweep_seam
 from tjscan.towing.journal import CombinedTowJournal, TowJournal
 from tjscan.towing.loop import CableTow, TowSetting
-from tjscan.towing.plan import ShapePlanner
+from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
 
@@ -72,7 +72,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
         make_tow_directory(context, directory)
-    _tow(context, directory, cell, planner, 0.0)
+    _tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
 def resume_tow(context: TowContext) -> None:
@@ -96,11 +96,11 @@ def resume_tow(context: TowContext) -> None:
             "nothing was towed: there is nothing to go on with. Start a new tow", file=directory
         )
     left = recorded.truths[-1] if recorded.truths else None
-    last = recorded.cycles[-1]
+    last = next((c for c in reversed(recorded.cycles) if not c.plan.halt), recorded.cycles[-1])
     with add_file_to_errors(context.job_file):
         planner = make_planner(context.job)
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    _tow(context, directory, cell, planner, last.along)
+    _tow(context, directory, cell, planner, last.along, last.plan)
 
 
 def make_tow_directory(context: TowContext, directory: Path) -> None:
@@ -119,7 +119,12 @@ def make_tow_directory(context: TowContext, directory: Path) -> None:
 
 
 def _tow(
-    context: TowContext, directory: Path, cell: TowCell, planner: ShapePlanner, along: float
+    context: TowContext,
+    directory: Path,
+    cell: TowCell,
+    planner: ShapePlanner,
+    along: float,
+    last: TowingPlan,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
     origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
@@ -130,7 +135,7 @@ def _tow(
                 journal = CombinedTowJournal((recording, context.journal))
                 cell.report_events_to(journal.record_event)
                 with cell:
-                    make_tow(context.job, cell, planner, journal).run(along)
+                    make_tow(context.job, cell, planner, journal).run(along, last)
         finally:
             write_tow_results(directory, context.job)
             context.finished(directory)

@@ -40,6 +40,9 @@ SLACK: Final = 0.95
 AT_START: Final = 0.05
 """Metres by which the welder may stand off its seam when a tow begins."""
 
+NEAR_START: Final = 0.3
+"""The same of a towing vehicle and its place in the first shape: it is led there."""
+
 
 @dataclass(frozen=True, slots=True)
 class TowSetting:
@@ -123,13 +126,15 @@ class CableTow:
         self._waited_since = 0.0
         self._stopped: tuple[int, ...] = ()
 
-    def run(self, along: float = 0.0) -> None:
+    def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
         """Tow until the seam is welded.
 
         Parameters
         ----------
         along : float, optional
             Where along the seam it goes on, metres.
+        last : TowingPlan, optional
+            The shape that the cable has at the beginning, or was sent to before.
 
         Raises
         ------
@@ -138,7 +143,7 @@ class CableTow:
         VehicleFault
             The same, where a vehicle or the link to it is to blame.
         """
-        self._along, self._began = along, host.process_time()
+        self._along, self._began, self._last = along, host.process_time(), last
         with self._stopped_by_errors():
             estimate = self._wait_for_poses()
             self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
@@ -175,12 +180,17 @@ class CableTow:
                 f"no pose of vehicle {numbers} came within "
                 f"{self._setting.localisation.lost:g} s. See that the localisation is running."
             )
-        off = estimate.poses[-1] - self._setting.seam.pose_at(self._along)
-        if hypot(off[0], off[1]) > AT_START:
-            raise TowHalted(
-                f"the welder stands {1e3 * hypot(off[0], off[1]):.0f} mm from where its seam "
-                "begins. Bring it there first."
-            )
+        places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
+        places[-1] = self._setting.seam.pose_at(self._along)
+        for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
+            off, welder = hypot(*(pose - place)[:2]), v == len(places) - 1
+            if off > (AT_START if welder else NEAR_START):
+                name = "the welder" if welder else f"vehicle {v + 1}"
+                x, y = 1e3 * place[:2]
+                raise TowHalted(
+                    f"{name} stands {1e3 * off:.0f} mm from where the tow begins. Bring it to "
+                    f"({x:.0f}, {y:.0f}) mm, heading {np.degrees(place[2]) % 360:.0f}°."
+                )
         return estimate
 
     def _see(self) -> TeamEstimate:
@@ -332,7 +342,7 @@ class CableTow:
             return
         if self._waits is None:
             self._waited_since = now
-        if self._waits is None or self._waits.why != waiting.why:
+        if self._waits is None or _without_numbers(self._waits) != _without_numbers(waiting):
             self._journal.record_event("waits", waiting.why)
         self._waits = waiting
         if now - self._waited_since > self._setting.following.patience:
@@ -345,6 +355,11 @@ class CableTow:
 
 def _fault_of(state: VehicleState | VehicleFault) -> str:
     return state.fault if isinstance(state, VehicleState) else str(state)
+
+
+def _without_numbers(waiting: Waiting) -> str:
+    """Its words: as long as only numbers change, nothing new is to be said."""
+    return "".join(letter for letter in waiting.why if not letter.isdigit())
 
 
 def _seen(measured: Sequence[VehiclePose | None]) -> Array:

@@ -65,7 +65,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     reason, detail = COMPLETE, "the whole seam is welded"
     try:
         with cell:
-            make_tow(job, cell, planner, keeper).run()
+            make_tow(job, cell, planner, keeper).run(0.0, sweep.start)
     except (TowHalted, VehicleFault) as error:
         reason, detail = type(error).__name__, str(error)
     return outcome_of(job, keeper, reason, detail)
