@@ -218,7 +218,9 @@ class Crawler:
                 self._devices.torch.set_arc(burning=False)
             finally:
                 self._devices.vehicle.stop()
-            self._enter(Event.DANGER, str(error) or type(error).__name__)
+            interrupted = isinstance(error, KeyboardInterrupt)
+            reason = "interrupted" if interrupted else str(error) or type(error).__name__
+            self._enter(Event.DANGER, reason)
             raise
 
     def _drive_in_waves(self, speed: float) -> None:

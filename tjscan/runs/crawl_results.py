@@ -153,6 +153,7 @@ def weld_log(
                 "travel_speed_mm_s": round(1e3 * one.speed, 3),
                 "deviation_rms_mm": round(1e3 * one.deviation_rms, 3),
                 "deviation_max_mm": round(1e3 * one.deviation_max, 3),
+                "deviation_sigma_mm": round(1e3 * one.sigma_rms, 3),
                 "stops": one.stops,
             }
             for one in passes

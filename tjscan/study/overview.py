@@ -87,7 +87,7 @@ def draw_overview(rows: Sequence[StudyRow[Any]], kind: StudyBackend[Any]) -> Fig
         groups = group_rows_by_value(rows, key)
         shares = [100 * members.complete_share for members in groups.values()]
         _draw_bars(line[0], list(groups), shares)
-        line[0].set_ylim(min(90.0, *shares), 100)
+        line[0].set_ylim(90.0 if min(shares) > 90.0 else 0.0, 100)
         line[0].set_ylabel(key.removeprefix("joint.").removeprefix("rule."), fontsize="x-small")
         for measure, axes in zip(kind.measures, line[1:], strict=True):
             means = [members.mean_of_complete(measure.value) for members in groups.values()]
