@@ -153,9 +153,10 @@ class CrawlJob(StrictFileModel):
         for table in (self.vehicle, self.laser, self.torch):
             if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
                 kind = table.registry.kind
+                real = set(table.registry.names) - {table.driver, "replay"}
                 raise ConfigurationError(
                     f"a simulated {kind} needs a [simulation] table; {table.registry.key} names a "
-                    f"real one, of: {', '.join(table.registry.names)}",
+                    f"real one: {', '.join(sorted(real))}",
                     key="simulation",
                 )
             if table is not self.vehicle and table.driver_kind is DriverKind.REPLAYED:

@@ -77,9 +77,9 @@ class DeviceSettings(SettingsTable):
             return validate_table(table, {})
         except ConfigurationError as error:
             name = f"{self.registry.kind}.{self.driver}"
+            lacks = f": {error.message}" if error.key is None else f" with {error.key}"
             raise ConfigurationError(
-                f"driver {self.driver!r} needs a table [{name}] with {error.key}",
-                key=self.registry.key,
+                f"driver {self.driver!r} needs a table [{name}]{lacks}", key=self.registry.key
             ) from None
 
     @classmethod
