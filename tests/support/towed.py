@@ -1,0 +1,60 @@
+"""Towing problems for tests."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.towing.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.cable import Cable
+from tjscan.towing.shape_problem import ShapeProblem
+from tjscan.towing.weights import EffortTargets, TowingWeights
+
+YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
+"""The paper's V-C."""
+
+NOTCHED = Area(
+    [(-1, -5), (3, -5), (3, 1), (2, 1.5), (3, 2), (3, 5), (-1, 5)],
+    [[(0.8, -1.2), (1.2, -1.2), (1.2, -0.8), (0.8, -0.8)]],
+)
+"""A floor with a dent in a wall and a pillar."""
+
+PASSER_BY = DiscObstacle(0.5, 2.0, 0.2, (0.1, -0.05))
+
+
+def bent_angles(rng: np.random.Generator, links: int = 60, most: float = 0.3) -> Array:
+    """Angles of a cable in a few gentle bends."""
+    s = np.linspace(0, 1, links)
+    waves = rng.normal(size=(3, 1)) * np.sin(rng.uniform(2, 12, (3, 1)) * s + 1)
+    return np.asarray(most * waves.sum(axis=0) / 3)
+
+
+def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 60) -> ShapeProblem:
+    """A problem of every term, near a shape with bends."""
+    cable = Cable(links=links, root=(0.0, 0.0, 0.2))
+    held = np.array([9, 19, 29, 39, 49])
+    estimate = bent_angles(rng, links)
+    poses = cable.poses(estimate)
+    return ShapeProblem(
+        cable,
+        Obstacles.of_area(area).with_discs([PASSER_BY], 1.0),
+        TowingWeights(),
+        EffortTargets(),
+        estimate,
+        np.array([links - 1]),
+        poses[-1:] + np.array((0.01, 0.0, 0.0)),
+        held,
+        poses[held, :2] + 2e-3,
+        0.1,
+    )
+
+
+def turned(values: Array, angle: float) -> Array:
+    """Points, shape (..., 2), turned about the origin."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(values @ np.array(((c, s), (-s, c))))
+
+
+QUARTER = pi / 2

@@ -1,0 +1,224 @@
+"""What every plan keeps, and what makes one halt."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+import shapely
+from towed import YARD, bent_angles
+
+from tjscan.core.frames import Array
+from tjscan.towing.area import DiscObstacle
+from tjscan.towing.cable import Cable
+from tjscan.towing.estimate import estimate_shape
+from tjscan.towing.limited import optimise_limited
+from tjscan.towing.paper_planner import PaperPlanner
+from tjscan.towing.plan import TowingPlan
+from tjscan.towing.planner import PlannerSettings, TowingPlanner, describe, optimise_freely
+from tjscan.towing.team import TowingLimits, TowingTeam
+from tjscan.towing.weights import TowingWeights
+
+CABLE, TEAM = Cable(), TowingTeam()
+HELD = list(TEAM.held_links)
+WELDER = np.array((2.6, -3.0, pi / 2))
+STEP = np.array((0.0, 0.001, 0.0))
+
+
+def planner(**limits: float) -> TowingPlanner:
+    return TowingPlanner(CABLE, TEAM, YARD, PlannerSettings(limits=TowingLimits(**limits)))
+
+
+@pytest.fixture(scope="module")
+def begun() -> TowingPlan:
+    """A plan to go on from, with the welder at the yard's long wall."""
+    start = estimate_shape(CABLE, [19, 59], np.array([(1.3, -1.0, -pi / 2), WELDER]))
+    ours = planner()
+    problem, _ = ours.problem(start, WELDER, 1.0)
+    problem = replace(problem, weights=TowingWeights(change=0, pace=0))
+    angles, _ = optimise_freely(problem)
+    plan = describe(problem, np.array(HELD), angles, 0, (), "")
+    for _ in range(20):
+        plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan)
+    assert not plan.halt
+    return plan
+
+
+def clearance(plan: TowingPlan) -> tuple[float, float, float]:
+    """Of links and vehicles to the yard's walls, and between vehicles, by shapely."""
+    yard = shapely.Polygon(YARD.outline)
+    line = CABLE.line(plan.angles)
+    middle = shapely.LineString(line[3:-3])
+    bodies = shapely.points(plan.held_poses[:, :2])
+    apart = shapely.distance(bodies[:, None], bodies[None])[~np.eye(len(bodies), dtype=bool)]
+    assert yard.contains(middle)
+    return (
+        float(yard.exterior.distance(middle)),
+        float(shapely.distance(yard.exterior, bodies[:-1]).min()),
+        float(apart.min()),
+    )
+
+
+def follow(ours: TowingPlanner, plan: TowingPlan, steps: int, **more: object) -> list[TowingPlan]:
+    plans = [plan]
+    for k in range(steps):
+        now = plans[-1]
+        pose = WELDER + (k + 1) * STEP
+        plans.append(ours.plan(now.held_poses, pose, dt=0.1, last=now, **more))  # type: ignore[arg-type]
+    return plans
+
+
+def test_the_tip_is_where_the_welder_will_be_and_vehicles_hardly_move(begun: TowingPlan) -> None:
+    before, *plans = follow(planner(), begun, 10)
+    for k, plan in enumerate(plans):
+        assert not plan.halt
+        np.testing.assert_allclose(plan.held_poses[-1], WELDER + (k + 1) * STEP, atol=1e-6)
+        steps = np.hypot(*(plan.held_poses - before.held_poses)[:-1, :2].T)
+        assert steps.max() < 1.5 * 0.001
+        before = plan
+
+
+def test_the_end_meets_the_conditions_of_an_optimum(begun: TowingPlan) -> None:
+    ours = planner()
+    problem, _ = ours.problem(begun.estimate, WELDER + STEP, 0.1, begun)
+    angles, _ = optimise_freely(problem)
+    _, rows = problem.constraint(angles)
+    gradient = problem.gradient(angles)
+    y: Array = np.asarray(np.linalg.lstsq(rows.T, -gradient, rcond=None)[0], dtype=float)
+    assert np.abs(gradient + rows.T @ y).max() < 1e-3
+    along = np.linalg.svd(rows)[2][3:]
+    assert np.linalg.eigvalsh(along @ problem.hessian(angles, y) @ along.T).min() > 0
+
+
+def test_limits_that_press_are_kept_to_the_last_micrometre(begun: TowingPlan) -> None:
+    _, walls, _ = clearance(begun)
+    asked = walls - TEAM.body_radius + 0.01
+    plans = follow(planner(body_clearance=asked), begun, 40)
+    plan = plans[-1]
+    assert not plan.halt
+    assert any("to obstacle" in name for name in plan.limits)
+    assert clearance(plan)[1] >= TEAM.body_radius + asked
+    assert clearance(plan)[1] == pytest.approx(TEAM.body_radius + asked, abs=1e-4)
+
+
+def test_a_limited_shape_is_no_better_than_a_free_one_and_no_gradient_is_left(
+    begun: TowingPlan,
+) -> None:
+    _, walls, _ = clearance(begun)
+    ours = planner(body_clearance=walls - TEAM.body_radius + 5e-3)
+    problem, limits = ours.problem(begun.estimate, WELDER + STEP, 0.1, begun)
+    shape = optimise_limited(problem, limits, begun.estimate)
+    free, _ = optimise_freely(problem)
+    assert len(shape.pressed) > 0
+    assert problem.terms(shape.angles).total > problem.terms(free).total
+    _, rows = problem.constraint(shape.angles)
+    A = np.vstack((rows, limits.gradients(shape.pressed, shape.angles)))
+    gradient = problem.gradient(shape.angles)
+    y = np.linalg.lstsq(A.T, -gradient, rcond=None)[0]
+    assert np.abs(gradient + A.T @ y).max() < 1e-2 * np.abs(gradient).max()
+    assert (y[3:] < 0).all()
+
+
+def test_out_of_reach_halts_and_says_so(begun: TowingPlan) -> None:
+    plan = planner().plan(begun.held_poses, WELDER - (0, 7, 0), dt=0.1, last=begun)
+    assert "does not reach" in plan.halt
+
+
+def test_a_vehicle_that_stands_keeps_its_place(begun: TowingPlan) -> None:
+    for plan in follow(planner(), begun, 20, stopped=(2,))[1:]:
+        assert not plan.halt
+        np.testing.assert_allclose(plan.held_poses[2], begun.held_poses[2], atol=1e-3)
+
+
+def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
+    x, y, _ = begun.link_poses[25]
+    plan = planner().plan(
+        begun.held_poses, WELDER, dt=0.1, last=begun, obstacles=[DiscObstacle(x, y, 0.3)]
+    )
+    assert "further than it can" in plan.halt
+
+
+def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
+    """A disc comes at the bulge with 50 mm/s: vehicles may do 100."""
+    ours = planner()
+    plan, at = begun, begun.link_poses[24]
+    away = np.array((-np.sin(at[2]), np.cos(at[2])))
+    away *= -np.sign(away @ (at[:2] - (1.3, 0)))
+    centre = at[:2] + 0.7 * away
+    for k in range(60):
+        x, y = centre - 0.005 * k * away
+        disc = DiscObstacle(x, y, 0.2, (-0.05 * away[0], -0.05 * away[1]))
+        plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan, obstacles=[disc])
+        assert not plan.halt
+        line = shapely.LineString(CABLE.line(plan.angles))
+        assert line.distance(shapely.Point(x, y)) > 0.2 + 0.02
+
+
+def test_estimates_come_back_from_their_own_poses() -> None:
+    rng = np.random.default_rng(0)
+    shape = estimate_shape(CABLE, HELD, CABLE.poses(bent_angles(rng))[HELD])
+    again = estimate_shape(CABLE, HELD, CABLE.poses(shape)[HELD], last=shape)
+    np.testing.assert_allclose(again, shape, atol=2e-3)
+    np.testing.assert_allclose(
+        CABLE.poses(shape)[HELD, :2], CABLE.poses(bent_angles(np.random.default_rng(0)))[HELD, :2],
+        atol=2e-3,
+    )  # fmt: skip
+
+
+def noisy(poses: Array, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    return poses + rng.normal(size=poses.shape) * (3e-3, 3e-3, np.radians(1))
+
+
+def test_noise_that_stretches_the_cable_still_gives_a_shape(begun: TowingPlan) -> None:
+    straight = CABLE.poses(np.zeros(60))[HELD]
+    for seed in range(5):
+        poses = noisy(straight, seed) * (1.002, 1.0, 1.0)
+        shape = estimate_shape(CABLE, HELD, poses)
+        assert np.abs(CABLE.poses(shape)[HELD, :2] - poses[:, :2]).max() < 0.02
+        assert np.abs(shape).max() < 0.2
+
+
+def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> None:
+    poses = begun.held_poses.copy()
+    poses[1:3] = np.nan
+    shape = estimate_shape(CABLE, HELD, poses, last=begun.angles)
+    assert np.hypot(*(CABLE.poses(shape) - begun.link_poses)[:, :2].T).max() < 0.05
+
+
+def test_the_welder_holds_the_tip() -> None:
+    with pytest.raises(ValueError, match="the last vehicle is the welder"):
+        TowingPlanner(CABLE, TowingTeam(held_links=(9, 50)), YARD)
+
+
+def test_a_start_keeps_every_limit_and_is_found_at_the_far_end_too() -> None:
+    ours = planner()
+    plan = ours.start(np.array((2.6, -4.8, pi / 2)))
+    assert not plan.halt
+    walls, bodies, apart = clearance(plan)
+    assert walls >= 0.02
+    assert bodies >= TEAM.body_radius + 0.02
+    assert apart >= 2 * TEAM.body_radius + 0.05
+    assert np.abs(plan.angles).max() <= CABLE.joint_limit
+    np.testing.assert_allclose(plan.held_poses[-1], (2.6, -4.8, pi / 2), atol=1e-6)
+    assert "no shape" in ours.start(np.array((2.6, -7.8, pi / 2))).halt
+
+
+def test_the_papers_method_agrees_where_its_problem_is_ours(begun: TowingPlan) -> None:
+    """Far from corners the nearest wall is nearly all of the noisy-or; nothing is at a limit."""
+    paper = PaperPlanner(CABLE, TEAM, YARD)
+    plan = paper.plan(begun.held_poses, WELDER + STEP, dt=0.1, last=begun)
+    assert not plan.halt
+    assert plan.constraint < 1e-6
+    problem, _ = planner().problem(plan.estimate, WELDER + STEP, 0.1)
+    ours = replace(problem, weights=replace(problem.weights, pace=0.0))
+    free, _ = optimise_freely(ours)
+    assert ours.terms(free).paper <= ours.terms(plan.angles).paper + 1e-9
+    assert (
+        paper.objective(free, plan.estimate, problem.obstacles)[0].paper >= plan.terms.paper - 0.02
+    )
+    away = plan.angles + bent_angles(np.random.default_rng(2), most=0.05)
+    low, here, high = (
+        paper.objective(away + d, plan.estimate, problem.obstacles) for d in (-1e-6, 0.0, 1e-6)
+    )
+    assert (high[1] - low[1]) / 2e-6 == pytest.approx(here[2].sum(), rel=1e-4)

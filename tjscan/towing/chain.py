@@ -1,0 +1,100 @@
+"""From what each joint and each link contributes to derivatives by the angles, in O(N²).
+
+Every term of the problems is a function of one joint's angle, one link's position or one link's
+heading. Positions follow from all headings before, so that sums over the links beyond are all that
+gradient and Hessian need.
+"""
+
+from __future__ import annotations
+
+from math import cos, floor, pi, sin
+
+from tjscan.core.frames import Array
+from tjscan.towing.compiled import Indices, compiled
+
+
+@compiled
+def place_links(angles: Array, root: Array, length: float, links: Array) -> None:
+    """Fill `links`, shape (N, 5), with x, y, heading, its cosine and its sine."""
+    x, y, phi = root[0], root[1], root[2]
+    for i in range(len(angles)):
+        phi += angles[i]
+        c, s = cos(phi), sin(phi)
+        x += length * c
+        y += length * s
+        links[i, 0], links[i, 1], links[i, 2], links[i, 3], links[i, 4] = x, y, phi, c, s
+
+
+@compiled
+def chain_gradient(
+    joint: Array, point: Array, turn: Array, links: Array, length: float, gradient: Array
+) -> None:
+    """Gradient by the angles, of parts by angle, position and heading (`turn`, first column)."""
+    sx, sy, by_heading = 0.0, 0.0, 0.0
+    for i in range(len(gradient) - 1, -1, -1):
+        sx += point[i, 0]
+        sy += point[i, 1]
+        by_heading += length * (links[i, 3] * sy - links[i, 4] * sx) + turn[i, 0]
+        gradient[i] = joint[i, 0] + by_heading
+
+
+@compiled
+def chain_hessian(
+    joint: Array, point: Array, turn: Array, links: Array, length: float, hessian: Array
+) -> None:
+    """Hessian by the angles; its lower triangle and its upper are filled alike.
+
+    With n_j = (-sin φ_j, cos φ_j) and u_j = (cos φ_j, sin φ_j), headings j ≤ k give
+    l² n_j' T_k n_k, and j = k loses l u_j' S_j too, S and T being sums over the links from k on of
+    gradients and Hessians by position. Sums over rows and columns turn headings into angles.
+    """
+    n = len(joint)
+    sx, sy, txx, txy, tyy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n - 1, -1, -1):
+        sx += point[k, 0]
+        sy += point[k, 1]
+        txx += point[k, 2]
+        txy += point[k, 3]
+        tyy += point[k, 4]
+        c, s = links[k, 3], links[k, 4]
+        vx = length * length * (txy * c - txx * s)
+        vy = length * length * (tyy * c - txy * s)
+        for j in range(k + 1):
+            hessian[k, j] = links[j, 3] * vy - links[j, 4] * vx
+        hessian[k, k] += turn[k, 1] - length * (c * sx + s * sy)
+    for k in range(n):
+        for j in range(k):
+            hessian[j, k] = hessian[k, j]
+    for k in range(n - 2, -1, -1):
+        for j in range(n):
+            hessian[k, j] += hessian[k + 1, j]
+    for k in range(n):
+        for j in range(n - 2, -1, -1):
+            hessian[k, j] += hessian[k, j + 1]
+    for k in range(n):
+        hessian[k, k] += joint[k, 1]
+
+
+@compiled
+def wrapped(angle: float) -> float:
+    """Angle between -π and π."""
+    return angle - 2.0 * pi * floor(angle / (2.0 * pi) + 0.5)
+
+
+@compiled
+def pose_constraints(
+    links: Array, root: Array, fixed: Indices, poses: Array, c: Array, rows: Array
+) -> None:
+    """(10)-(12) for links that must have a pose: how far off, and the derivative by the angles."""
+    n = len(links)
+    for e in range(len(fixed)):
+        k = fixed[e]
+        c[3 * e] = links[k, 0] - poses[e, 0]
+        c[3 * e + 1] = links[k, 1] - poses[e, 1]
+        c[3 * e + 2] = wrapped(links[k, 2] - poses[e, 2])
+        for i in range(n):
+            x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
+            within = 1.0 if i <= k else 0.0
+            rows[3 * e, i] = within * (y - links[k, 1])
+            rows[3 * e + 1, i] = within * (links[k, 0] - x)
+            rows[3 * e + 2, i] = within

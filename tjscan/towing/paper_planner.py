@@ -1,0 +1,194 @@
+"""The paper's two problems as printed, solved as there by SLSQP, to be compared with.
+
+Suzuki et al. (2022), IV: exact poses (1)-(4), nearest obstacle and no sign of its distance (7), a
+kink in the change (8), no limit for bends, clearances or speeds. Where the paper leaves a point
+open it is closed as for the planner (`docs/towing.md`); the code shares nothing with that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import scipy  # its parts are loaded at first use
+
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.towing.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.cable import Cable
+from tjscan.towing.effort import SHARES_AND_SLOPES
+from tjscan.towing.estimate import estimate_shape
+from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.planner import PlannerSettings, TowingPlanner
+from tjscan.towing.team import TowingTeam
+
+ITERATIONS: Final = 200
+"""Of SLSQP; the paper names none."""
+
+Scalar = Callable[[Array], tuple[float, Array]]
+Vector = Callable[[Array], tuple[Array, Array]]
+
+
+class PaperPlanner:
+    """The paper's method, a `plan.ShapePlanner`.
+
+    Parameters
+    ----------
+    cable : Cable
+    team : TowingTeam
+    area : Area
+    settings : PlannerSettings, optional
+        Weights and targets of it; its limits, its trust in poses and its pace are not the paper's.
+    """
+
+    def __init__(
+        self, cable: Cable, team: TowingTeam, area: Area, settings: PlannerSettings | None = None
+    ) -> None:
+        settings = settings or PlannerSettings()
+        self.cable, self.team = cable, team
+        self.settings = replace(settings, weights=replace(settings.weights, pace=0.0))
+        self._planner = TowingPlanner(cable, team, area, self.settings)
+        self._floor = Obstacles.of_area(area)
+
+    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+        """The planner's: the paper does not say how a tow begins."""
+        return self._planner.start(welder_pose, obstacles)
+
+    def plan(
+        self,
+        poses: Array,
+        welder_pose: Array,
+        *,
+        dt: float,
+        last: TowingPlan | None = None,
+        obstacles: Sequence[DiscObstacle] = (),
+        stopped: Collection[int] = (),
+    ) -> TowingPlan:
+        """Estimate by (1), then optimise by (5). See `plan.ShapePlanner`.
+
+        The period and vehicles that stand are nothing to the paper.
+        """
+        held = list(self.team.held_links)
+        known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+        guess = None if last is None else last.estimate
+        if guess is None:
+            guess = estimate_shape(self.cable, held, poses)
+        links = [held[m] for m in known]
+        estimate, count, failed = minimise(
+            lambda a: (float(a @ a), 2 * a),
+            self._constraint(links, np.asarray(poses)[known]),
+            guess,
+        )
+        floor = self._floor.with_discs(obstacles, 0.0)
+        angles, more, failed_too = minimise(
+            lambda a: self.objective(a, estimate, floor)[1:],
+            self._constraint(held[-1:], welder_pose[None]),
+            estimate,
+        )
+        link_poses = self.cable.poses(angles)
+        off = self._constraint(held[-1:], welder_pose[None])(angles)[0]
+        return TowingPlan(
+            readonly_copy(estimate),
+            readonly_copy(angles),
+            readonly_copy(link_poses),
+            readonly_copy(link_poses[held]),
+            self.objective(angles, estimate, floor)[0],
+            float(np.abs(off).max()),
+            (),
+            count + more,
+            "" if np.abs(off).max() < 1e-3 else f"SLSQP found no shape: {failed_too or failed}",
+        )
+
+    def objective(
+        self, angles: Array, estimate: Array, floor: Obstacles
+    ) -> tuple[PlanTerms, float, Array]:
+        """Terms of (5)-(8) over N, their sum, and its gradient, shape (N,)."""
+        weights, targets, n = self.settings.weights, self.settings.targets, self.cable.links
+        bend, by_bend = _rising(angles**2, targets.bend**2)
+        change, by_change = _rising(np.abs(angles - estimate)[1:], targets.change)
+        near, by_near = _falling_at(self.cable.poses(angles)[:, :2], floor, targets.distance)
+        terms = PlanTerms(
+            weights.bend / n * float(bend.sum()),
+            weights.obstacle / n * float(near.sum()),
+            weights.change / n * float(change.sum()),
+        )
+        gradient = weights.bend * by_bend * 2 * angles
+        gradient[1:] += weights.change * by_change * np.sign(angles - estimate)[1:]
+        gradient += weights.obstacle * self._by_angles(angles, by_near)
+        return terms, terms.total, gradient / n
+
+    def _by_angles(self, angles: Array, forces: Array) -> Array:
+        """Gradient by the angles of what changes with the links' places by `forces`, (N, 2)."""
+        phi = self.cable.headings(angles)
+        beyond = np.cumsum(forces[::-1], axis=0)[::-1]
+        by_heading = self.cable.link_length * (
+            np.cos(phi) * beyond[:, 1] - np.sin(phi) * beyond[:, 0]
+        )
+        return np.asarray(np.cumsum(by_heading[::-1])[::-1])
+
+    def _constraint(self, links: Sequence[int], poses: Array) -> Vector:
+        """(2)-(4), (10)-(12) in absolute form: where links are less where they must be."""
+
+        def off(angles: Array) -> tuple[Array, Array]:
+            at, rows = self.cable.poses(angles), []
+            values = at[links] - poses
+            values[:, 2] = (values[:, 2] + np.pi) % (2 * np.pi) - np.pi
+            line = self.cable.line(angles)
+            for link in links:
+                arm = np.where(np.arange(self.cable.links)[:, None] <= link, 1.0, 0.0) * (
+                    line[link + 1] - line[:-1]
+                )
+                rows += [-arm[:, 1], arm[:, 0], np.where(np.arange(len(at)) <= link, 1.0, 0.0)]
+            return values.ravel(), np.array(rows)
+
+        return off
+
+
+def minimise(f: Scalar, constraint: Vector, start: Array) -> tuple[Array, int, str]:
+    """Solution of SLSQP, its iterations, and why it failed if it did."""
+    found = scipy.optimize.minimize(  # type: ignore[call-overload]
+        f,
+        start,
+        jac=True,
+        method="SLSQP",
+        constraints={
+            "type": "eq",
+            "fun": lambda a: constraint(a)[0],
+            "jac": lambda a: constraint(a)[1],
+        },
+        options={"maxiter": ITERATIONS, "ftol": 1e-8},
+    )
+    return found.x, int(found.nit), "" if found.success else str(found.message)
+
+
+def _rising(f: Array, target: float) -> tuple[Array, Array]:
+    """(9) from 0 to 1, and its derivative."""
+    value, slope = np.zeros_like(f), np.zeros_like(f)
+    for share, steep in SHARES_AND_SLOPES:
+        t, zero = np.tanh(steep / target * (f - target)), np.tanh(steep)
+        value += share * (t + zero) / (1 + zero)
+        slope += share * steep / target * (1 - t**2) / (1 + zero)
+    return value, slope
+
+
+def _falling_at(points: Array, floor: Obstacles, target: float) -> tuple[Array, Array]:
+    """(7): ρ_d of the distance to the nearest wall, edge or disc; and by the points, (N, 2)."""
+    place = [points - (points @ wall[:2] - wall[2])[:, None] * wall[:2] for wall in floor.walls]
+    for polygon in floor.polygons:
+        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            place.append(a + t[:, None] * (b - a))
+    for disc in floor.discs:
+        away = points - disc[:2]
+        place.append(disc[:2] + disc[4] * away / np.linalg.norm(away, axis=1, keepdims=True))
+    apart = points[None] - np.array(place)
+    distance = np.linalg.norm(apart, axis=2)
+    nearest = distance.argmin(axis=0), np.arange(len(points))
+    d = distance[nearest]
+    value, slope = np.zeros_like(d), np.zeros_like(d)
+    for share, steep in SHARES_AND_SLOPES:
+        t = np.tanh(steep / target * (d - target))
+        value += share * (1 - t) / 2
+        slope -= share * steep / target * (1 - t**2) / 2
+    return value, slope[:, None] * apart[nearest] / np.maximum(d, 1e-9)[:, None]

@@ -1,0 +1,230 @@
+"""From the vehicles' poses to the next ones: estimate, optimise, refuse. Suzuki et al., IV-A."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.towing.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.cable import Cable
+from tjscan.towing.compiled import Indices
+from tjscan.towing.estimate import PoseTrust, estimate_shape
+from tjscan.towing.limited import optimise_limited
+from tjscan.towing.limits import KEPT, HardLimits
+from tjscan.towing.optimise import newton_shape
+from tjscan.towing.plan import TowingPlan
+from tjscan.towing.shape_problem import ShapeProblem
+from tjscan.towing.start_shape import start_shapes
+from tjscan.towing.team import TowingLimits, TowingTeam
+from tjscan.towing.weights import EffortTargets, TowingWeights
+
+MEETS: Final = 1e-6
+"""Metres and radians within which fixed links must have their poses."""
+
+BETWEEN: Final = 0.05
+"""Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
+
+ITERATIONS: Final = 60
+"""Of Newton's method; four or five are usual."""
+
+NO_HASTE: Final = 1e9
+"""Seconds: a start has no step before it."""
+
+NOWHERE: Final = (
+    "no shape of the cable was found that reaches the welder, bends within its limit and keeps its "
+    "clearances: move the root, the seam or the held links, or allow less clearance"
+)
+
+TOLERANCE: Final = 1e-4
+"""Largest entry of the Lagrangian's gradient at which it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerSettings:
+    """What the planner weighs and keeps.
+
+    Parameters
+    ----------
+    weights : TowingWeights
+    targets : EffortTargets
+    limits : TowingLimits
+    trust : PoseTrust
+        In the vehicles' poses.
+    look_ahead : float
+        Seconds of an obstacle's way that are kept free: delay and stopping time.
+    """
+
+    weights: TowingWeights = field(default_factory=TowingWeights)
+    targets: EffortTargets = field(default_factory=EffortTargets)
+    limits: TowingLimits = field(default_factory=TowingLimits)
+    trust: PoseTrust = field(default_factory=PoseTrust)
+    look_ahead: float = 1.0
+
+
+class TowingPlanner:
+    """The planner, a `plan.ShapePlanner`. It keeps nothing from one plan to the next.
+
+    Parameters
+    ----------
+    cable : Cable
+    team : TowingTeam
+    area : Area
+    settings : PlannerSettings, optional
+
+    Raises
+    ------
+    ValueError
+        The welder does not hold the last link.
+    """
+
+    def __init__(
+        self, cable: Cable, team: TowingTeam, area: Area, settings: PlannerSettings | None = None
+    ) -> None:
+        if team.held_links[-1] != cable.links - 1:
+            raise ValueError(
+                f"the last vehicle is the welder and holds link {cable.links - 1}, the last, "
+                f"not {team.held_links[-1]}"
+            )
+        self.cable, self.team, self.area = cable, team, area
+        self.settings = settings or PlannerSettings()
+        self._held = np.array(team.held_links, dtype=np.int64)
+        self._floor = Obstacles.of_area(area)
+
+    def plan(
+        self,
+        poses: Array,
+        welder_pose: Array,
+        *,
+        dt: float,
+        last: TowingPlan | None = None,
+        obstacles: Sequence[DiscObstacle] = (),
+        stopped: Collection[int] = (),
+    ) -> TowingPlan:
+        """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`."""
+        estimate = estimate_shape(
+            self.cable,
+            self.team.held_links,
+            poses,
+            last=None if last is None else last.estimate,
+            trust=self.settings.trust,
+        )
+        problem, limits = self.problem(estimate, welder_pose, dt, last, obstacles, stopped)
+        angles, iterations, pressed = np.empty(0), 0, np.empty((0, 0))
+        free = last is None or not last.limits
+        if free:
+            angles, iterations = optimise_freely(problem)
+            free = keeps_all(problem, limits, angles)
+        if not free:
+            shape = optimise_limited(problem, limits, estimate)
+            angles, pressed = shape.angles, shape.pressed
+            iterations += shape.iterations
+        pressed_words = tuple(limits.name(row) for row in pressed)
+        halt = self.objection(problem, limits, angles, estimate)
+        return describe(problem, self._held, angles, iterations, pressed_words, halt)
+
+    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+        """Best shape of many searches. See `plan.ShapePlanner`."""
+        resting = np.zeros(self.cable.links)
+        problem, limits = self.problem(resting, welder_pose, 1.0, None, obstacles)
+        problem = replace(problem, weights=replace(self.settings.weights, change=0.0, pace=0.0))
+        limits = replace(limits, period=NO_HASTE)
+        for shape in start_shapes(problem, limits, self.area, welder_pose):
+            begun = replace(problem, estimate=shape.angles)
+            if not self.objection(begun, limits, shape.angles, None):
+                return describe(begun, self._held, shape.angles, shape.iterations, (), "")
+        return describe(problem, self._held, resting, 0, (), NOWHERE)
+
+    def problem(
+        self,
+        estimate: Array,
+        welder_pose: Array,
+        dt: float,
+        last: TowingPlan | None = None,
+        obstacles: Sequence[DiscObstacle] = (),
+        stopped: Collection[int] = (),
+    ) -> tuple[ShapeProblem, HardLimits]:
+        """The problem of one period, and the limits that its solution must keep."""
+        s, now = self.settings, self.cable.poses(estimate)[self._held]
+        still = [m for m in sorted(stopped) if m != self.team.welder]
+        drives = [m for m in range(self.team.welder) if m not in still]
+        begins = now if last is None or last.halt else last.held_poses
+        floor = self._floor.with_discs(obstacles, s.look_ahead)
+        fixed = [*still, self.team.welder]
+        paced, begin = self._held[drives], begins[drives, :2].copy()
+        problem = ShapeProblem(
+            self.cable,
+            floor,
+            s.weights,
+            s.targets,
+            estimate,
+            self._held[fixed],
+            np.vstack((now[still], welder_pose)),
+            paced,
+            begin,
+            dt,
+        )
+        return problem, HardLimits(self.cable, self.team, s.limits, floor, paced, begin, dt)
+
+    def objection(
+        self, problem: ShapeProblem, limits: HardLimits, angles: Array, estimate: Array | None
+    ) -> str:
+        """Why a shape may not be sent, or nothing."""
+        off = float(np.abs(problem.constraint(angles)[0]).max())
+        rows = limits.rows(angles)
+        worst = float(rows[:, 0].min(initial=0.0))
+        if not worst > KEPT and not off > -worst:
+            return limits.words(rows[rows[:, 0].argmin()])
+        if not off < MEETS:
+            return (
+                f"the cable does not reach: it ends {1e3 * off:.3g} mm short of the welder or of "
+                "a vehicle that stands"
+            )
+        if estimate is None:
+            return ""
+        way = self.cable.poses(angles)[:, :2] - self.cable.poses(estimate)[:, :2]
+        steps = int(np.ceil(np.hypot(*way.T).max() / BETWEEN))
+        for k in range(1, steps):
+            between = limits.rows(estimate + k / steps * (angles - estimate))
+            if between[:, 0].min(initial=0.0) < -BETWEEN:
+                return "on the way there, " + limits.words(between[between[:, 0].argmin()])
+        return ""
+
+
+def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
+    """Solution without limits, from the estimate on; angles and iterations."""
+    angles = problem.estimate.copy()
+    iterations, _, _ = newton_shape(angles, ITERATIONS, TOLERANCE, *problem.arguments)
+    return angles, iterations
+
+
+def keeps_all(problem: ShapeProblem, limits: HardLimits, angles: Array) -> bool:
+    """Whether a shape has the poses it must have and keeps every limit."""
+    off = np.abs(problem.constraint(angles)[0]).max()
+    return bool(off < MEETS and limits.rows(angles)[:, 0].min(initial=0.0) > KEPT)
+
+
+def describe(
+    problem: ShapeProblem,
+    held: Indices,
+    angles: Array,
+    iterations: int,
+    limits: tuple[str, ...],
+    halt: str,
+) -> TowingPlan:
+    """The plan that a shape is."""
+    poses = problem.cable.poses(angles)
+    return TowingPlan(
+        readonly_copy(problem.estimate),
+        readonly_copy(angles),
+        readonly_copy(poses),
+        readonly_copy(poses[held]),
+        problem.terms(angles),
+        float(np.abs(problem.constraint(angles)[0]).max()),
+        limits,
+        iterations,
+        halt,
+    )
