@@ -94,10 +94,10 @@ class LoopbackProgram:
 
     def schedule_fault(self, line: str) -> None:
         """Schedule a fault, and wait until it is accepted."""
-        self._write(line)
+        self.write_line(line)
         self.wait_for_line(f"ordered {line}")
 
-    def _write(self, line: str) -> None:
+    def write_line(self, line: str) -> None:
         """Write a line to its stdin."""
         if self._process.stdin is not None:
             self._process.stdin.write(f"{line}\n")

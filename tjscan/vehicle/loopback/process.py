@@ -40,6 +40,6 @@ class VehicleLoopbackProcess(LoopbackProgram):
 
     def ask_for_truth(self) -> dict[str, Any]:
         """What is true of a tow, and was since it began; see `TowingBodies.tell_truth`."""
-        self._write(TRUTH)
+        self.write_line(TRUTH)
         told: dict[str, Any] = json.loads(self.wait_for_line(f"{TRUTH} ").removeprefix(f"{TRUTH} "))
         return told
