@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -79,10 +80,10 @@ def corners(run: Path) -> Array:
     return 1e3 * np.array([found[i].points_b for i in sorted(found)])
 
 
-def unbroken(run: Path) -> tuple[Array, float]:
+def unbroken(run: Path, options: Sequence[str] = JOB_OPTIONS) -> tuple[Array, float]:
     """Scan without a break; gives its corners, and the seconds that it took."""
     began = time.perf_counter()
-    code, told = finish(scan(*JOB_OPTIONS, "--out", run))
+    code, told = finish(scan(*options, "--out", run))
     if code:
         raise SystemExit(told)
     return corners(run), time.perf_counter() - began
@@ -101,11 +102,13 @@ def killed(run: Path, whole: Array, life: float, seed: int) -> Outcome | None:
     return go_on(run, whole)
 
 
-def go_on(run: Path, whole: Array) -> Outcome:
+def go_on(
+    run: Path, whole: Array, options: Sequence[str] = JOB_OPTIONS, *, same_mm: float = SAME_MM
+) -> Outcome:
     """Go on with a scan that was broken off, and hold it against the unbroken one."""
     before = {file: file.read_bytes() for file in recording_files(run) if file.exists()}
     begun = (run / JOB).exists()
-    again: list[Any] = ["--resume", run] if begun else [*JOB_OPTIONS, "--out", run]
+    again: list[Any] = ["--resume", run] if begun else [*options, "--out", run]
     code, told = finish(scan(*again, "--simulation.arm.realtime=false"))
     kept = all(file.read_bytes() == data for file, data in before.items())
     try:
@@ -114,7 +117,7 @@ def go_on(run: Path, whole: Array) -> Outcome:
         complete = bool(json.loads((run / "summary.json").read_text())["complete"])
     except (OSError, TjscanError) as error:
         return Outcome(False, kept, np.inf, f"{told}\n{error}")
-    right = code == 0 and complete and kept and apart <= SAME_MM
+    right = code == 0 and complete and kept and apart <= same_mm
     return Outcome(code == 0 and complete, kept, apart, "" if right else told)
 
 

@@ -175,7 +175,7 @@ def test_lost_packets_are_made_up_for(loopback: LaserLoopbackProcess) -> None:
     assert np.abs(first.z_s - true.z_s)[both].max() < 1e-3
 
 
-@pytest.mark.parametrize("fault", ["duplicate", "reorder", "late", "all-invalid"])
+@pytest.mark.parametrize("fault", ["duplicate", "reorder", "late", "buffered", "all-invalid"])
 def test_what_harms_no_profile_is_no_error(loopback: LaserLoopbackProcess, fault: str) -> None:
     with laser_at(loopback.host) as laser:
         loopback.schedule_fault(fault)

@@ -36,6 +36,12 @@ def test_numbers_that_are_none_are_missing_without_being_stated() -> None:
     np.testing.assert_array_equal(profile.valid, [True, False, False, False])
 
 
+def test_a_signalling_nan_is_missing_like_any_other() -> None:
+    raw = np.array([0x7F800001, 0x3F800000], dtype="<u4").tobytes()
+    profile = points(raw, "Coord3D_AC32f", Scan3dScales(AxisScale(1e-3), AxisScale(1e-3)))
+    assert not profile.valid.any()
+
+
 def test_points_beyond_the_limits_of_the_axes_are_missing() -> None:
     scales = Scan3dScales(AxisScale(1e-3, 0.0, -10, 10), AxisScale(1e-3, 0.5, 190, 290))
     raw = np.array([[0, 200], [11, 200], [0, 189], [0, 291]], dtype="<f4")

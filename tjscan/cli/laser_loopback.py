@@ -21,7 +21,7 @@ def laser_loopback(
 
     Its profiles are those of a job's simulated laser, or those of a recording, one after another.
     Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
-    duplicate, reorder, lose-leader, lose-trailer, late, stale, silent, taken, reboot,
+    duplicate, reorder, lose-leader, lose-trailer, late, stale, buffered, silent, taken, reboot,
     wrong-format, unit-pixel, missing-features or all-invalid; clear sets all right again.
 
     Parameters

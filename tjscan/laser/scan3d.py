@@ -159,7 +159,8 @@ def points(
             f"{len(raw)} bytes are no row of 1 to {MOST_POINTS} points in {pixel_format} "
             f"({layout.point_size} bytes each)"
         )
-    table = np.frombuffer(raw, dtype=layout.dtype).reshape(count, -1).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one like others
+        table = np.frombuffer(raw, dtype=layout.dtype).reshape(count, -1).astype(np.float64)
     raw_z = table[:, layout.components.index("C")]
     raw_x = table[:, 0] if layout.has_x else np.arange(count, dtype=np.float64)
     x, z = scales.x.coordinates(raw_x), scales.z.coordinates(raw_z)

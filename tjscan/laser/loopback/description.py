@@ -142,7 +142,7 @@ _UNSIGNED: Final = f"<Sign>Unsigned</Sign>{_BIG_ENDIAN}"
 
 def _value_register(name: str, address: int, access: str, size: int = 4) -> str:
     register = _register(address, size, access)
-    return f'<IntReg Name="{name}Value">{register}{_UNSIGNED}</IntReg>'
+    return f'<IntReg Name="{name}Register">{register}{_UNSIGNED}</IntReg>'
 
 
 def _standard(kind: str, name: str, inner: str) -> str:
@@ -159,7 +159,7 @@ def _integer(
     size: int = 4,
 ) -> Feature:
     bounds = "" if low is None else f"<Min>{low}</Min><Max>{high}</Max>"
-    node = _standard("Integer", name, f"<pValue>{name}Value</pValue>{bounds}")
+    node = _standard("Integer", name, f"<pValue>{name}Register</pValue>{bounds}")
     return name, node + _value_register(name, address, access, size)
 
 
@@ -170,17 +170,17 @@ def _enumeration(
         f'<EnumEntry Name="{entry}" NameSpace="Standard"><Value>{value}</Value></EnumEntry>'
         for entry, value in entries.items()
     )
-    node = _standard("Enumeration", name, f"{listed}<pValue>{name}Value</pValue>")
+    node = _standard("Enumeration", name, f"{listed}<pValue>{name}Register</pValue>")
     return name, node + _value_register(name, address, access)
 
 
 def _boolean(name: str, address: int) -> Feature:
-    inner = f"<pValue>{name}Value</pValue><OnValue>1</OnValue><OffValue>0</OffValue>"
+    inner = f"<pValue>{name}Register</pValue><OnValue>1</OnValue><OffValue>0</OffValue>"
     return name, _standard("Boolean", name, inner) + _value_register(name, address, "RW")
 
 
 def _command(name: str, address: int, value: int = 1) -> Feature:
-    inner = f"<pValue>{name}Value</pValue><CommandValue>{value}</CommandValue>"
+    inner = f"<pValue>{name}Register</pValue><CommandValue>{value}</CommandValue>"
     return name, _standard("Command", name, inner) + _value_register(name, address, "WO")
 
 
@@ -189,20 +189,22 @@ def _text(name: str, address: int, size: int = 32) -> Feature:
 
 
 def _float(name: str, address: int, *, low: float, high: float) -> Feature:
-    inner = f"<pValue>{name}Value</pValue><Min>{low}</Min><Max>{high}</Max>"
-    register = f'<FloatReg Name="{name}Value">{_register(address, 8, "RW")}{_BIG_ENDIAN}</FloatReg>'
+    inner = f"<pValue>{name}Register</pValue><Min>{low}</Min><Max>{high}</Max>"
+    register = (
+        f'<FloatReg Name="{name}Register">{_register(address, 8, "RW")}{_BIG_ENDIAN}</FloatReg>'
+    )
     return name, _standard("Float", name, inner) + register
 
 
 def _selected(name: str, address: int) -> Feature:
     """A number of the coordinate that is selected."""
-    index = '<pIndex Offset="8">Scan3dCoordinateSelectorValue</pIndex>'
+    index = '<pIndex Offset="8">Scan3dCoordinateSelectorRegister</pIndex>'
     register = _register(address, 8, "RO", index)
-    node = _standard("Float", name, f"<pValue>{name}Value</pValue>")
-    return name, f'{node}<FloatReg Name="{name}Value">{register}{_BIG_ENDIAN}</FloatReg>'
+    node = _standard("Float", name, f"<pValue>{name}Register</pValue>")
+    return name, f'{node}<FloatReg Name="{name}Register">{register}{_BIG_ENDIAN}</FloatReg>'
 
 
 def _chunk(name: str) -> Feature:
     register = _register(0, 8, "RO", port=f"{name}Port")
-    inner = f'<IntReg Name="{name}Value">{register}{_UNSIGNED}</IntReg>'
-    return name, _standard("Integer", name, f"<pValue>{name}Value</pValue>") + inner
+    inner = f'<IntReg Name="{name}Register">{register}{_UNSIGNED}</IntReg>'
+    return name, _standard("Integer", name, f"<pValue>{name}Register</pValue>") + inner

@@ -18,6 +18,7 @@ class LaserFaultOrder(StrEnum):
     LOSE_TRAILER = "lose-trailer"
     LATE = "late"
     STALE = "stale"
+    BUFFERED = "buffered"
     SILENT = "silent"
     TAKEN = "taken"
     REBOOT = "reboot"

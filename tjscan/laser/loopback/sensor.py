@@ -241,12 +241,19 @@ class LoopbackSensor:
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)
             profile = Profile(nothing, nothing)
-        exposed = _ticks(now), rows * encode_profile(profile, layout)
-        if LaserFaultOrder.STALE not in self.faults:
-            self._before = exposed
-        elif self._before is None:
-            self._before = _ticks(now - STALE), exposed[1]
-        time, data = self._before or exposed
+        before, exposed = self._before, (_ticks(now), rows * encode_profile(profile, layout))
+        if LaserFaultOrder.STALE in self.faults:
+            before = before or (_ticks(now - STALE), exposed[1])
+            self._send(*before, now)
+        else:
+            if LaserFaultOrder.BUFFERED in self.faults and before is not None:
+                self._send(*before, now)
+            self._send(*exposed, now)
+            before = exposed
+        self._before = before
+
+    def _send(self, time: int, data: bytes, now: float) -> None:
+        layout, rows = format_of(self._memory), rows_of(self._memory)
         wrong = LaserFaultOrder.WRONG_FORMAT in self.faults
         self._block = self._block % 0xFFFF + 1
         numbers, chunks = features.CHUNKS, []
