@@ -278,6 +278,8 @@ def test_a_scancontrol_has_the_same_transport_and_a_payload_of_its_own(
     table = {"address": loopback.host, "model": "2600-100", "registers": {"0xA024": 1}}
     with ScanControlLaser(validate_table(ScanControlSettings, table), time.monotonic) as laser:
         assert laser.identity.serial == "1"
+        described = laser.describe()
+        assert (described.near, described.far) == pytest.approx((0.0862, 0.4138), abs=1e-4)
         with pytest.raises(ProfileFormatRefused, match=r"laser\.scancontrol"):
             laser.capture()
 

@@ -40,11 +40,11 @@ from tjscan.laser.genicam.messages import (
 )
 from tjscan.laser.genicam.settings import FeatureValue
 
-DISCOVERY_MS: Final = 300
-"""Milliseconds to wait for lasers to answer a broadcast."""
+DISCOVERY_MS: Final = (100, 300, 900)
+"""Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
 
-DISCOVERIES: Final = 3
-"""Broadcasts until a laser that does not answer is given up: a datagram may get lost."""
+Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
+"""
 
 IN_USE_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
@@ -214,8 +214,8 @@ class GenicamClient:
     def _open(self, address: str | None, serial: str | None) -> str:
         """Find and control the laser; gives its address."""
         seen: dict[str, str] = {}
-        for _ in range(DISCOVERIES):
-            for info in viva_genicam.discover(timeout_ms=DISCOVERY_MS, all=True):
+        for patience in DISCOVERY_MS:
+            for info in viva_genicam.discover(timeout_ms=patience, all=True):
                 seen[info.ip] = f"{info.manufacturer} {info.model} at {info.ip}"
                 # Which laser it is that has the address is judged later.
                 if info.ip == address or (address is None and _serial_of(info) == serial):

@@ -155,6 +155,29 @@ class GigeLaser(ABC):
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         """The profile in a block, of this time on the cell's clock."""
 
+    def _link(self, size: int) -> str:
+        """Its link in words, where a profile takes so many bytes."""
+        laser = self.connected
+        clock = (
+            "its clock can be read"
+            if laser.latches
+            else "its clock can't be read, so that it starts anew for each profile"
+        )
+        count = -(-size // max(laser.packet_size, 1))
+        return (
+            f"{laser.address}, about {count} packets of at most {laser.packet_size} bytes a "
+            f"profile, {clock}"
+        )
+
+    def _advice(self) -> str:
+        """What the job should state."""
+        if self._gige.serial is not None:
+            return ""
+        return (
+            f'state serial = "{self.identity.serial}" in the job, so that its calibration holds '
+            "for this laser alone"
+        )
+
     @property
     def _client(self) -> GenicamProcess:
         if self._process is None:

@@ -42,12 +42,6 @@ class GenicamLaser(GigeLaser):
         """Describe the laser and its link; raises as `connected` does."""
         laser, scales, table = self.connected, self.scales, self.settings
         layout = FORMATS[laser.pixel_format]
-        pieces = -(-layout.point_size * laser.columns * laser.rows // laser.packet_size)
-        clock = (
-            "its clock can be read"
-            if laser.latches
-            else "its clock can't be read, so it starts anew for each profile"
-        )
         axes = ", ".join(
             f"{name} = {1e3 * axis.scale:.6g} mm * raw {1e3 * axis.offset:+.6g} mm"
             for name, axis in (("x", scales.x), ("z", scales.z))
@@ -55,16 +49,12 @@ class GenicamLaser(GigeLaser):
         stated = "as the laser states" if table.scale is None else "as the job states"
         ends = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
         return LaserDescription(
-            link=f"{laser.address}, about {pieces} packets of at most {laser.packet_size} bytes a "
-            f"profile, {clock}",
+            link=self._link(layout.point_size * laser.columns * laser.rows),
             format=f"{laser.pixel_format}, {laser.columns} points, rows: {laser.rows}, {axes}, "
             f"{stated}",
             near=min(ends),
             far=max(ends),
-            advice=""
-            if table.serial is not None
-            else f'state serial = "{laser.identity.serial}" in the job, so that its calibration '
-            "holds for this laser alone",
+            advice=self._advice(),
         )
 
     def _setup(self) -> StreamSetup:

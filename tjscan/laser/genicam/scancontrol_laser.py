@@ -7,9 +7,12 @@ from collections.abc import Callable
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
 from tjscan.laser.genicam.settings import ScanControlSettings
+from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
+    GREATEST,
     SCALES,
+    ZERO,
     ScanControlLayout,
     ScanControlScale,
     parse_scancontrol,
@@ -51,6 +54,20 @@ class ScanControlLaser(GigeLaser):
         if table.scale is not None and table.offset is not None:
             return ScanControlScale(table.scale, table.offset)
         return SCALES[str(table.model)]
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser and its link; raises as `connected` does."""
+        table, scale = self.settings, self.scale
+        raw = (GREATEST - 1, 0) if table.flip_z else (1, GREATEST)  # 0 as sent is no point
+        near, far = (scale.scale * (end - ZERO) + scale.offset for end in sorted(raw))
+        return LaserDescription(
+            link=self._link(self._layout.row_bytes),
+            format=f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a "
+            f"count about x 0 and z {1e3 * scale.offset:g} mm, as the job states",
+            near=near,
+            far=far,
+            advice=self._advice(),
+        )
 
     def _setup(self) -> StreamSetup:
         registers = {int(at, 16): value for at, value in self.settings.registers.items()}
