@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tjscan.core.errors import LaserFault
+from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
 from tjscan.laser.genicam.scales import scales_of_laser
@@ -72,4 +72,9 @@ class GenicamLaser(GigeLaser):
 
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         row = FORMATS[block.pixel_format].point_size * block.columns
+        if len(block.data) < row:
+            raise ProfileFormatRefused(
+                f"a block of {len(block.data)} bytes holds no {block.columns} points in "
+                f"{block.pixel_format}"
+            )
         return points(block.data[:row], block.pixel_format, self.scales, time, uncertainty)

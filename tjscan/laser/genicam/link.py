@@ -43,7 +43,7 @@ class GenicamProcess:
         return self._process.pid
 
     def call(self, kind: type[T], name: str, *, limit: float, **arguments: object) -> T:
-        """Call a method of `client.GenicamClient` in its process, and return what it returns.
+        """Call a method of `camera.GenicamClient` in its process, and return what it returns.
 
         Parameters
         ----------
