@@ -21,6 +21,7 @@ from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
+from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.paper_joint import read_joint_as_paper
 from tjscan.groove.registration import JointPlacement, ReferenceProfile
 from tjscan.groove.tracking import JointTracker
@@ -43,6 +44,9 @@ STEP: Final = 0.2e-3
 STATION: Final = 25
 """Profiles for which one reference stands: 5 mm of the joint."""
 
+WAY: Final = 250
+"""Profiles of each way where it is remembered: 50 mm of the joint."""
+
 WRONG: Final = 0.5e-3
 """An error that would be seen on the weld, in metres."""
 
@@ -52,6 +56,11 @@ FILLED: Final = (
     WeldBead(level=15e-3, crown=0.8e-3, left=0.1),
 )
 CAP: Final = (*FILLED, WeldBead(level=20e-3, crown=2e-3, left=-1.1, right=1.1))
+TEN_PASSES: Final = tuple(
+    WeldBead(level=1e-3 * level, crown=0.5e-3)
+    for level in (3, 6, 9, 11, 13, 15, 16.5, 17.5, 18.5, 20)
+)
+"""Beads of a joint that is filled in ten passes; under the last one lies 18.5 mm of weld."""
 
 
 @dataclass
@@ -178,6 +187,39 @@ def fit_up_rows() -> list[Row]:
     return rows
 
 
+def remembered_rows() -> list[Row]:
+    """Ten passes: back over what was welded without arc, then forward under it."""
+    rows = []
+    for arc, least in ((0.2, 95), (0.4, 90)):
+        joint = HullJoint(beads=TEN_PASSES, ripple=0.1e-3)
+        reader, watch = RememberingTracker(), Stopwatch()
+        gc.disable()
+        for passes in range(len(TEN_PASSES)):
+            back = list(views(joint, passes, SectionLaserModel(), passes, WAY))
+            forward = list(views(joint, passes, SectionLaserModel(arc=arc), 100 + passes, WAY))
+            tally = Tally()
+            for way, ahead in (
+                (reversed(list(enumerate(back))), False),
+                (enumerate(forward), True),
+            ):
+                for k, (profile, truth, _) in way:
+                    reading = None
+                    with watch, suppress(GrooveNotFound):
+                        reading = reader.read(profile, STEP * k)
+                    tally.total += ahead
+                    if ahead and reading is not None:
+                        tally.errors.append(reading.centre - float(truth[0]))
+                        tally.sigmas.append(reading.centre_sigma)
+            if passes in (6, 9):
+                name = f"filled to {passes} of 10 passes, {100 * arc:g} % arc, remembered"
+                rows.append(tally.sd(name, 0.05))
+                rows.append(Row(f"{name}: read of {tally.total}", tally.read, 100, "%", least))
+        gc.enable()
+        name = f"ten passes, {100 * arc:g} % arc, remembered: time, 99 %"
+        rows.append(watch.row(name, lambda taken: float(np.percentile(taken, 99)), 4))
+    return rows
+
+
 def fill_rows() -> list[Row]:
     rows = []
     for name, arc, passes, limit, least, reference in (
@@ -243,7 +285,14 @@ def paper_rows() -> list[Row]:
 
 
 def measure() -> list[Row]:
-    return [*arc_rows(), *fit_up_rows(), *fill_rows(), *refusal_rows(), *paper_rows()]
+    return [
+        *arc_rows(),
+        *fit_up_rows(),
+        *fill_rows(),
+        *remembered_rows(),
+        *refusal_rows(),
+        *paper_rows(),
+    ]
 
 
 if __name__ == "__main__":

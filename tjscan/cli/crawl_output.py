@@ -106,7 +106,9 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     for name, value, sigma in found.rows:
         add_text_row(table, name, value, sigma)
     stderr.print(table)
-    print_message(f'a job takes it with: calibration = "{directory / "calibration.toml"}"')
+    print_message(
+        f'a job takes it with: calibration = "{directory.resolve() / "calibration.toml"}"'
+    )
 
 
 def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:

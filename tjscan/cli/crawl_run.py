@@ -13,6 +13,7 @@ def crawl_run(
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
     method: str | None = None,
+    calibration: Path | None = None,
     resume: bool = False,
     overlap: float = 20.0,
     json: bool = False,
@@ -31,6 +32,8 @@ def crawl_run(
         The run directory to make; ``runs/JOB-DATE`` where left out.
     method
         How to follow the joint: slip-aware, or paper for that of Kermorgant (2018) as printed.
+    calibration
+        What ``tjscan crawl calibrate`` learned; that of the job where left out.
     resume
         Go on with a crawl that was stopped.
     overlap
@@ -43,6 +46,8 @@ def crawl_run(
     from tjscan.job.crawl_reading import read_crawl_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
+    if calibration is not None:
+        keys["calibration"] = str(calibration.resolve())
     file = job / "job.toml" if resume else job
     parsed = read_crawl_job(file, keys)
     if resume and (out is not None or keys):

@@ -50,7 +50,7 @@ def crawl_chapter(directory: Path) -> ReportChapter:
 
 def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
     yield "joint", job.weld.joint
-    yield "vehicle", f"{job.vehicle.device_id} ({job.vehicle.driver}), followed by {job.method}"
+    yield "vehicle", f"{job.vehicle.device_id} ({job.vehicle.driver}); method: {job.method}"
     yield "welder, procedure", f"{job.weld.welder}, {job.weld.procedure}"
     for one in found.passes:
         yield (
@@ -70,7 +70,7 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
         yield f"{missing} of {len(job.passes)} passes are not welded."
     replays = [event.detail for event in found.events if event.name == REPLAY]
     if replays:
-        yield f"A replay, {replays[0]}: what the method {job.method} would have believed."
+        yield f"A replay, {replays[0]}: what the {job.method} method would have believed."
     for event in found.events:
         if event.name == Phase.STOP:
             yield f"It was stopped: {event.detail}"
@@ -101,7 +101,7 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             "over the hull / mm",
             1e3 * GRID,
             1e3 * height,
-            line=f"after {number} passes",
+            line=f"after pass {number}" if number else "before welding",
         )
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
     known = [(time, slip) for time, slip in slips if slip is not None]
