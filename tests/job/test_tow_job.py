@@ -58,3 +58,16 @@ def test_a_pillar_on_the_seam_is_refused_with_where() -> None:
     with pytest.raises(ConfigurationError, match="3900 mm from its beginning") as refused:
         make_job(area={**SQUARE, "holes_mm": [pillar]}, seam=seam)
     assert refused.value.key == "area.holes_mm"
+
+
+def test_a_corridor_that_no_vehicle_passes_is_refused_with_its_width() -> None:
+    # Two rooms, and a corridor of 300 mm between them that is longer than a piece of cable.
+    rooms = [
+        [0, -500], [1500, -500], [1500, -150], [3500, -150], [3500, -1000], [5000, -1000],
+        [5000, 1000], [3500, 1000], [3500, 150], [1500, 150], [1500, 500], [0, 500],
+    ]  # fmt: skip
+    seam = {"points_mm": [[4800, -900], [4800, 900]]}
+    with pytest.raises(ConfigurationError, match=r"300 mm wide at most, and need 340") as refused:
+        make_job(area={"outline_mm": rooms}, seam=seam)
+    assert refused.value.key == "area.outline_mm"
+    assert make_job(area={"outline_mm": rooms}, seam=seam, vehicles={"radius_mm": 120})

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
@@ -48,19 +47,19 @@ def make_planner(job: TowJob) -> ShapePlanner:
     """
     known = job.localisation
     try:
-        planner, estimate = (import_module(f"tjscan.towing.{n}") for n in ("planner", "estimate"))
-        paper = import_module("tjscan.towing.paper_planner") if job.method == "paper" else None
+        from tjscan.towing.estimate import PoseTrust
+        from tjscan.towing.paper_planner import PaperPlanner
+        from tjscan.towing.planner import PlannerSettings, TowingPlanner
     except ModuleNotFoundError as error:
         raise _missing(error, "method") from error
-    settings = planner.PlannerSettings(
+    settings = PlannerSettings(
         job.objective_weights,
         job.effort_targets,
         job.hard_limits,
-        estimate.PoseTrust(known.position_sigma, known.heading_sigma),
+        PoseTrust(known.position_sigma, known.heading_sigma),
     )
-    kind = planner.TowingPlanner if paper is None else paper.PaperPlanner
-    made: ShapePlanner = kind(job.chain, job.team, job.floor, settings)
-    return made
+    kind = PaperPlanner if job.method == "paper" else TowingPlanner
+    return kind(job.chain, job.team, job.floor, settings)
 
 
 class ConnectedTeam(Team, Protocol):

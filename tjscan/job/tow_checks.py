@@ -15,6 +15,9 @@ from tjscan.towing.tables import Point
 if TYPE_CHECKING:
     from tjscan.job.tow_job import TowJob
 
+SAMPLE: Final = 0.1
+"""Metres of seam from one place that is looked at to the next."""
+
 ON_EDGE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
@@ -64,6 +67,63 @@ def check_tow_geometry(job: TowJob) -> None:
             f"{1e3 * off:.0f} mm outside",
             key="seam.points_mm",
         )
+
+
+def check_corridor(job: TowJob) -> None:
+    """Refuse a floor too narrow for the vehicles somewhere between root and seam.
+
+    A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
+    vehicles count as joined where the longest piece reaches from one to the other.
+
+    Raises
+    ------
+    ConfigurationError
+        With what they need, and how much there is.
+    """
+    radius = job.vehicles.radius + job.limits.vehicle_clearance
+    if _is_passable(job, radius):
+        return
+    low, high = 0.0, radius
+    while high - low > 1e-4:
+        middle = (low + high) / 2
+        low, high = (middle, high) if _is_passable(job, middle) else (low, middle)
+    raise ConfigurationError(
+        f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
+        f"{2e3 * radius:.0f} mm: two radii, and limits.vehicle_clearance_mm on either side",
+        key="area.outline_mm",
+    )
+
+
+def _is_passable(job: TowJob, radius: float) -> bool:
+    """Whether bodies of a radius may stand one after the other from the root to all the seam."""
+    from shapely import Point as ShapelyPoint
+    from shapely import Polygon, get_parts
+
+    standing = [ShapelyPoint(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
+    floor: Any = Polygon(job.area.outline, job.area.holes)
+    for one in standing:
+        floor = floor.difference(one)
+    places = list(get_parts(floor.buffer(-radius)))
+    pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
+    if len(pieces) < 2 or not places:
+        return bool(places)
+    root = ShapelyPoint(job.root.position)
+    reached = {k for k, place in enumerate(places) if place.distance(root) <= pieces[0]}
+    while True:
+        more = {
+            k
+            for k, place in enumerate(places)
+            if any(place.distance(places[n]) <= pieces[1:-1].max(initial=0.0) for n in reached)
+        } - reached
+        if not more:
+            break
+        reached |= more
+    seam = Seam(job.seam)
+    samples = np.linspace(0, seam.length, 1 + int(seam.length / SAMPLE))
+    return all(
+        any(places[k].distance(ShapelyPoint(seam.path.point_at(s))) <= pieces[-1] for k in reached)
+        for s in samples
+    )
 
 
 def check_held_links(job: TowJob) -> None:
@@ -128,4 +188,4 @@ def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
 
 
 def _mm(point: Sequence[float]) -> str:
-    return f"({1e3 * point[0]:.0f}, {1e3 * point[1]:.0f})"
+    return f"({1e3 * point[0]:.6g}, {1e3 * point[1]:.6g})"

@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.job.devices import DeviceSettings
-from tjscan.job.tow_checks import check_held_links, check_tow_geometry
+from tjscan.job.tow_checks import check_corridor, check_held_links, check_tow_geometry
 from tjscan.job.tow_world import TowSimulationSettings
 from tjscan.towing.area import Area
 from tjscan.towing.cable import Cable
@@ -116,6 +116,7 @@ class TowJob(StrictFileModel):
                 key="seam.speed_mm_min",
             )
         check_tow_geometry(self)
+        check_corridor(self)
         return self
 
     @property

@@ -93,7 +93,7 @@ class TowFigures:
     body_clearance_mm: float = nan
     passer_by_mm: float = nan
     vehicle_gap_mm: float = nan
-    touches: int = 0
+    touches: int | None = None
 
     @property
     def as_numbers(self) -> dict[str, float | int | bool | None]:

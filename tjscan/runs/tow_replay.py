@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.job.tow_cell import make_planner
+from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
@@ -77,7 +77,8 @@ def replay_tow(
     origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
-    seam, last = Seam(context.job.seam), None
+    seam = Seam(context.job.seam)
+    last = planner.start(seam.pose_at(0.0), standing_obstacles(context.job))  # as the tow began
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
@@ -92,9 +93,7 @@ def replay_tow(
     finished(out)
 
 
-def _planned_anew(
-    cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan | None
-) -> TowCycle:
+def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
     plan = planner.plan(

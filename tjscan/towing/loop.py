@@ -116,7 +116,7 @@ class CableTow:
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
         self._checks = [StandstillCheck() for _ in range(count)]
-        self._along = 0.0
+        self._along = self._due = 0.0
         self._stood = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
@@ -145,6 +145,7 @@ class CableTow:
         """
         self._along, self._began, self._last = along, host.process_time(), last
         with self._stopped_by_errors():
+            self._due = self._team.time
             estimate = self._wait_for_poses()
             self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
             while not self._finished:
@@ -195,12 +196,15 @@ class CableTow:
 
     def _see(self) -> TeamEstimate:
         """Let a period pass with the vehicles driving as told, and take in what was measured."""
-        self._states = self._team.advance_to(self._team.time + PERIOD)
+        before, due = self._team.time, self._due + PERIOD
+        self._states = self._team.advance_to(due)
         self._measured = self._localisation.read()
+        now = self._team.time
+        self._due = due if now < due + PERIOD else now  # what was missed is not made up for
         odometry = [
             state.odometry if isinstance(state, VehicleState) else REST for state in self._states
         ]
-        return self._poses.update(self._team.time, PERIOD, odometry, self._measured)
+        return self._poses.update(now, now - before, odometry, self._measured)
 
     def _cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and tell the vehicles where to go."""
@@ -304,34 +308,38 @@ class CableTow:
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
         """Why the welder must stand, whatever the plan says."""
+        gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
+        if gone:
+            return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
         lost = self._poses.lost(estimate)
         if lost:
             v, why = next(iter(lost.items()))
             return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
-        gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
-        if gone:
-            return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
         welder = len(self._followers) - 1
         if welder in self._stopped:
             why = _fault_of(self._states[welder]) or "it does not move"
             return Waiting(f"the welder stands: {why}", device=True)
-        if self._stopped and self._pace(estimate) == 0:
+        share, standing = self._tautest(estimate)
+        if share >= TAUT:
             return Waiting(
-                f"vehicle {self._stopped[0] + 1} stands, and the cable beside it is taut",
-                device=True,
+                f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
             )
         return None
 
-    def _pace(self, estimate: TeamEstimate) -> float:
-        """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
+    def _tautest(self, estimate: TeamEstimate) -> tuple[float, int]:
+        """Largest chord of a piece beside a standing vehicle, over its length, and which one."""
         held = np.array(self._setting.team.held_links)
         lengths = self._setting.cable.link_length * np.diff(held, prepend=-1)
         places = np.vstack((self._setting.cable.root[:2], estimate.poses[:, :2]))
         steps = np.diff(places, axis=0)
         shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
-        beside = [k for v in self._stopped for k in (v, v + 1) if k < len(held)]
-        worst = max((shares[k] for k in beside), default=0.0)
-        return float(np.clip((TAUT - worst) / (TAUT - SLACK), 0.0, 1.0))
+        beside = [(float(shares[k]), v) for v in self._stopped for k in (v, v + 1) if k < len(held)]
+        return max(beside, default=(0.0, 0))
+
+    def _pace(self, estimate: TeamEstimate) -> float:
+        """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
+        share, _ = self._tautest(estimate)
+        return float(np.clip((TAUT - share) / (TAUT - SLACK), 0.0, 1.0))
 
     def _wait(self, now: float, waiting: Waiting | None) -> None:
         """Report that the welder waits, or goes on; give up when it has waited for too long."""

@@ -52,8 +52,10 @@ class StandstillCheck:
             self._since = None
             self._way.clear()
         self._way.append((time, float(pose[0]), float(pose[1]), asked))
-        while time - self._way[0][0] > WINDOW:
+        while len(self._way) > 1 and time - self._way[1][0] >= WINDOW:
             self._way.popleft()
+        if time - self._way[0][0] < WINDOW:
+            return False
         total = sum(way for *_, way in self._way)
         moved = hypot(pose[0] - self._way[0][1], pose[1] - self._way[0][2])
         if total > ASKED and moved < SHARE * total:
