@@ -11,7 +11,7 @@ from command import tjscan
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ArmNotConnected, ConfigurationError
 from tjscan.laser.loopback import description as features
 from tjscan.laser.loopback import memory as registers
 from tjscan.laser.loopback.coding import STEP_MM, X_OFFSET_MM, encode_profile
@@ -252,6 +252,22 @@ def test_a_full_buffer_gives_the_profile_before_once_more_and_then_its_own(
     packets = client.trigger()
     times = [LEADER.unpack_from(one, PACKET.size)[2] for one in packets if one[4] == 1]
     assert times == [first, 11_000_000_000]
+
+
+def test_without_a_pose_there_is_no_profile_and_it_goes_on() -> None:
+    told: list[str] = []
+    poses = iter([profile, fail, profile])
+    sensor = LoopbackSensor(
+        "127.0.0.4", "7", COLUMNS, lambda: next(poses)(), lambda: None, told.append
+    )
+    client = Client(sensor)
+    client.start()
+    assert [bool(client.trigger()) for _ in range(3)] == [True, False, True]
+    assert any("no profile: the arm is gone" in line for line in told)
+
+
+def fail() -> Profile:
+    raise ArmNotConnected("the arm is gone")
 
 
 def test_a_restart_takes_a_moment_and_brings_another_serial_number(client: Client) -> None:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import TjscanError
 from tjscan.laser.loopback import description as features
 from tjscan.laser.loopback import memory as registers
 from tjscan.laser.loopback.coding import encode_profile
@@ -237,7 +238,12 @@ class LoopbackSensor:
         return self._memory.get(registers.STREAM_PACKET_SIZE) & 0xFFFF
 
     def _expose(self, now: float) -> None:
-        layout, rows, profile = format_of(self._memory), rows_of(self._memory), self.expose()
+        layout, rows = format_of(self._memory), rows_of(self._memory)
+        try:
+            profile = self.expose()
+        except TjscanError as error:  # the arm that carries it does not say where it stands
+            self.tell(f"no profile: {error}")
+            return
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)
             profile = Profile(nothing, nothing)
