@@ -15,7 +15,7 @@ from tjscan.towing.estimate import estimate_shape
 from tjscan.towing.limited import optimise_limited
 from tjscan.towing.paper_planner import PaperPlanner
 from tjscan.towing.plan import TowingPlan
-from tjscan.towing.planner import PlannerSettings, TowingPlanner, describe, optimise_freely
+from tjscan.towing.planner import CheckedShape, PlannerSettings, TowingPlanner, optimise_freely
 from tjscan.towing.team import TowingLimits, TowingTeam
 from tjscan.towing.weights import TowingWeights
 
@@ -37,7 +37,9 @@ def begun() -> TowingPlan:
     problem, _ = ours.problem(start, WELDER, 1.0)
     problem = replace(problem, weights=TowingWeights(change=0, pace=0))
     angles, _ = optimise_freely(problem)
-    plan = describe(problem, np.array(HELD), angles, 0, (), "")
+    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan(
+        np.array(HELD), 0
+    )
     for _ in range(20):
         plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan)
     assert not plan.halt
@@ -135,7 +137,8 @@ def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
     plan = planner().plan(
         begun.held_poses, WELDER, dt=0.1, last=begun, obstacles=[DiscObstacle(x, y, 0.3)]
     )
-    assert "further than it can" in plan.halt
+    # It can neither stay nor be away in time: both are missed alike.
+    assert "further than it can" in plan.halt or "too near" in plan.halt
 
 
 def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
@@ -184,6 +187,13 @@ def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> Non
     poses[1:3] = np.nan
     shape = estimate_shape(CABLE, HELD, poses, last=begun.angles)
     assert np.hypot(*(CABLE.poses(shape) - begun.link_poses)[:, :2].T).max() < 0.05
+
+
+def test_what_is_no_number_is_refused(begun: TowingPlan) -> None:
+    with pytest.raises(ValueError, match="no plan"):
+        planner().plan(begun.held_poses, WELDER * np.nan, dt=0.1, last=begun)
+    with pytest.raises(ValueError, match="must be where numbers say"):
+        DiscObstacle(np.nan, 0.0, 0.1)
 
 
 def test_the_welder_holds_the_tip() -> None:

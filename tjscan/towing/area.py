@@ -50,12 +50,21 @@ class DiscObstacle:
         Metres.
     velocity : tuple of float
         Along x and y, m/s.
+
+    Raises
+    ------
+    ValueError
+        What is no number: a planner would look for a way round it for ever.
     """
 
     x: float
     y: float
     radius: float
     velocity: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not np.isfinite((self.x, self.y, self.radius, *self.velocity)).all():
+            raise ValueError(f"an obstacle must be where numbers say: {self}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

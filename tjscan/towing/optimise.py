@@ -56,7 +56,7 @@ def newton_shape(
         Iterations.
     tolerance : float
         Largest entry of the Lagrangian's gradient at which the search ends. It ends too where a
-        step promises to gain less than 1e-7 of the objective.
+        step promises to gain less than 1e-6 of the objective.
 
     Returns
     -------
@@ -128,5 +128,5 @@ def newton_shape(
         angles[:] = trial
         c[:] = after_c
         rows[:] = after_rows
-        done = -slope < 1e-7 * max(1.0, abs(f)) and violation < 1e-6
+        done = -slope < 1e-6 * max(1.0, abs(f)) and (m == 0 or np.abs(c).max() < 1e-8)
     return iteration, residual, violation

@@ -104,7 +104,15 @@ class TowingPlanner:
         obstacles: Sequence[DiscObstacle] = (),
         stopped: Collection[int] = (),
     ) -> TowingPlan:
-        """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`."""
+        """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
+
+        Raises
+        ------
+        ValueError
+            A pose of the welder or a period that is no number.
+        """
+        if not (np.isfinite(welder_pose).all() and np.isfinite(dt) and dt > 0):
+            raise ValueError(f"no plan for a welder at {welder_pose} in {dt} s")
         estimate = estimate_shape(
             self.cable,
             self.team.held_links,
@@ -113,18 +121,17 @@ class TowingPlanner:
             trust=self.settings.trust,
         )
         problem, limits = self.problem(estimate, welder_pose, dt, last, obstacles, stopped)
-        angles, iterations, pressed = np.empty(0), 0, np.empty((0, 0))
-        free = last is None or not last.limits
-        if free:
+        iterations, shape = 0, None
+        pressed: tuple[str, ...] = ()
+        if last is None or not last.limits:
             angles, iterations = optimise_freely(problem)
-            free = keeps_all(problem, limits, angles)
-        if not free:
-            shape = optimise_limited(problem, limits, estimate)
-            angles, pressed = shape.angles, shape.pressed
-            iterations += shape.iterations
-        pressed_words = tuple(limits.name(row) for row in pressed)
-        halt = self.objection(problem, limits, angles, estimate)
-        return describe(problem, self._held, angles, iterations, pressed_words, halt)
+            shape = CheckedShape(problem, limits, angles)
+        if shape is None or not shape.keeps_all:
+            limited = optimise_limited(problem, limits, estimate)
+            shape = CheckedShape(problem, limits, limited.angles)
+            pressed = tuple(limits.name(row) for row in limited.pressed)
+            iterations += limited.iterations
+        return shape.plan(self._held, iterations, pressed, shape.objection(estimate))
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """Best shape of many searches. See `plan.ShapePlanner`."""
@@ -132,11 +139,12 @@ class TowingPlanner:
         problem, limits = self.problem(resting, welder_pose, 1.0, None, obstacles)
         problem = replace(problem, weights=replace(self.settings.weights, change=0.0, pace=0.0))
         limits = replace(limits, period=NO_HASTE)
-        for shape in start_shapes(problem, limits, self.area, welder_pose):
-            begun = replace(problem, estimate=shape.angles)
-            if not self.objection(begun, limits, shape.angles, None):
-                return describe(begun, self._held, shape.angles, shape.iterations, (), "")
-        return describe(problem, self._held, resting, 0, (), NOWHERE)
+        for found in start_shapes(problem, limits, self.area, welder_pose):
+            begun = replace(problem, estimate=found.angles)
+            shape = CheckedShape(begun, limits, found.angles)
+            if shape.keeps_all:
+                return shape.plan(self._held, found.iterations)
+        return CheckedShape(problem, limits, resting).plan(self._held, 0, (), NOWHERE)
 
     def problem(
         self,
@@ -169,30 +177,6 @@ class TowingPlanner:
         )
         return problem, HardLimits(self.cable, self.team, s.limits, floor, paced, begin, dt)
 
-    def objection(
-        self, problem: ShapeProblem, limits: HardLimits, angles: Array, estimate: Array | None
-    ) -> str:
-        """Why a shape may not be sent, or nothing."""
-        off = float(np.abs(problem.constraint(angles)[0]).max())
-        rows = limits.rows(angles)
-        worst = float(rows[:, 0].min(initial=0.0))
-        if not worst > KEPT and not off > -worst:
-            return limits.words(rows[rows[:, 0].argmin()])
-        if not off < MEETS:
-            return (
-                f"the cable does not reach: it ends {1e3 * off:.3g} mm short of the welder or of "
-                "a vehicle that stands"
-            )
-        if estimate is None:
-            return ""
-        way = self.cable.poses(angles)[:, :2] - self.cable.poses(estimate)[:, :2]
-        steps = int(np.ceil(np.hypot(*way.T).max() / BETWEEN))
-        for k in range(1, steps):
-            between = limits.rows(estimate + k / steps * (angles - estimate))
-            if between[:, 0].min(initial=0.0) < -BETWEEN:
-                return "on the way there, " + limits.words(between[between[:, 0].argmin()])
-        return ""
-
 
 def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
     """Solution without limits, from the estimate on; angles and iterations."""
@@ -201,30 +185,68 @@ def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
     return angles, iterations
 
 
-def keeps_all(problem: ShapeProblem, limits: HardLimits, angles: Array) -> bool:
-    """Whether a shape has the poses it must have and keeps every limit."""
-    off = np.abs(problem.constraint(angles)[0]).max()
-    return bool(off < MEETS and limits.rows(angles)[:, 0].min(initial=0.0) > KEPT)
+class CheckedShape:
+    """A shape held against all that it must meet.
 
+    Parameters
+    ----------
+    problem : ShapeProblem
+    limits : HardLimits
+    angles : ndarray, shape (N,)
+    """
 
-def describe(
-    problem: ShapeProblem,
-    held: Indices,
-    angles: Array,
-    iterations: int,
-    limits: tuple[str, ...],
-    halt: str,
-) -> TowingPlan:
-    """The plan that a shape is."""
-    poses = problem.cable.poses(angles)
-    return TowingPlan(
-        readonly_copy(problem.estimate),
-        readonly_copy(angles),
-        readonly_copy(poses),
-        readonly_copy(poses[held]),
-        problem.terms(angles),
-        float(np.abs(problem.constraint(angles)[0]).max()),
-        limits,
-        iterations,
-        halt,
-    )
+    def __init__(self, problem: ShapeProblem, limits: HardLimits, angles: Array) -> None:
+        self.problem, self.limits, self.angles = problem, limits, angles
+        self.off = float(np.abs(problem.constraint(angles)[0]).max())
+        self.rows = limits.rows(angles)
+        self.margin = float(self.rows[:, 0].min(initial=0.0))
+
+    @property
+    def keeps_all(self) -> bool:
+        """Whether it has the poses it must have and keeps every limit."""
+        return self.off < MEETS and self.margin > KEPT
+
+    def objection(self, estimate: Array) -> str:
+        """Why it may not be sent to vehicles whose cable lies as estimated, or nothing."""
+        if not self.keeps_all:
+            if not self.off > -self.margin:
+                return self.limits.words(self.rows[self.rows[:, 0].argmin()])
+            return (
+                f"the cable does not reach: it ends {1e3 * self.off:.3g} mm short of the welder "
+                "or of a vehicle that stands"
+            )
+        cable = self.problem.cable
+        way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
+        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / BETWEEN))
+        for k in range(1, steps):
+            between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
+            if between[:, 0].min(initial=0.0) < -BETWEEN:
+                return "on the way there, " + self.limits.words(between[between[:, 0].argmin()])
+        return ""
+
+    def plan(
+        self, held: Indices, iterations: int, pressed: tuple[str, ...] = (), halt: str = ""
+    ) -> TowingPlan:
+        """The plan that it is.
+
+        Parameters
+        ----------
+        held : ndarray of int
+            Links of the vehicles.
+        iterations : int
+        pressed : tuple of str
+            Limits that it lies against.
+        halt : str
+        """
+        poses = self.problem.cable.poses(self.angles)
+        return TowingPlan(
+            readonly_copy(self.problem.estimate),
+            readonly_copy(self.angles),
+            readonly_copy(poses),
+            readonly_copy(poses[held]),
+            self.problem.terms(self.angles),
+            self.off,
+            pressed,
+            iterations,
+            halt,
+        )
