@@ -119,7 +119,9 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
 
     def read(file: Path) -> None:
         read_job_snapshot(file.parent)
-        read_recorded_scan(file.parent).reread_sections(lambda profile: scans[0].groove)
+        read_recorded_scan(file.parent).reread_sections(
+            lambda profile, *, prior=None: scans[0].groove
+        )
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
     with Logbook(folder, np.eye(4)) as book:

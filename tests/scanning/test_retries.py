@@ -12,6 +12,7 @@ from cells import FAULTLESS, Notes, example_corner_errors, reading_fails_at, sca
 from tjscan.core.errors import GrooveNotFound, LaserFault
 from tjscan.core.frames import pose, rot_y
 from tjscan.groove.find import find_groove
+from tjscan.groove.prior import GroovePrior
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.scanning.checks import check_section_orientation
@@ -23,6 +24,7 @@ from tjscan.scanning.recorded import RecordedEvent, RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING
 from tjscan.scanning.section import Substep
+from tjscan.scanning.sections_before import GrooveReader
 
 SHORT = {"scan.sections": 7}
 TRUE_CORNER = 0.4e-3
@@ -166,12 +168,14 @@ def test_where_that_does_not_help_the_last_section_is_seen_again() -> None:
     assert step_lengths(result.sections)[2] == pytest.approx(0.010, rel=0.05)
 
 
-def readings_changed_from(
-    first: int, change: Callable[[Profile], Profile]
-) -> Callable[[Profile], GrooveSection]:
+def readings_changed_from(first: int, change: Callable[[Profile], Profile]) -> GrooveReader:
     """A reader that sees something else from a profile on."""
     count = iter(range(10_000))
-    return lambda profile: find_groove(change(profile) if next(count) >= first else profile)
+
+    def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
+        return find_groove(change(profile) if next(count) >= first else profile, prior=prior)
+
+    return read
 
 
 @pytest.mark.parametrize(
@@ -194,9 +198,10 @@ def test_a_correction_that_shows_another_place_than_the_prediction_is_not_believ
     # The arm's pose is right, the profile is that of a sensor that stands 4 mm beside.
     count = iter(range(10_000))
 
-    def read(profile: Profile) -> GrooveSection:
+    def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         shift = 0.004 if next(count) >= SIDE_VIEW + 1 else 0.0
-        return find_groove(Profile(profile.x_s + shift, profile.z_s, None, profile.time))
+        moved = Profile(profile.x_s + shift, profile.z_s, None, profile.time)
+        return find_groove(moved, prior=prior)
 
     notes = Notes()
     keys = FAULTLESS | {"scan.sections": 5, "scan.prediction_case": 2}

@@ -17,6 +17,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import find_groove
+from tjscan.groove.prior import GroovePrior
 from tjscan.groove.section import GrooveSection
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
@@ -28,6 +29,7 @@ from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.set_point import SetPointPredictor
 from tjscan.scanning.stopping import StopRequest
 
@@ -79,7 +81,7 @@ def scan_example(
     *,
     file: Path = PAPER,
     notes: Notes | None = None,
-    read: Callable[[Profile], GrooveSection] = find_groove,
+    read: GrooveReader = find_groove,
     through: Callable[[LineLaser], LineLaser] = lambda laser: laser,
     predictor: SetPointPredictor | None = None,
     stop: StopRequest | None = None,
@@ -134,13 +136,13 @@ def calibration_file(file: Path) -> Path:
     return file
 
 
-def reading_fails_at(calls: Container[int]) -> Callable[[Profile], GrooveSection]:
+def reading_fails_at(calls: Container[int]) -> GrooveReader:
     """A reader that finds no groove in the profiles of these numbers."""
     count = iter(range(10_000))
 
-    def read(profile: Profile) -> GrooveSection:
+    def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         if next(count) in calls:
             raise GrooveNotFound("no bevel", "hidden by a clamp")
-        return find_groove(profile)
+        return find_groove(profile, prior=prior)
 
     return read

@@ -207,7 +207,7 @@ def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandid
     """Look for a fit, harder until one convinces."""
     search = _Search(row, settings)
     model, others = settings.model, settings.model.alternatives
-    stages = ((model,), others) if others else ((model,),)
+    stages = ((model,), others) if others and not model.seldom else ((model, *others),)
     for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
         segments = find_segments(row.points, settings.support_tolerance, budget)
         for forms in stages:
@@ -215,13 +215,13 @@ def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandid
                 if len(form.sides) <= len(model.sides) and not search.rules_out(form):
                     own = replace(settings, model=form)
                     search.add(form, _hypotheses(row, segments, own, budget))
-            if forms is others:
+            every = forms is stages[-1]
+            if every and others:
                 search.derive()
             sound = [c for c in search.found if c.objection is None]
             if not sound:
                 continue
             best = min(sound, key=lambda c: c.cost)
-            every = forms is stages[-1]
             enough = every and budget is not SEARCH_BUDGETS[0]
             explained = best.cost < left_out * len(row.points) or _leaves_few_points(best, settings)
             if explained and (enough or _convincing(best, compared=every)):

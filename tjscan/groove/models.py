@@ -29,6 +29,9 @@ class SideModel:
     bend, twist : float
         How far its cross-section ``c2 s² + c3 s³`` may be from straight: standard deviations of
         c2, in 1/m, and of c3, in 1/m². A pipe of radius R cut across has c2 = 1 / (2 R).
+    expected_bend : float, optional
+        About which c2 scatters, in 1/m; None where it scatters about zero, and the side may as
+        well be straight.
     bead : bool
         Whether it is the face of a weld bead, which may bulge or sag by a good part of its width.
     """
@@ -38,6 +41,7 @@ class SideModel:
     longest: float = 0.2
     bend: float = 0.0
     twist: float = 0.0
+    expected_bend: float | None = None
     bead: bool = False
 
 
@@ -64,6 +68,9 @@ class GrooveModel:
         From the first side to the last.
     alternatives : tuple of GrooveModel
         What such a groove may look like instead; the points decide.
+    seldom : bool
+        Whether it likely looks like one of these: then it is compared with all of them, however
+        well it fits by itself.
     """
 
     name: str
@@ -71,6 +78,7 @@ class GrooveModel:
     turns: tuple[TurnBounds, ...]
     across: TurnBounds
     alternatives: tuple[GrooveModel, ...] = ()
+    seldom: bool = False
 
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:

@@ -120,10 +120,19 @@ class NormalEquations:
     matrix: Array
     rhs: Array
 
-    def solve_with_prior(self, weight: Array) -> tuple[Array, Array]:
-        """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior `weight` (k, 4)."""
+    def solve_with_prior(self, weight: Array, expected: Array) -> tuple[Array, Array]:
+        """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior.
+
+        Parameters
+        ----------
+        weight : ndarray, shape (k, 4)
+            What it adds to the diagonals; a coefficient that has to be zero weighs `_STIFF`.
+        expected : ndarray, shape (k, 4)
+            Its mean, for the other coefficients.
+        """
         inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
-        return (inverse @ self.rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
+        rhs = self.rhs + np.where(weight < _STIFF, weight * expected, 0.0)
+        return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +241,7 @@ def refine_fit(
         Corners of other fits: one that comes as near as `ARRIVED` to them is not finished.
     """
     widths = ANNEALED if annealed else ()
-    spread = prior_shape_sigmas(model)
+    spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
     curved = spread[:, 0] > 0
     inflation = _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
@@ -255,7 +264,15 @@ def refine_fit(
                 c.rebased_at_tangent(m) for c, m in zip(sides, fitted.middles, strict=True)
             )
         fitted = _round(
-            row, sides, corners, limits, weight, curved, left_out, shadows=count >= len(widths)
+            row,
+            sides,
+            corners,
+            limits,
+            weight,
+            expected,
+            curved,
+            left_out,
+            shadows=count >= len(widths),
         )
         if fitted is None:
             return None
@@ -274,7 +291,7 @@ def refine_fit(
         if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
-            straight = _evidence(row, fitted, noise, spread)
+            straight = _evidence(row, fitted, noise, model)
             curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
             if left_out is None and len(holes):
                 left_out = _curled_rims(fitted, holes, bead)
@@ -311,6 +328,7 @@ def _round(
     corners: Array,
     limits: Array,
     weight: Array,
+    expected: Array,
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
     *,
@@ -350,7 +368,7 @@ def _round(
         return None
     equations = NormalEquations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
     try:
-        c, inverse = equations.solve_with_prior(weight)
+        c, inverse = equations.solve_with_prior(weight, expected)
     except np.linalg.LinAlgError:
         return None
     c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
@@ -495,9 +513,13 @@ def noise_variances(fitted: FittedProfile, noise: NoiseCorrelation) -> Array:
 
 
 def _evidence(
-    row: OrderedProfilePoints, fitted: FittedProfile, noise: NoiseCorrelation, spread: Array
+    row: OrderedProfilePoints,
+    fitted: FittedProfile,
+    noise: NoiseCorrelation,
+    model: tuple[SideModel, ...],
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
+    spread = prior_shape_sigmas(model)
     keep = fitted.keep
     u = fitted.along[keep] / _UNIT
     c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
@@ -510,9 +532,18 @@ def _evidence(
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * _UNIT**2
     prior = np.maximum(spread[:, 0], 1e-15)
-    return np.asarray(np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance))
+    odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
+    known = np.array([side.expected_bend is not None for side in model])
+    return np.where(known, -np.inf, odds)
 
 
 def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
     """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
     return np.array([[side.bend * _UNIT**2, side.twist * _UNIT**3] for side in model])
+
+
+def prior_shape_means(model: tuple[SideModel, ...]) -> Array:
+    """Prior means of each side's coefficients, shape (k, 4): of its bend only."""
+    means = np.zeros((len(model), 4))
+    means[:, 2] = [(side.expected_bend or 0.0) * _UNIT**2 for side in model]
+    return means

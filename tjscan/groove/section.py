@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, readonly_copy, unit_vector
 from tjscan.groove.measures import measure_groove
+from tjscan.groove.prior import SectionEvidence
 
 PARALLEL: Final = 1e-3
 """Sine of the angle between wall and leg below which they span no frame."""
@@ -76,6 +77,8 @@ class GrooveSection:
         given for one is where it may be; its covariance says how far it may be from there.
     root_opening : float
         Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
+    evidence : SectionEvidence, optional
+        What its profile says, by itself, of what persists along the groove.
     """
 
     points_s: Array
@@ -97,6 +100,7 @@ class GrooveSection:
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     root_opening: float = nan
+    evidence: SectionEvidence | None = None
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel
+from tjscan.groove.models import GrooveModel, SideModel
 from tjscan.groove.noise import NoiseCorrelation, correlated_sums
 from tjscan.groove.refinement import (
     POWERS,
@@ -16,6 +16,7 @@ from tjscan.groove.refinement import (
     OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
+    prior_shape_means,
     prior_shape_sigmas,
     prior_uncertainty_terms,
     prior_weights,
@@ -58,7 +59,7 @@ def corner_estimates(
         Of their coordinates and of the angles of the first and the last side's tangents.
     """
     noise = fitted.noise or estimate_noise_correlation(row, fitted)
-    spread = _coefficient_covariances(row, fitted, noise, prior_shape_sigmas(model.sides))
+    spread = _coefficient_covariances(row, fitted, noise, model.sides)
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
     for i, place in enumerate(fitted.places):
@@ -100,7 +101,10 @@ def _powers(s: float) -> tuple[float, float, float, float]:
 
 
 def _coefficient_covariances(
-    row: OrderedProfilePoints, fitted: FittedProfile, noise: NoiseCorrelation, spread: Array
+    row: OrderedProfilePoints,
+    fitted: FittedProfile,
+    noise: NoiseCorrelation,
+    model: tuple[SideModel, ...],
 ) -> Array:
     """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
 
@@ -109,6 +113,7 @@ def _coefficient_covariances(
     was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
     averaging).
     """
+    spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
     keep = fitted.keep
     u = fitted.along[keep] / POWERS[1]
     basis = np.empty((4, len(u)))
@@ -124,7 +129,7 @@ def _coefficient_covariances(
         other = prior_weights(
             spread, bends & ~fitted.curved, fitted.sigmas, noise.variance_inflation
         )
-        there, inverse = fitted.equations.solve_with_prior(other)
+        there, inverse = fitted.equations.solve_with_prior(other, expected)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]

@@ -13,12 +13,10 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
-from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell, SensorMount, make_scan_cell, sensor_mount_of_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import URDF
@@ -28,6 +26,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.directory import make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
+from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.topics import record_scan
 
@@ -136,7 +135,7 @@ class RunContext:
             yield CombinedJournal(recording, self.journal)
 
 
-def groove_reader_of_job(job: ScanJob) -> Callable[[Profile], GrooveSection]:
+def groove_reader_of_job(job: ScanJob) -> GrooveReader:
     """Function that reads the groove in a profile with the settings of a job."""
     return partial(find_groove, settings=job.groove)
 

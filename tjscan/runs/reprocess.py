@@ -28,7 +28,7 @@ from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.tacks import with_tack_named
+from tjscan.scanning.sections_before import read_section
 
 REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
 """Keys that say how recorded profiles are read and reported, not how they were taken."""
@@ -187,12 +187,12 @@ def _sections(
     found: list[ScannedSection] = []
     for one in recorded.sections.values():
         try:
-            section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
+            section = read_section(read, one.view, one.T_s_t, found)
             _check_place(section, one, far)
         except GrooveNotFound as error:
             lost[one.view.index] = error
         else:
-            found.append(with_tack_named(section, found))
+            found.append(section)
             yield replace(found[-1], view=_seen(one.view, T_f_s))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Final
@@ -11,7 +11,6 @@ import numpy as np
 
 from tjscan.core.errors import LaserFault, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
-from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
@@ -20,6 +19,7 @@ from tjscan.scanning.journal import ScanResultsJournal
 from tjscan.scanning.merge import merge_repeated_profiles
 from tjscan.scanning.retries import MERGED, MISSING
 from tjscan.scanning.section import ProfileView, Substep
+from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stopping import StopRequest
 
@@ -40,13 +40,14 @@ class ScanSetup:
     T_f_s : ndarray, shape (4, 4)
         Pose of the sensor on the flange, from calibration, metres.
     read : callable
-        Turns a profile into a groove section, or raises GrooveNotFound.
+        Turns a profile, with what the sections before it say, into a groove section, or raises
+        GrooveNotFound.
     """
 
     arm: Arm
     laser: LineLaser
     T_f_s: Array
-    read: Callable[[Profile], GrooveSection]
+    read: GrooveReader
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from math import nan
 
 from tjscan.core.frames import Array
-from tjscan.groove.section import GrooveSection
-from tjscan.laser.profile import Profile
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.tacks import with_tack_named
+from tjscan.scanning.sections_before import GrooveReader, read_section
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +106,7 @@ class RecordedScan:
         known = (reason for reason in StopReason if self.stop_reason.startswith(reason))
         return next(known, StopReason.CUT)
 
-    def reread_sections(
-        self, read: Callable[[Profile], GrooveSection]
-    ) -> tuple[ScannedSection, ...]:
+    def reread_sections(self, read: GrooveReader) -> tuple[ScannedSection, ...]:
         """The finished sections, read once more from their profiles.
 
         Parameters
@@ -120,6 +116,5 @@ class RecordedScan:
         """
         found: list[ScannedSection] = []
         for one in self.sections.values():
-            section = ScannedSection(one.view, read(one.view.profile), one.T_s_t)
-            found.append(with_tack_named(section, found))
+            found.append(read_section(read, one.view, one.T_s_t, found))
         return tuple(found)

@@ -17,6 +17,7 @@ from tjscan.core.errors import (
     StartSeesNoGroove,
 )
 from tjscan.core.frames import Array
+from tjscan.groove.section import GrooveSection
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.checks import (
     check_agrees_with_prediction,
@@ -52,9 +53,10 @@ from tjscan.scanning.retries import (
     step_retries,
 )
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
+from tjscan.scanning.sections_before import read_section
 from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.tacks import root_is_seen, with_tack_named
+from tjscan.scanning.tacks import root_is_seen
 from tjscan.scanning.target import ScanDirection
 
 
@@ -345,10 +347,13 @@ class Scanner:
         GrooveNotFound
             If no groove is read, or another one than was expected.
         """
-        groove = self._setup.read(view.profile)
-        check_section_orientation(groove)
-        T_s_t = self._plan.target_pose_in_sensor(groove.work_angle) if T_s_t is None else T_s_t
-        section = with_tack_named(ScannedSection(view, groove, T_s_t), self._log.sections)
+
+        def wanted(groove: GrooveSection) -> Array:
+            return self._plan.target_pose_in_sensor(groove.work_angle)
+
+        place = wanted if T_s_t is None else T_s_t
+        section = read_section(self._setup.read, view, place, self._log.sections)
+        check_section_orientation(section.groove)
         if step is not None:
             check_section_one_step_ahead(section, step)
             if view.substep is Substep.CORRECTION:

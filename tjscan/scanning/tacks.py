@@ -79,4 +79,10 @@ def _buried(groove: GrooveSection) -> GrooveSection:
         covariance=covariance,
     )
     others = tuple(one for one in groove.conditions if one != WELD_IN_ROOT)
-    return replace(section, model=groove.model, conditions=(TACK, *others), absent=("p3", "p4"))
+    return replace(
+        section,
+        model=groove.model,
+        conditions=(TACK, *others),
+        absent=("p3", "p4"),
+        evidence=groove.evidence,
+    )

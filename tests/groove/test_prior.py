@@ -1,0 +1,182 @@
+"""What the sections before say of a profile: what persists, counted once, dropped where wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from grooves import MM, Groove, Noise, cast, draw, pulled_in, raised_cosine
+
+from tjscan.core.frames import Array
+from tjscan.groove.find import find_groove
+from tjscan.groove.prior import PULLS, THICKNESSES, GroovePrior, SectionEvidence, posterior
+from tjscan.groove.refinement import NormalEquations
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile
+
+NOISE = Noise(sigma=0.03 * MM)
+GROOVE = Groove(root=0.006, curvature=2.0)
+BEND = GROOVE.curvature / 2
+STEP = 40 * MM
+MICRON = 1e-6
+
+
+def corners(section: GrooveSection) -> Array:
+    return section.points_s[1:4, [0, 2]]
+
+
+def normalised_squares(section: GrooveSection) -> Array:
+    """Squared errors of p2, p3, p4 over their stated variances, by degrees of freedom."""
+    off = corners(section) - GROOVE.corners
+    return np.array(
+        [
+            d @ np.linalg.solve(c, d) / 2
+            for d, c in zip(off, section.corner_covariances_s, strict=True)
+        ]
+    )
+
+
+def about(values: Array, mean: float, sigma: float) -> Array:
+    return np.asarray(-0.5 * ((values - mean) / sigma) ** 2)
+
+
+def evidence(section: GrooveSection) -> SectionEvidence:
+    assert section.evidence is not None
+    return section.evidence
+
+
+def with_scale(profile: Profile, thickness: float, seed: int) -> Profile:
+    """A profile whose wall and leg are covered by scale in patches of some 8 mm, bare between."""
+    rng = np.random.default_rng(seed)
+    rays = np.column_stack((profile.x_s, profile.z_s))
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    _, side, tangent = cast(GROOVE.outline(), np.zeros_like(rays), rays)
+    outer = (side == 0) | (side == 3)
+    wave = np.sin(np.arange(len(side)) * 2 * np.pi / 90 + rng.uniform(0, 2 * np.pi))
+    square = np.abs(rays[:, 0] * tangent[:, 1] - rays[:, 1] * tangent[:, 0])
+    scale = 1 - np.where(outer & (wave > 0.4), thickness / square, 0.0) / profile.z_s * rays[:, 1]
+    return Profile(profile.x_s * scale, profile.z_s * scale)
+
+
+def chain(profiles: list[Profile]) -> list[GrooveSection]:
+    """Sections a step apart, each read with what those before it say."""
+    found: list[GrooveSection] = []
+    for profile in profiles:
+        before = [(evidence(one), STEP * (len(found) - i)) for i, one in enumerate(found)]
+        found.append(find_groove(profile, prior=GroovePrior.from_sections(before)))
+    return found
+
+
+def test_a_prior_that_knows_nothing_changes_nothing() -> None:
+    for groove in (GROOVE, Groove(roll=0.2), Groove(curvature=3.3, root=0.01)):
+        profile = draw(groove, Noise(sigma=0))
+        known = find_groove(profile, prior=GroovePrior())
+        assert np.abs(corners(known) - corners(find_groove(profile))).max() < MICRON
+    assert GroovePrior.from_sections([]).bend_sigmas.tolist() == [np.inf, np.inf]
+
+
+def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> None:
+    rng = np.random.default_rng(3)
+    basis = rng.standard_normal((4, 30))
+    y, mean, sigmas = rng.standard_normal(30), rng.standard_normal(4), rng.uniform(0.1, 2, 4)
+    equations = NormalEquations((basis @ basis.T)[None], (basis @ y)[None])
+    found, inverse = equations.solve_with_prior(1 / sigmas[None] ** 2, mean[None])
+    P, C = np.linalg.inv(basis @ basis.T), np.diag(sigmas**2)
+    gain = P @ np.linalg.inv(P + C)
+    alone = P @ basis @ y
+    np.testing.assert_allclose(found[0], alone + gain @ (mean - alone))
+    np.testing.assert_allclose(inverse[0], P - gain @ P)
+
+
+def test_likelihoods_on_a_grid_make_that_product_too() -> None:
+    (m, s), (x, t) = (0.25 * MM, 0.05 * MM), (0.20 * MM, 0.04 * MM)
+    values = PULLS[:21]
+    p = posterior(about(values, m, s), about(values, x, t))
+    variance = 1 / (1 / s**2 + 1 / t**2)
+    assert p @ values == pytest.approx(variance * (m / s**2 + x / t**2), rel=1e-3)
+    assert p @ values**2 - (p @ values) ** 2 == pytest.approx(variance, rel=1e-2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_section_says_what_its_profile_does_whatever_it_was_told(seed: int) -> None:
+    profile = draw(GROOVE, NOISE, seed)
+    told = replace(GroovePrior(), bends=np.array([0.0, BEND]), bend_sigmas=np.full(2, 0.2))
+    alone, with_it = (
+        evidence(find_groove(profile, prior=prior)) for prior in (GroovePrior(), told)
+    )
+    # Its bend is nearly the same, as is its uncertainty: what it was told does not count again.
+    np.testing.assert_allclose(with_it.bends, alone.bends, atol=alone.bend_sigmas.max())
+    np.testing.assert_allclose(with_it.bend_sigmas, alone.bend_sigmas, rtol=0.2)
+    assert abs(alone.bends[1] - BEND) < 4 * alone.bend_sigmas[1]
+
+
+WRONG = {
+    "bends": replace(GroovePrior(), bends=np.array([1.5, -2.0]), bend_sigmas=np.full(2, 0.2)),
+    "pull": GroovePrior.from_sections(
+        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), 50 * about(PULLS, 0.5 * MM, 0.1 * MM),
+          np.zeros(len(THICKNESSES))), STEP)]
+    ),
+    "thickness": GroovePrior.from_sections(
+        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), np.zeros(len(PULLS)),
+          50 * about(THICKNESSES, 0.4 * MM, 0.05 * MM)), STEP)]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_prior_makes_no_reading_wrong_and_sure(what: str, seed: int) -> None:
+    section = find_groove(draw(GROOVE, NOISE, seed), prior=WRONG[what])
+    assert normalised_squares(section).max() < 8
+    off = np.linalg.norm(corners(section) - GROOVE.corners, axis=1)
+    assert off.max() < 0.6 * MM
+
+
+def test_a_pull_is_told_from_section_to_section() -> None:
+    profiles = [
+        pulled_in(draw(GROOVE, NOISE, seed), GROOVE, 0.2 * MM, raised_cosine) for seed in range(8)
+    ]
+    found = chain(profiles)
+    alone = [find_groove(profile) for profile in profiles]
+    errors, before = (
+        np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[3:, 1:]
+        for some in (found, alone)
+    )
+    assert np.median(errors) < 0.6 * np.median(before)
+    assert np.mean([normalised_squares(one)[1:] for one in found]) < 2
+
+
+def test_scale_is_told_from_section_to_section() -> None:
+    profiles = [with_scale(draw(GROOVE, NOISE, seed), 0.3 * MM, seed) for seed in range(8)]
+    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    errors, before = (
+        np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[1:, [0, 2]]
+        for some in (found, alone)
+    )
+    assert np.sqrt(np.mean(errors**2)) < 0.6 * np.sqrt(np.mean(before**2))
+    last = GroovePrior.from_sections([(evidence(one), STEP) for one in found])
+    assert THICKNESSES[last.log_thicknesses.argmax()] == pytest.approx(0.3 * MM, abs=0.05 * MM)
+
+
+def test_sound_sections_are_read_no_worse_one_after_the_other_and_stay_honest() -> None:
+    profiles = [draw(GROOVE, NOISE, seed) for seed in range(12)]
+    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    errors, before = (
+        np.sqrt(np.mean([(corners(one) - GROOVE.corners) ** 2 for one in some]))
+        for some in (found, alone)
+    )
+    assert errors < 1.1 * before
+    assert 0.3 < np.mean([normalised_squares(one) for one in found]) < 2
+
+
+def test_what_lies_far_back_counts_less_and_the_same_patches_count_once() -> None:
+    likely = SectionEvidence(
+        np.zeros(2), np.ones(2), about(PULLS, 0.2 * MM, 0.1 * MM), np.zeros(len(THICKNESSES))
+    )
+
+    def sure(*aways: float) -> float:
+        prior = GroovePrior.from_sections([(likely, away) for away in aways])
+        return float(np.exp(prior.log_pulls)[PULLS.searchsorted(0.19 * MM)])
+
+    assert sure(2.0) < sure(0.5) < sure(0.04)
+    assert sure(0.040, 0.040) == pytest.approx(sure(0.040))
+    assert sure(0.08, 0.04) > sure(0.04)

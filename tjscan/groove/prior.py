@@ -1,0 +1,205 @@
+"""What the sections of a groove say of the next one: what persists along it, and nothing else.
+
+Root opening, depth and angle of a groove vary from section to section by more than a profile
+shows them, so that of these nothing is carried on. What persists is how far the leg bends, how
+thick mill scale is, and how far light between the faces pulls the notch in. Each section keeps what
+its own profile says of these, without what it was told: no profile counts twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import exp, inf
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.groove.models import GrooveModel
+
+PULLS: Final = readonly_copy(np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6)))
+"""How far light between the faces may pull a notch in, in metres: real profiles
+show 0.4 to 1.5 mm."""
+
+THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
+"""How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
+
+NONE_AT_ALL: Final = 0.5
+"""Probability that there is no scale, or no pull: as likely as not."""
+
+USUAL_PULL: Final = 0.5e-3
+"""About how far a notch is pulled in, in metres, if it is."""
+
+ALIKE: Final = 0.5
+"""Length of groove over which scale and the faces' gloss stay alike, in metres."""
+
+PATCH: Final = 20e-3
+"""Sections nearer to each other, in metres, show the same patches of scale."""
+
+BEND_CHANGE: Final = 5.0
+"""By how much a side's bend changes along the groove, in 1/m per metre: that of a leg of 600 mm
+from none at the crown to all of it at the saddle. Across the groove it changes no faster."""
+
+BEND_SIGMA: Final = 0.15
+"""Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
+
+FORMS: Final = 3
+"""Of so many sections before, one with another form is reason enough to look for it again."""
+
+STRAIGHT: Final = 1.0
+"""A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend says
+less of it than that."""
+
+CHANGED: Final = 0.1
+"""Probability that scale or pull are no more as they were: then nothing is known of them."""
+
+
+def _base_log_pulls() -> Array:
+    width = np.gradient(PULLS) * np.exp(-0.5 * (PULLS / USUAL_PULL) ** 2)
+    share = (1 - NONE_AT_ALL) * width / width[1:].sum()
+    share[0] = NONE_AT_ALL
+    return readonly_copy(np.log(share))
+
+
+def _base_log_thicknesses() -> Array:
+    share = np.full(len(THICKNESSES), (1 - NONE_AT_ALL) / (len(THICKNESSES) - 1))
+    share[0] = NONE_AT_ALL
+    return readonly_copy(np.log(share))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionEvidence:
+    """What one profile says, by itself, of what persists along the groove.
+
+    Parameters
+    ----------
+    bends, bend_sigmas : ndarray, shape (2,)
+        Bend of wall and leg and its standard deviation, in 1/m.
+    log_pulls : ndarray, shape (m,)
+        Log-likelihood of each of `PULLS`.
+    log_thicknesses : ndarray, shape (n,)
+        Log-likelihood of each of `THICKNESSES`.
+    form : str
+        Name of the form of groove that was read; empty where this is not known.
+    """
+
+    bends: Array
+    bend_sigmas: Array
+    log_pulls: Array
+    log_thicknesses: Array
+    form: str = ""
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__[:4]:
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroovePrior:
+    """What is known of a groove's section before its profile is read.
+
+    Without arguments it knows nothing.
+
+    Parameters
+    ----------
+    bends, bend_sigmas : ndarray, shape (2,)
+        Expected bend of wall and leg and its standard deviation, in 1/m; infinite where nothing
+        is known of it.
+    log_pulls : ndarray, shape (m,)
+        Logarithm of the probability of each of `PULLS`.
+    log_thicknesses : ndarray, shape (n,)
+        Logarithm of the probability of each of `THICKNESSES`.
+    forms : frozenset of str
+        Names of the forms of groove that the last sections had.
+    """
+
+    bends: Array = field(default_factory=lambda: np.zeros(2))
+    bend_sigmas: Array = field(default_factory=lambda: np.full(2, inf))
+    log_pulls: Array = field(default_factory=_base_log_pulls)
+    log_thicknesses: Array = field(default_factory=_base_log_thicknesses)
+
+    forms: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__[:4]:
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    @classmethod
+    def from_sections(cls, sections: Sequence[tuple[SectionEvidence, float]]) -> GroovePrior:
+        """What sections before say of the next one.
+
+        Parameters
+        ----------
+        sections : sequence of (SectionEvidence, float)
+            What each says, and how far before the next one it lies along the groove, in metres;
+            the nearest one last.
+
+        Notes
+        -----
+        Log-likelihoods add, fading over `ALIKE`. Of each bend the nearest good one is taken, for
+        what it has changed since is common to all before.
+        """
+        prior = cls()
+        if not sections:
+            return prior
+        pulls, thicknesses = prior.log_pulls.copy(), prior.log_thicknesses.copy()
+        further = [away for _, away in sections]
+        for k, (one, away) in enumerate(sections):
+            apart = PATCH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
+            weight = exp(-away / ALIKE) * min(apart / PATCH, 1.0)
+            pulls += weight * one.log_pulls
+            thicknesses += weight * one.log_thicknesses
+        aways = np.array(further)[:, None]
+        sigmas = np.array([one.bend_sigmas for one, _ in sections])
+        sigmas = np.sqrt(sigmas**2 + (BEND_CHANGE * aways) ** 2 + BEND_SIGMA**2)
+        best = sigmas.argmin(axis=0)
+        bends = np.array([one.bends for one, _ in sections])
+        return cls(
+            bends[best, (0, 1)],
+            sigmas[best, (0, 1)],
+            _or_anything(pulls, prior.log_pulls),
+            _or_anything(thicknesses, prior.log_thicknesses),
+            frozenset(one.form for one, _ in sections[-FORMS:] if one.form),
+        )
+
+    @property
+    def knows_bends(self) -> bool:
+        """Whether anything is known of how wall or leg bends."""
+        return bool(np.isfinite(self.bend_sigmas).any())
+
+    @property
+    def without_bends(self) -> GroovePrior:
+        """The same, with nothing known of how wall and leg bend."""
+        return replace(self, bends=np.zeros(2), bend_sigmas=np.full(2, inf))
+
+    def expected_model(self, model: GrooveModel) -> GrooveModel:
+        """A groove's model, and its alternatives, with what is known of their form and bends."""
+        sides = list(model.sides)
+        for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
+            if sigma < sides[k].bend and sides[k].bend > STRAIGHT:
+                sides[k] = replace(
+                    sides[k],
+                    bend=float(sigma),
+                    twist=min(sides[k].twist, BEND_CHANGE / 3),
+                    expected_bend=float(bend),
+                )
+        others = tuple(self.expected_model(other) for other in model.alternatives)
+        seldom = not self.forms.isdisjoint(other.name for other in others)
+        return replace(model, sides=tuple(sides), alternatives=others, seldom=seldom)
+
+
+def posterior(log_prior: Array, log_likelihood: Array) -> Array:
+    """Probabilities of values, shape (n,), by Bayes' rule from logarithms of any offset."""
+    return np.exp(_normalised(log_prior + log_likelihood))
+
+
+def _normalised(log_share: Array) -> Array:
+    log_share = log_share - log_share.max()
+    return np.asarray(log_share - np.log(np.exp(log_share).sum()))
+
+
+def _or_anything(log_share: Array, log_base: Array) -> Array:
+    """Logarithm of probabilities that also count what is likely without anything known."""
+    share = (1 - CHANGED) * np.exp(_normalised(log_share)) + CHANGED * np.exp(log_base)
+    return np.asarray(np.log(share))
