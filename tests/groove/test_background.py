@@ -78,10 +78,10 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
 def test_only_a_stretch_as_long_as_a_side_speaks_against_it() -> None:
     points, columns, residuals = bent_line(100), np.arange(100), np.zeros(100)
     row = OrderedProfilePoints(points, columns / 100, columns, 100)
-    assert share_in_long_stretches(row, residuals, 1, attached=False) == 0
+    assert share_in_long_stretches(row, residuals, 1, jumping=1.0) == 0
     residuals[20:30] = residuals[60:66] = -1 * MM
     for least, share in ((6, 0.16), (7, 0.10), (11, 0.0)):
-        found = share_in_long_stretches(row, residuals, least, attached=False)
+        found = share_in_long_stretches(row, residuals, least, jumping=1.0)
         assert found == pytest.approx(share)
 
 
@@ -91,8 +91,8 @@ def test_a_stretch_that_jumps_at_both_ends_is_attached_to_nothing() -> None:
     residuals[20:30] = -3 * MM
     residuals[60:66] = -1 * MM
     row = OrderedProfilePoints(points, columns / 100, columns, 100)
-    assert share_in_long_stretches(row, residuals, 2, attached=True) == pytest.approx(0.06)
-    assert share_in_long_stretches(row, residuals, 2, attached=False) == pytest.approx(0.16)
+    assert share_in_long_stretches(row, residuals, 2, jumping=0.0) == pytest.approx(0.06)
+    assert share_in_long_stretches(row, residuals, 2, jumping=1.0) == pytest.approx(0.16)
 
 
 def with_blobs(profile: Profile, root: Array, rng: np.random.Generator) -> Profile:

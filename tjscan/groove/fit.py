@@ -35,6 +35,7 @@ from tjscan.groove.refinement import (
 )
 from tjscan.groove.rivals import (
     form_probability,
+    left_out_covariance,
     reflection_covariance,
     rival_covariance,
     sides_that_meet,
@@ -241,6 +242,7 @@ def _with_rivals(
     others = [(c.cost - best.cost, c.model, c.fitted) for c in sound if c is not best]
     rivals = rival_covariance(best.model, best.fitted, others)
     rivals += reflection_covariance(row, best.model, best.fitted)
+    rivals += left_out_covariance(row, best.model, best.fitted)
     forms = [(excess, form) for excess, form, _ in others]
     probability = form_probability(best.model, best.fitted, forms)
     return replace(best, rivals=rivals, probability=probability)

@@ -7,16 +7,17 @@ averaging).
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, sqrt
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.background import find_runs
+from tjscan.groove.background import JUMP, find_runs
 from tjscan.groove.models import GrooveModel
 from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, points_on_sides
+from tjscan.groove.segments import Index
 
 INDEPENDENT: Final = 0.25
 """Logarithm of the odds that one point explained more is worth: points of a reflection come in
@@ -27,6 +28,9 @@ LEAST_ODDS: Final = 0.01
 
 REFLECTION: Final = 3e-3
 """How far reflections lie off the surface, in metres."""
+
+TOUCHES: Final = JUMP / (sqrt(3) * REFLECTION)
+"""Share of the reflections that end so near the surface, by chance, that no jump shows."""
 
 FAR: Final = 0.6e-3
 """Farther from its side, in metres, a point is a reflection."""
@@ -134,13 +138,13 @@ def reflection_probability(fitted: FittedProfile) -> float:
 
 
 def share_in_long_stretches(
-    row: OrderedProfilePoints, residuals: Array, least: int, *, attached: bool
+    row: OrderedProfilePoints, residuals: Array, least: int, *, jumping: float = 1.0
 ) -> float:
     """Share of a profile's points that lie far off its sides, in stretches of so many at least.
 
     It is how probable it is that a side of `least` points is such a stretch itself. One that goes
-    over into another side may be spatter, or light that grows out of the surface; then only the
-    like of these count.
+    over into another side may be spatter, or light that grows out of the surface; then the like
+    of these count.
 
     Parameters
     ----------
@@ -149,19 +153,31 @@ def share_in_long_stretches(
         How far its points lie behind their sides, in metres.
     least : int
         Number of points.
-    attached : bool
-        Whether only those count that begin or end at a side without a jump.
+    jumping : float
+        How much those count that jump off the surface at both ends: `TOUCHES` for a side that
+        only one end shows to go over into another.
     """
-    count = len(residuals)
-    far = np.concatenate(([False], np.abs(residuals) > FAR, [False]))
-    first, stop = (far[1:] != far[:-1]).nonzero()[0].reshape(-1, 2).T
+    first, stop, hangs = _far_stretches(row, residuals)
     length = stop - first
     counted = length >= least
-    if attached and counted.any():
-        cut = np.zeros(count + 1, dtype=np.bool_)
-        cut[find_runs(row.points, row.columns).first] = cut[count] = True
-        counted &= ~(cut[first] & cut[stop])
-    return min(float(length[counted].sum()) / count, MOST_REFLECTED)
+    share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
+    return min(share / len(residuals), MOST_REFLECTED)
+
+
+def _far_stretches(
+    row: OrderedProfilePoints, residuals: Array
+) -> tuple[Index, Index, NDArray[np.bool_]]:
+    """Stretches of points far off their sides.
+
+    First points, points after the last ones, and whether they begin and end without a jump,
+    shape (2, m).
+    """
+    far = np.concatenate(([False], np.abs(residuals) > FAR, [False]))
+    first, stop = (far[1:] != far[:-1]).nonzero()[0].reshape(-1, 2).T
+    cut = np.zeros(len(far), dtype=np.bool_)
+    if len(first):
+        cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
+    return first, stop, ~np.array((cut[first], cut[stop]))
 
 
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
@@ -184,6 +200,43 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     return found
 
 
+def left_out_covariance(
+    row: OrderedProfilePoints, model: GrooveModel, fitted: FittedProfile
+) -> Array:
+    """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
+
+    Points that hang together with what is seen before and after them are no reflections. Where
+    such points begin at a corner, the side that should go on there may be theirs: as probably as
+    they are many among its points.
+
+    Parameters are those of `reflection_covariance`.
+    """
+    covariance = np.zeros((2 * len(model.sides),) * 2)
+    first, stop, hangs = _far_stretches(row, fitted.residuals)
+    whole = hangs.all(axis=0)
+    for a, b in zip(first[whole].tolist(), stop[whole].tolist(), strict=True):
+        for i, places in enumerate(fitted.places):
+            for k, point in ((i, b - 1), (i + 1, a)):
+                edges = fitted.edges[k : k + 2]
+                if model.sides[k].bead or not edges[0] <= point < edges[1]:
+                    continue
+                if abs(float(fitted.along[point]) - places[k - i]) > THERE:
+                    continue
+                probability = (b - a) / (b - a + float(fitted.counts[k]))
+                off = float(np.median(np.abs(fitted.residuals[a:b])))
+                own, move = slice(2 * i, 2 * i + 2), off * _sideways(fitted, i, k)
+                covariance[own, own] += probability * np.outer(move, move)
+    return covariance
+
+
+def _sideways(fitted: FittedProfile, i: int, k: int) -> Array:
+    """How far corner i moves along its other side if side k moves sideways by one, shape (2,)."""
+    own = fitted.curves[k].tangent_at(fitted.places[i][k - i])
+    other = 2 * i + 1 - k
+    tx, tz = fitted.curves[other].tangent_at(fitted.places[i][other - i])
+    return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
+
+
 def reflection_covariance(
     row: OrderedProfilePoints, model: GrooveModel, fitted: FittedProfile
 ) -> Array:
@@ -203,18 +256,13 @@ def reflection_covariance(
             continue
         if meets[k - 1 : k + 1].any():
             points = int(fitted.counts[k])
-            probability = share_in_long_stretches(row, fitted.residuals, points, attached=True)
+            probability = share_in_long_stretches(row, fitted.residuals, points, jumping=0.0)
         else:
             probability = reflection_probability(fitted)
         if not probability:
             continue
         away = np.zeros(len(covariance))
-        for i, neighbour in ((k - 1, k - 1), (k, k + 1)):
-            own = fitted.curves[k].tangent_at(fitted.places[i][k - i])
-            j = 0 if neighbour == i else 1
-            tx, tz = fitted.curves[neighbour].tangent_at(fitted.places[i][j])
-            # Sideways by so much, a side meets its neighbour farther along it.
-            sine = tx * own[1] - tz * own[0]
-            away[2 * i : 2 * i + 2] = REFLECTION / sine * np.array((tx, tz))
+        for i in (k - 1, k):
+            away[2 * i : 2 * i + 2] = REFLECTION * _sideways(fitted, i, k)
         covariance += probability * np.outer(away, away)
     return covariance

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.background import find_runs
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
@@ -22,11 +23,13 @@ from tjscan.groove.refinement import (
 )
 from tjscan.groove.rivals import (
     FAR,
+    TOUCHES,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
 )
 from tjscan.groove.section import TACK
+from tjscan.groove.shape import gaps_beside_corners
 
 OPEN_ROOT: Final = "open root"
 WELD_IN_ROOT: Final = "weld in the root"
@@ -66,6 +69,9 @@ LEAST_UNSEEN: Final = 0.5e-3
 
 ANY_FORM: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
+
+FEWEST_BEHIND: Final = 2
+"""Points behind a side that show it, or the face at the root that they belong to, to be none."""
 
 DENSER: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
@@ -173,19 +179,21 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
-    points = int(fitted.counts[-2])
+    points, through = int(fitted.counts[-2]), _goes_on_behind(row, fitted)
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
-    for k, curve, side, end in ((0, bevel, -3, np.max), (2, leg, -1, np.min)):
-        if any(meets):
+    gaps = gaps_beside_corners(fitted)[-2:]
+    for k, curve in ((0, bevel), (2, leg)):
+        if through[k // 2] or (any(through) and not meets[k // 2]):
+            probability = ANY_FORM
+        elif any(meets):
             probability = share_in_long_stretches(
-                row, fitted.residuals, points, attached=meets[k // 2]
+                row, fitted.residuals, points, jumping=TOUCHES if meets[k // 2] else 1.0
             )
         else:
             probability = DENSER * reflection_probability(fitted)
-        own = fitted.kept_along(len(fitted.curves) + side)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
-        near = float(end(own)) - place
+        near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
         far = near + (FARTHEST if k == 0 else -FARTHEST)
         if met is not None and abs(met[k // 2] - place) < FARTHEST:
             far = met[k // 2] - place
@@ -193,6 +201,22 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
         square = (near * near + near * far + far * far) / 3
         found[k : k + 2, k : k + 2] = _spread(curve, place, sqrt(probability * square), 0.0)
     return found
+
+
+def _goes_on_behind(row: OrderedProfilePoints, fitted: FittedProfile) -> tuple[bool, bool]:
+    """Whether the points of a face at the root go on, without a jump, behind bevel and leg.
+
+    Steel hides what is behind it: either the face is a reflection, or what it goes behind is.
+    """
+    face = fitted.points_of(len(fitted.curves) - 2)
+    first = find_runs(row.points, row.columns).first
+    run = first.searchsorted(np.arange(len(row.points)), side="right")
+    on_face = np.zeros(len(run), dtype=np.bool_)
+    on_face[face] = fitted.keep[face]
+    same = np.bincount(run[on_face], minlength=len(first) + 1)[run] > 0
+    behind = same & (fitted.residuals > FAR)
+    before, after = behind[: face.start].sum(), behind[face.stop :].sum()
+    return bool(before >= FEWEST_BEHIND), bool(after >= FEWEST_BEHIND)
 
 
 def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
@@ -249,7 +273,9 @@ def _without_root(
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
-        total[4:6, 4:6] = _spread(leg, s4, max(opening / 4, LEAST_UNSEEN), height[-1])
+        hides = min(abs(apex_leg - s4), FARTHEST)
+        along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
+        total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
         return TeeCorners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
@@ -257,8 +283,10 @@ def _without_root(
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
     reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
-    total[2:4, 2:4] = _spread(bevel, s3, reach_3, height[-2])
-    total[4:6, 4:6] = _spread(leg, s4, reach_4, height[-1])
+    # What is taken for the ends of bevel and leg may be reflections.
+    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST
+    total[2:4, 2:4] = _spread(bevel, s3, hypot(reach_3, farther), height[-2])
+    total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
     return TeeCorners(

@@ -134,7 +134,7 @@ def estimate_shape_errors(
             sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled.sigma)
     slow = np.hypot(slow, _patches(fitted))
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
-    gaps = _gaps(fitted)
+    gaps = gaps_beside_corners(fitted)
     unseen = _unseen_shares(fitted, gaps)
     sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0) * unseen)
     for k, side in enumerate(model):
@@ -221,7 +221,7 @@ def _patches(fitted: FittedProfile) -> Array:
     return found
 
 
-def _gaps(fitted: FittedProfile) -> Array:
+def gaps_beside_corners(fitted: FittedProfile) -> Array:
     """Distance from each corner to where its sides are seen, shape (k - 1, 2), metres.
 
     Single points that lie on a side by chance do not show it.
