@@ -57,9 +57,14 @@ FIRST_PAD: Final = 0.35
 
 PADS: Final = Crawl(
     keys={
-        "simulation": {"vehicle": {"start_mm": [-400.0, 5.0], "heading_deg": 0.86, "plant": "pads"}}
+        "simulation": {
+            "vehicle": {"start_mm": [-700.0, 5.0], "heading_deg": 0.86, "plant": "pads"}
+        },
+        "weld": {"length_m": 0.6, "run_up_mm": 700.0},
     }
 )
+"""Its run-up is as long as the contact of the tracks: after it no foot remembers the reversal."""
+
 RADII: Final = 0.5e-3
 """By which share one track's radius is greater: by 25 µm. The paper's integral is for that."""
 
@@ -208,8 +213,8 @@ def _torch(number: int) -> Callable[[Crawled], float]:
 def wet_rows(seeds: Sequence[int]) -> list[Row]:
     """On wet pads the vehicle may stop, but not weld beside the joint."""
     world = {**PADS.keys["simulation"]["vehicle"], "pads": {"friction": 0.3}}
-    wet = Crawl(passes=1, keys={"simulation": {"vehicle": world}, "guards": {"torque_n_m": 1e3}})
-    wet = replace(wet, keys={**wet.keys, "alignment": {}})
+    keys = {**PADS.keys, "simulation": {"vehicle": world}}
+    wet = replace(PADS, passes=1, keys=keys)
     crawled = [run(wet, seed) for seed in seeds]
     off = [
         float(np.abs(one.torch[1]).max()) for one in crawled if 1 in one.torch and len(one.torch[1])

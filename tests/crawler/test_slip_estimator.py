@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
 from tjscan.crawler.slip_model import (
+    SETTLING,
     STATES,
     CrawlerGeometry,
     SlipState,
@@ -19,8 +21,21 @@ SIGMA = 0.015e-3
 PERIOD = 0.05
 
 
-def normalised_errors(seed: int) -> float:
-    """Mean normalised error squared over its dimension, of one way out and back."""
+UNSTEADY = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
+
+
+def unsteady(turns: float) -> Array:
+    """Standard deviations of unsteady crab and drift where a track turns with a curvature, 1/m."""
+    straight = np.array((UNSURE.unsteady_crab, UNSURE.unsteady_drift))
+    turning = np.array((UNSURE.unsteady_centre, UNSURE.unsteady_efficiency))
+    return np.asarray(np.hypot(straight, turning * turns))
+
+
+def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
+    """Mean normalised error squared over its dimension, and unsteadiness, of one way out and back.
+
+    Slip changes by `changes` times the standard deviations that the estimator is told.
+    """
     rng = np.random.default_rng(seed)
     first = SlipBelief.before_any_reading(UNSURE, curvature_sigma=1e-4)
     truth = rng.multivariate_normal(first.x, first.P)
@@ -32,13 +47,16 @@ def normalised_errors(seed: int) -> float:
         UNSURE.drift_walk,
         UNSURE.crab_walk,
     )
-    found = []
+    found, turns = [], 0.0
     for k in range(1200):
         speed = 0.02 if k < 600 else -0.02
         asked = 2e-3 * np.sin(2 * np.pi * k / 300)
         noise = UNSURE.turn_rate / np.sqrt(PERIOD) * rng.standard_normal()
         truth, _ = propagate_state(truth, TrackOdometry(speed, asked - noise, PERIOD), GEOMETRY)
-        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * rng.standard_normal(STATES)
+        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(STATES)
+        kept = np.exp(-abs(speed) * PERIOD / SETTLING)
+        turns = kept * turns + (1 - kept) * truth[SlipState.YAW_EFFICIENCY] * asked / speed
+        truth[UNSTEADY] += np.sqrt(1 - kept**2) * unsteady(turns) * changes * rng.standard_normal(2)
         estimator.move(TrackOdometry(speed, asked, PERIOD))
         d = laser_offset(truth, GEOMETRY)[0]
         d += np.hypot(SIGMA, UNSURE.unevenness) * rng.standard_normal()
@@ -46,13 +64,19 @@ def normalised_errors(seed: int) -> float:
         if k % 40 == 39:
             error = estimator.belief.x - truth
             found.append(error @ np.linalg.solve(estimator.belief.P, error) / STATES)
-    return float(np.mean(found))
+    return float(np.mean(found)), estimator.unsteadiness
 
 
 def test_stated_covariances_are_those_of_the_errors() -> None:
     # The median: where drift and turning crab are both far out, the filter does not know the sign
-    # of a turn at first, and no linear filter knows that it does not (one draw of twelve).
-    assert 0.7 < np.median([normalised_errors(seed) for seed in range(12)]) < 1.5
+    # of a turn at first, and no linear filter knows that it does not (one draw of twenty).
+    assert 0.7 < np.median([crawl(seed)[0] for seed in range(20)]) < 1.5
+
+
+@pytest.mark.parametrize(("changes", "low", "high"), [(0.0, 0.0, 0.7), (2.0, 0.95, 1.0)])
+def test_it_learns_how_unsteady_slip_is(changes: float, low: float, high: float) -> None:
+    learned = np.median([crawl(seed, changes)[1] for seed in range(5)])
+    assert low <= learned <= high
 
 
 def test_a_reversal_shows_the_crab() -> None:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_model import (
+    SETTLING,
     STATES,
     CrawlerGeometry,
     SlipState,
@@ -26,6 +27,8 @@ states = st.tuples(
     st.floats(-0.01, 0.01),
     st.floats(-0.2, 0.2),
     st.floats(-0.05, 0.05),
+    st.floats(-0.01, 0.01),
+    st.floats(-0.02, 0.02),
 ).map(np.array)
 odometries = st.builds(
     TrackOdometry,
@@ -33,7 +36,7 @@ odometries = st.builds(
     st.sampled_from([-5e-3, -1e-3, 1e-3, 4e-3]),
     st.floats(0.005, 0.05),
 )
-MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1])
+MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, -1, -1])
 """A mirror image of vehicle, joint and slip: what is to the right comes to the left."""
 
 
@@ -50,7 +53,8 @@ def finite_differences(function: object, x: Array) -> Array:
 def test_the_derivative_of_a_step_is_that_of_finite_differences(
     x: Array, odometry: TrackOdometry
 ) -> None:
-    turn = x[SlipState.YAW_EFFICIENCY] * odometry.turn_rate + x[SlipState.DRIFT] * odometry.speed
+    drift = x[SlipState.DRIFT] + x[SlipState.UNSTEADY_DRIFT]
+    turn = x[SlipState.YAW_EFFICIENCY] * odometry.turn_rate + drift * odometry.speed
     if abs(turn) < 1e-5:
         return  # |turn| has a corner there
     _, F = propagate_state(x, odometry, GEOMETRY)
@@ -75,7 +79,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 
 
 def observability(speeds: list[float]) -> Array:
-    """Rows of how each reading depends on the state at first, shape (n, 8)."""
+    """Rows of how each reading depends on the state at first, shape (n, 10)."""
     x = np.zeros(STATES)
     x[SlipState.YAW_EFFICIENCY] = 0.8
     onward, rows = np.eye(STATES), []
@@ -94,6 +98,14 @@ def test_crab_shows_at_a_reversal_only() -> None:
         np.linalg.matrix_rank(rows[:, ways] * (1.0, 0.1, 0.1), tol=1e-9) for rows in (forward, both)
     ]
     assert ranks == [2, 3]
+
+
+def test_what_is_unsteady_is_forgotten_over_the_settling_length() -> None:
+    x = np.zeros(STATES)
+    x[SlipState.UNSTEADY_CRAB] = 1e-3
+    for _ in range(100):
+        x, _ = propagate_state(x, TrackOdometry(-0.02, 0.0, SETTLING / 2), GEOMETRY)
+    assert x[SlipState.UNSTEADY_CRAB] == pytest.approx(1e-3 * np.exp(-1))
 
 
 def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> None:

@@ -29,7 +29,7 @@ WAVE: Final = 0.05
 STANDS: Final = 30
 """Cycles for which it stands before it turns back."""
 
-RUN_UPS: Final = 4
+RUN_UPS: Final = 6
 """How often it runs up to a weld until it knows well enough where the torch is."""
 
 WAVELENGTH: Final = 0.4
@@ -308,7 +308,8 @@ class Crawler:
     def _run_up(self, one: PassSettings, arc_from: float) -> None:
         """Come to where the arc is to be struck; once more where the torch is not known there.
 
-        What is not known is the crab, which only a reversal shows.
+        What is not known is the crab, which only a reversal shows. It goes on without the arc
+        first: each reversal puts the vehicle aside, and takes some way to make up for.
         """
         for left in reversed(range(RUN_UPS)):
             while not self._operator.confirm_weld(self._number):
@@ -320,7 +321,10 @@ class Crawler:
             sigma = self._method.torch.sigma
             if self._guards.knows_torch(sigma) or not left:
                 return
-            self._enter(Event.TORCH_NOT_KNOWN, f"the torch is known to {1e3 * sigma:.2f} mm")
+            beyond = min(arc_from + self._plan.alignment.length, self._plan.weld.length)
+            while self._travel < beyond:
+                self._drive(self._plan.alignment.speed)
+            self._enter(Event.TORCH_NOT_KNOWN, f"the torch was known to {1e3 * sigma:.2f} mm")
             self._go_back(arc_from - self._plan.weld.run_up)
             self._enter(Event.PASSES_LEFT, f"pass {self._number} once more")
 

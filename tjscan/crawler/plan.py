@@ -86,7 +86,7 @@ class GuardSettings(SettingsTable):
         of the estimate. 1 mm is what Kermorgant (2018) allows a first pass.
     torch_sigma : float
         How well its place must be known meanwhile, as a standard deviation, metres: by default
-        the place is within the same 1 mm with 95 %.
+        as well as the paper starts a weld.
     """
 
     blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
@@ -95,7 +95,7 @@ class GuardSettings(SettingsTable):
     torque: Annotated[float, Gt(0), Le(1000), N_M] = 42.0
     link_time: Annotated[float, Gt(0), Le(60), SECONDS] = 0.5
     torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3
-    torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.5e-3
+    torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.6e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, sqrt
 from typing import Annotated, Final, Self
 
 import numpy as np
@@ -23,6 +23,19 @@ from tjscan.crawler.slip_model import (
 DEGREES_OF_FREEDOM: Final = 4.0
 """Of Student's t distribution of a reading's error: what is farther off counts less."""
 
+WINDOW: Final = 0.05
+"""Metres over which differences between readings and what was expected are added up."""
+
+MEMORY: Final = 0.7
+"""Metres of such windows that say how unsteady the slip is: the contact of a track (assumption)."""
+
+MOST_MISFIT: Final = 9.0
+"""A window's misfit counts as no more: one that was disturbed says little about the others."""
+
+UNSTEADINESS: Final = (0.02, 1.0)
+"""Least and most that the variances of slip's changes are multiplied by: as stated they are what a
+track does at most, and with none of them the filter would learn no more."""
+
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
 
@@ -38,6 +51,13 @@ class SlipUncertainty(SettingsTable):
         Before anything was measured; as `SlipState` names them, in its units.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
         Of the change over one metre of travel.
+    unsteady_crab, unsteady_drift : float
+        Of what crab and drift are off for now, going straight. By default what feet do that give
+        way by 1 mm either way within a contact of 0.7 m, or of half of it to turn.
+    unsteady_centre, unsteady_efficiency : float
+        The same in a turn: how far off for now the centre of rotation and the yaw efficiency are.
+        By default anything between a track of which no foot slides (a sixth of the contact ahead,
+        0.75) and one that slides all over (none, 0.5) is as likely.
     turn_rate : float
         Of the tracks' turn rate, rad/s, over one second.
     unevenness : float
@@ -56,6 +76,10 @@ class SlipUncertainty(SettingsTable):
     drift_walk: Annotated[Deviation, MRAD] = 0.8e-3
     crab_walk: Annotated[Deviation, MRAD] = 0.2e-3
     turning_crab_walk: Annotated[Deviation, MM] = 25e-3
+    unsteady_crab: Annotated[Deviation, MRAD] = 0.8e-3
+    unsteady_drift: Annotated[Deviation, MRAD] = 2.4e-3
+    unsteady_centre: Annotated[Deviation, MM] = 34e-3
+    unsteady_efficiency: Deviation = 0.07
     turn_rate: Deviation = 4e-5
     unevenness: Annotated[Deviation, MM] = 0.02e-3
 
@@ -66,9 +90,9 @@ class SlipBelief:
 
     Parameters
     ----------
-    x : ndarray, shape (8,)
+    x : ndarray, shape (10,)
         As `SlipState` orders it.
-    P : ndarray, shape (8, 8)
+    P : ndarray, shape (10, 10)
         Its covariance.
     """
 
@@ -107,6 +131,8 @@ class SlipBelief:
                 own.crab,
                 curvature_sigma,
                 own.turning_crab,
+                own.unsteady_crab,
+                own.unsteady_drift,
             ]
         )
         return cls(x, np.diag(sigmas**2))
@@ -127,6 +153,12 @@ class SlipBelief:
 class SlipEstimator:
     """Extended Kalman filter of `SlipState`; what it learned stays through reversals and passes.
 
+    How much slip changes differs from hull to hull, and a filter that is told wrong states a
+    wrong sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
+    readings and what was expected, each over its standard deviation, are white where the noise is
+    right; the square of their sum over a window, over their number, is 1 in the mean. It is more
+    where slip changes more than assumed, and less where it changes less.
+
     Parameters
     ----------
     geometry : CrawlerGeometry
@@ -135,6 +167,11 @@ class SlipEstimator:
         What is known at first.
     uncertainty : SlipUncertainty
         How slip changes, and how uneven the joint is.
+
+    Attributes
+    ----------
+    unsteadiness : float
+        By how much the variances of slip's changes are multiplied, as learned.
     """
 
     def __init__(
@@ -151,13 +188,17 @@ class SlipEstimator:
             own.turning_crab_walk,
         )
         self._walk_per_metre = walks**2
+        self._turns = 0.0
+        self.unsteadiness = 1.0
+        self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def move(self, odometry: TrackOdometry) -> None:
         """Go on by one period in which the tracks moved as the encoders show."""
         x, F = propagate_state(self.belief.x, odometry, self.geometry)
         P = F @ self.belief.P @ F.T
         travel = abs(odometry.speed) * odometry.period
-        P[np.diag_indices(STATES)] += self._walk_per_metre * travel
+        changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
+        P[np.diag_indices(STATES)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         by_turn = F[:2, SlipState.YAW_EFFICIENCY] / (odometry.turn_rate or 1.0)
         if odometry.turn_rate == 0.0:
@@ -165,6 +206,33 @@ class SlipEstimator:
         by_turn = by_turn * self.belief.x[SlipState.YAW_EFFICIENCY]
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.belief = SlipBelief(x, (P + P.T) / 2)
+        self._window += travel
+        if self._window >= WINDOW:
+            self._match_covariances()
+
+    def _match_covariances(self) -> None:
+        """Learn from a window how unsteady the slip is."""
+        if self._readings:
+            misfit = min(self._misfit**2 / self._readings, MOST_MISFIT)
+            learned = self.unsteadiness * exp((misfit - 1) * self._window / MEMORY)
+            self.unsteadiness = min(max(learned, UNSTEADINESS[0]), UNSTEADINESS[1])
+        self._misfit, self._readings, self._window = 0.0, 0, 0.0
+
+    def _settled(self, odometry: TrackOdometry, kept: float) -> Array:
+        """Variances that a period adds, so that those of unsteady slip stay what they should be.
+
+        In a turn the feet shear and slide the more the tighter it is, and go on doing so until
+        they have left: hence the curvature that the track remembers.
+        """
+        own, added = self._uncertainty, np.zeros(STATES)
+        if odometry.speed:
+            efficiency = float(self.belief.x[SlipState.YAW_EFFICIENCY])
+            curvature = efficiency * odometry.turn_rate / odometry.speed
+            self._turns = kept * self._turns + (1 - kept) * curvature
+        crab = own.unsteady_crab**2 + (own.unsteady_centre * self._turns) ** 2
+        drift = own.unsteady_drift**2 + (own.unsteady_efficiency * self._turns) ** 2
+        added[SlipState.UNSTEADY_CRAB :] = crab, drift
+        return (1 - kept**2) * added
 
     def read(self, d: float, sigma: float) -> float:
         """Take in a reading of the joint.
@@ -187,6 +255,8 @@ class SlipEstimator:
         PH = P @ H
         before = float(H @ PH)
         off = (d - expected) ** 2 / (before + variance)
+        self._misfit += (d - expected) / sqrt(before + variance)
+        self._readings += 1
         nu = DEGREES_OF_FREEDOM
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)

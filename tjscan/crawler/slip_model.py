@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from math import copysign, cos, sin, tan
+from math import copysign, cos, exp, sin, tan
 from typing import Final
 
 import numpy as np
@@ -19,14 +19,15 @@ from tjscan.core.frames import Array
 
 
 class SlipState(IntEnum):
-    """Where each quantity stands in a state vector, shape (8,).
+    """Where each quantity stands in a state vector, shape (10,).
 
     OFFSET is that of the torch from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation lies ahead of the vehicle's own, in
     travel direction, metres; YAW_EFFICIENCY the share of the tracks' turn rate that turns the
     vehicle; DRIFT its turn per metre when the tracks run alike, rad/m; CRAB its sideways travel per
-    metre, whichever way it goes; CURVATURE that of the joint, 1/m, positive to the right; and
-    TURNING_CRAB its sideways travel per radian of turn, metres.
+    metre, whichever way it goes; CURVATURE that of the joint, 1/m, positive to the right;
+    TURNING_CRAB its sideways travel per radian of turn, metres. UNSTEADY_CRAB and UNSTEADY_DRIFT
+    are what crab and drift differ from those for now, and forget over `SETTLING`.
     """
 
     OFFSET = 0
@@ -37,9 +38,15 @@ class SlipState(IntEnum):
     CRAB = 5
     CURVATURE = 6
     TURNING_CRAB = 7
+    UNSTEADY_CRAB = 8
+    UNSTEADY_DRIFT = 9
 
 
 STATES: Final = len(SlipState)
+
+SETTLING: Final = 0.2
+"""Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
+latest after its contact, and let go before where they slide (assumption)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,24 +91,26 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (8,)
+    x : ndarray, shape (10,)
         As `SlipState` orders it.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (8,)
-    F : ndarray, shape (8, 8)
+    x : ndarray, shape (10,)
+    F : ndarray, shape (10, 10)
     """
-    q, heading, ahead, efficiency, drift, crab, curvature, turning_crab = x.tolist()
+    q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, sways, veers = x.tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
-    turn = efficiency * odometry.turn_rate + drift * u
+    turn = efficiency * odometry.turn_rate + (drift + veers) * u
     arm = geometry.centre_to_torch + way * ahead
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
-    q += dt * (u * sin(heading) + crab * abs(u) + turning_crab * abs(turn) - turn * arm)
+    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
+    kept = exp(-abs(u) * dt / SETTLING)
     after = x.copy()
+    after[SlipState.UNSTEADY_CRAB :] *= kept
     after[SlipState.OFFSET] = q
     after[SlipState.HEADING] = heading + dt * (turn - curvature * u)
     F = np.eye(STATES)
@@ -114,9 +123,13 @@ def propagate_state(
         dt * abs(u),
         0.0,
         dt * abs(turn),
+        dt * abs(u),
+        dt * by_turn * u,
     )
     F[1, 3:5] = dt * odometry.turn_rate, dt * u
     F[1, 6] = -dt * u
+    F[1, SlipState.UNSTEADY_DRIFT] = dt * u
+    F[8, 8] = F[9, 9] = kept
     return after, F
 
 
@@ -128,14 +141,14 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (8,)
+    x : ndarray, shape (10,)
     geometry : CrawlerGeometry
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (8,)
+    H : ndarray, shape (10,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipState.HEADING])
     H = np.zeros(STATES)

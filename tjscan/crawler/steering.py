@@ -45,7 +45,7 @@ def track_turn_rate(
 
     Parameters
     ----------
-    x : ndarray, shape (8,)
+    x : ndarray, shape (10,)
         As `SlipState` orders it.
     speed : float
         Forward, m/s; nothing is steered where it is 0.
@@ -65,7 +65,7 @@ def track_turn_rate(
     way, gain = copysign(1.0, speed), settings.gain
     arm = geometry.centre_to_torch + way * x[SlipState.ROTATION_CENTRE]
     offset = x[SlipState.OFFSET] + arm * x[SlipState.HEADING]
-    slope = way * x[SlipState.HEADING] + x[SlipState.CRAB]
+    slope = way * x[SlipState.HEADING] + x[SlipState.CRAB] + x[SlipState.UNSTEADY_CRAB]
     # Where it goes straight along the joint, it stands askew by the crab: so does the torch.
     asked = -arm * way * x[SlipState.CRAB]
     if turns_back:
@@ -76,7 +76,7 @@ def track_turn_rate(
         gain = sqrt(limit / abs(off))
     curvature = x[SlipState.CURVATURE] - 2 * gain * slope - gain**2 * off
     curvature = min(max(curvature, -limit), limit)
-    turn = (curvature - x[SlipState.DRIFT]) * speed
+    turn = (curvature - x[SlipState.DRIFT] - x[SlipState.UNSTEADY_DRIFT]) * speed
     return float(turn / max(x[SlipState.YAW_EFFICIENCY], LEAST_EFFICIENCY))
 
 
