@@ -69,7 +69,7 @@ def test_a_laser_that_fails_on_the_way_ends_the_scan_and_it_can_be_resumed(
 ) -> None:
     run = tmp_path / "run"
     laser.schedule_fault("stale")
-    quick = ("--laser.genicam.timeout_ms", "50", "--laser.genicam.attempts", "1")
+    quick = ("--laser.genicam.timeout_ms", "500", "--laser.genicam.attempts", "1")
     assert scan(arm, run, *over_the_wire(laser), *quick) == 4
     laser.schedule_fault("clear")
     assert tjscan("scan", "--resume", run) == 0
