@@ -86,8 +86,8 @@ class QuasiStaticSegment:
 
 @pytest.mark.parametrize(
     ("angle", "way"),
-    [(0.06, 0.0), (0.06, 0.927), (0.1, 1.571), (0.03, 3.1416)],
-    ids=["ahead", "aslant", "sideways", "back"],
+    [(0.06, 0.927), (0.03, 3.1416)],
+    ids=["aslant", "back"],
 )
 def test_towed_over_the_floor_it_pulls_as_least_work_says(angle: float, way: float) -> None:
     model = TowingWorldModel(cable=CABLE, vehicle=TowingVehicleModel(encoder_noise=0.0))

@@ -53,8 +53,8 @@ def test_what_lies_straight_stays_where_it_lies() -> None:
 def test_a_bent_cable_is_held_by_friction() -> None:
     lying = world(SHORT, 0.05, settle=2.0)
     before = lying.truth().points
-    lying.advance(10.0)
-    creep = np.abs(lying.truth().points - before).max() / 10.0
+    lying.advance(5.0)
+    creep = np.abs(lying.truth().points - before).max() / 5.0
     assert creep < 5e-5  # m/s: see docs/vehicles.md
 
 
@@ -108,7 +108,7 @@ def elastica_end_load(cable: CableModel, tip: Array, guessed: Array) -> Array:
 
 @pytest.mark.parametrize(
     ("tip", "angles"),
-    [((1.8, 0.6, 0.9), 0.045), ((1.6, 0.9, 1.4), 0.07), ((1.2, 1.2, 1.6), 0.08)],
+    [((1.8, 0.6, 0.9), 0.045), ((1.2, 1.2, 1.6), 0.08)],
 )
 def test_a_bent_rod_pushes_as_the_elastica_does(
     tip: tuple[float, float, float], angles: float
@@ -116,7 +116,7 @@ def test_a_bent_rod_pushes_as_the_elastica_does(
     cable = SLIPPERY
     bent = world(cable, angles)
     towards = np.array(tip)
-    for _ in range(1200):
+    for _ in range(700):
         pose = bent.plant.poses[0]
         w = 2.0 * (towards - pose)
         c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -177,7 +177,7 @@ def test_the_same_orders_give_the_same_motion() -> None:
 
 
 def test_vehicles_drive_as_told() -> None:
-    cable = CableModel(links=40, held=(39,), root=None, friction=0.0)
+    cable = CableModel(links=20, held=(19,), root=None, friction=0.0)
     driven = world(cable)
     start = driven.truth().poses[0]
     drive(driven, [Twist(0.1, 0.0, -0.05)], 1.0)
