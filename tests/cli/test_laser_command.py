@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cells import PAPER
 from command import tjscan
-from laser_cell import loopback_laser, write_groove_profiles
+from laser_cell import loopback_laser, require_broadcasts, write_groove_profiles
 
 from tjscan.cli.laser_output import draw_profile
 from tjscan.laser.files import ProfileFormat, read_profiles
@@ -19,6 +19,7 @@ from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading
 
 pytest.importorskip("viva_genicam")
+require_broadcasts()
 
 HALF_COUNT_MM = 0.0026
 

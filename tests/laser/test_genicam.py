@@ -10,7 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import PAPER
-from laser_cell import laser_at, loopback_laser, write_groove_profiles
+from laser_cell import (
+    laser_at,
+    loopback_laser,
+    require_broadcasts,
+    write_groove_profiles,
+)
 
 from tjscan.core.config import validate_table
 from tjscan.core.errors import (
@@ -32,6 +37,7 @@ from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.scan3d import FORMATS
 
 pytest.importorskip("viva_genicam")
+require_broadcasts()
 
 LONGEST = 5.0
 """Seconds within which every fault has its error."""

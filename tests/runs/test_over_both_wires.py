@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cells import PAPER
 from command import tjscan
+from laser_cell import require_broadcasts
 from ur_cell import address
 
 from tjscan.laser.loopback.process import LaserLoopbackProcess
@@ -18,6 +19,7 @@ from tjscan.scanning.reader import read_recorded_scan
 
 pytest.importorskip("rtde_control")
 pytest.importorskip("viva_genicam")
+require_broadcasts()
 
 HALF_COUNT = 2.5e-6
 """Metres: half of what one count of the laser's numbers is worth."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from ur_cell import address
 
 from tjscan.core.config import validate_table
@@ -15,6 +17,16 @@ from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.loopback.process import LaserLoopbackProcess
 
 PROFILES = 20
+
+
+def require_broadcasts() -> None:
+    """Skip a module of tests on a machine without any network: lasers are found by broadcasts."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        try:
+            trial.connect(("255.255.255.255", 9))
+        except OSError:
+            pytest.skip("there is no network to broadcast in", allow_module_level=True)
 
 
 def write_groove_profiles(file: Path) -> Path:
