@@ -37,6 +37,12 @@ welder waits."""
 SLACK: Final = 0.95
 """The same from which on it goes slower."""
 
+KNOWN: Final = 0.3e-3
+"""Metres to which the poses of vehicles that stand are to be known before they drive."""
+
+LONGEST_LOOK: Final = 3.0
+"""Seconds that this may take; then they drive as well as they are known."""
+
 AT_START: Final = 0.05
 """Metres by which the welder may stand off its seam when a tow begins."""
 
@@ -181,6 +187,9 @@ class CableTow:
                 f"no pose of vehicle {numbers} came within "
                 f"{self._setting.localisation.lost:g} s. See that the localisation is running."
             )
+        limit = self._team.time + LONGEST_LOOK
+        while estimate.sigmas[:, 0].max() > KNOWN and self._team.time < limit:
+            estimate = self._see()
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):

@@ -14,10 +14,10 @@ from tjscan.towing.following import velocity_from_twist, wrap_angle
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
-SLIP: Final = 0.1
+SLIP: Final = 0.05
 """Share of its way by which a vehicle's odometry may be wrong."""
 
-WANDER: Final = (5e-4, 1e-3)
+WANDER: Final = (1e-4, 3e-4)
 """What odometry may miss without any way, metres and radians per square root of a second."""
 
 SIGMAS: Final = 5.0

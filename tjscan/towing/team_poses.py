@@ -139,6 +139,8 @@ class TeamPoses:
 
     def _report_changes(self, found: Sequence[PoseEstimate]) -> None:
         for v, one in enumerate(found):
+            if not self._filters[v].known:
+                continue
             if one.refused and not self._refused[v]:
                 self._report("no pose", f"of vehicle {v + 1}: {one.refused}")
             elif self._refused[v] and not one.refused:
