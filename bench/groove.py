@@ -2,6 +2,8 @@
 
 Profiles are simulated before joints of several sizes, all round, from poses that are off by
 up to 5 degrees and 5 mm; the truth is where the laser plane cuts the joint's edges.
+
+``--quick`` gives the same rows from a twelfth of the poses.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -34,6 +37,9 @@ from tjscan.laser.profile import Profile
 CAD: Final = Path(__file__).parent.parent / "cad"
 PULL: Final = math.radians(10)
 POSES, REFLECTIVE_POSES, EMPTY_VIEWS = 240, 2000, 60
+QUICK: Final = 12
+"""How many times fewer poses are taken with ``--quick``."""
+
 REPEATS: Final = 5
 """Profiles from each pose."""
 
@@ -111,10 +117,10 @@ def read(profile: Profile) -> GrooveSection | None:
         return None
 
 
-def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
+def noise_only(stages: list[Stage], sigma: float, poses: int) -> list[Row]:
     model = LaserModel.without_faults(noise=sigma)
     tally, bounds = Tally([], [], []), []
-    for k, (v, hits) in enumerate(views(stages, POSES, model, 1)):
+    for k, (v, hits) in enumerate(views(stages, poses, model, 1)):
         truth, limit = section_from_points(v.five), bound(hits, v, model)
         for r in range(REPEATS):
             tally.add(v, read(profile_of(hits, model, REPEATS * k + r)), truth)
@@ -133,10 +139,10 @@ def noise_only(stages: list[Stage], sigma: float) -> list[Row]:
     return rows
 
 
-def reflections(stages: list[Stage]) -> list[Row]:
+def reflections(stages: list[Stage], poses: int) -> list[Row]:
     tally, watch = Tally([], [], []), Stopwatch()
     gc.disable()
-    for k, (v, hits) in enumerate(views(stages, REFLECTIVE_POSES, REFLECTIVE, 2)):
+    for k, (v, hits) in enumerate(views(stages, poses, REFLECTIVE, 2)):
         truth = section_from_points(v.five)
         for r in range(REPEATS):
             profile = profile_of(hits, REFLECTIVE, REPEATS * k + r)
@@ -146,7 +152,7 @@ def reflections(stages: list[Stage]) -> list[Row]:
         gc.collect(0)
     gc.enable()
     errors = 1e3 * np.array(tally.errors)
-    total = REFLECTIVE_POSES * REPEATS
+    total = poses * REPEATS
     wrong = np.count_nonzero(errors.max(axis=1) > 1)
     areas = 100 * np.array(tally.areas)
     worst = float(np.percentile(errors, 95, axis=0).max())
@@ -161,17 +167,17 @@ def reflections(stages: list[Stage]) -> list[Row]:
     ]
 
 
-def no_groove(stages: list[Stage]) -> list[Row]:
+def no_groove(stages: list[Stage], count: int) -> list[Row]:
     """Wall only, leg only, and drawings of other things."""
     read_ = total = 0
     for away in (-0.15, 0.15):
         rng = np.random.default_rng(3)
-        for k in range(EMPTY_VIEWS):
+        for k in range(count):
             stage, shift = stages[k % len(stages)], np.array([away, 0.0, 0.0])
             v = view(stage, rng.uniform(0, 2 * np.pi), pull=PULL, turn=np.zeros(3), shift=shift)
             section = read(profile_of(hits_of(stage, v, REFLECTIVE), REFLECTIVE, k))
             read_, total = read_ + (section is not None), total + 1
-    for k in range(EMPTY_VIEWS):
+    for k in range(count):
         for draw in (plane, edge, valley, pipe, dust, empty):
             section = read(draw(np.random.default_rng(k)))
             read_, total = read_ + (section is not None), total + 1
@@ -208,15 +214,18 @@ def empty(rng: np.random.Generator) -> Profile:
     return drawn(rng, lambda x: np.full_like(x, np.nan))
 
 
-def measure() -> list[Row]:
+def measure(share: int) -> list[Row]:
+    """All rows, each from one in `share` of its poses."""
     stages = [Stage.of(joint) for joint in joints()]
     return [
-        *noise_only(stages, 20e-6),
-        *noise_only(stages, 50e-6),
-        *reflections(stages),
-        *no_groove(stages),
+        *noise_only(stages, 20e-6, POSES // share),
+        *noise_only(stages, 50e-6, POSES // share),
+        *reflections(stages, REFLECTIVE_POSES // share),
+        *no_groove(stages, EMPTY_VIEWS // share),
     ]
 
 
 if __name__ == "__main__":
-    sys.exit(main("grooves read off profiles", measure, sys.argv[1:]))
+    words = [word for word in sys.argv[1:] if word != "--quick"]
+    fewer = QUICK if "--quick" in sys.argv else 1
+    sys.exit(main("grooves read off profiles", partial(measure, fewer), words))
