@@ -1,0 +1,217 @@
+"""How fast and how good the towed cable's plans are, without a plant: rows for `towing.py`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import inf, pi
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+import numpy as np
+from _stopwatch import USUAL, Stopwatch
+from _table import Row
+
+from tjscan.core.frames import Array
+from tjscan.towing.area import Area, Obstacles
+from tjscan.towing.cable import Cable
+from tjscan.towing.limited import optimise_limited
+from tjscan.towing.limits import HardLimits
+from tjscan.towing.plan import TowingPlan
+from tjscan.towing.planner import PlannerSettings, TowingPlanner, optimise_freely
+from tjscan.towing.shape_problem import ShapeProblem
+from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
+from tjscan.towing.weights import EffortTargets, TowingWeights
+
+OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
+"""Best shapes of 30 problems, by `_towing_optima.py`."""
+
+DT, STEP = 0.1, 0.001
+"""Of V-C: plans at 10 Hz, the welder at 600 mm/min."""
+
+YARD: Final = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
+BLOCK: Final = 20
+"""Plans that are timed together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tow:
+    """A welder that goes along a wall, and a planner.
+
+    Parameters
+    ----------
+    planner : TowingPlanner
+    x, y : float
+        Where the welder begins, metres.
+    step : float
+        From plan to plan, metres.
+    """
+
+    planner: TowingPlanner
+    x: float = 2.6
+    y: float = -4.8
+    step: float = STEP
+
+    def pose(self, k: int) -> Array:
+        """Of the welder at the k-th plan."""
+        return np.array((self.x, self.y + k * self.step, pi / 2))
+
+    def plans(self, count: int, settle: int = 60) -> Iterator[TowingPlan]:
+        """Plans along the wall, of vehicles that go where they are sent; then a halt, if any."""
+        last = self.planner.start(self.pose(0))
+        if not last.halt:
+            for k in range(-settle, count):
+                last = self.next(last, max(k, 0))
+                if last.halt:
+                    break
+                if k >= 0:
+                    yield last
+        if last.halt:
+            yield last
+
+    def next(self, last: TowingPlan, k: int) -> TowingPlan:
+        """The k-th plan."""
+        return self.planner.plan(last.held_poses, self.pose(k), dt=DT, last=last)
+
+    def timed(self, count: int) -> tuple[Stopwatch, list[TowingPlan]]:
+        """Plans in blocks, each timed."""
+        *_, last = self.plans(1)
+        watch, plans = Stopwatch(), []
+        for first in range(0, count, BLOCK):
+            with watch:
+                for k in range(first, first + BLOCK):
+                    last = self.next(last, k + 1)
+                    plans.append(last)
+        return watch, plans
+
+
+def rate_row(name: str, watch: Stopwatch, least_hz: float) -> Row:
+    """A rate, held as the time of a plan, as on the usual machine."""
+    taken = 1e3 * sum(watch.seconds) / (BLOCK * len(watch.seconds))
+    at_least = f": {least_hz:g} Hz" if least_hz else ""
+    limit = 1e3 / least_hz if least_hz else inf
+    return Row(f"{name}{at_least}", taken, limit, "ms", slowdown=watch.slowdown)
+
+
+def rate_rows() -> list[Row]:
+    """Plans with no limit near, and pressed against one all the way."""
+    free, plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD), y=-1.5).timed(400)
+    bound = sum(bool(plan.limits or plan.halt) for plan in plans)
+    nearest = min(
+        float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
+    )
+    tight = PlannerSettings(limits=TowingLimits(body_clearance=nearest - 0.15 + 0.05))
+    pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
+    share = 100 * float(np.mean([bool(p.limits) and not p.halt for p in tight_plans]))
+    return [
+        Row("reference task in the same run", 1e3 * USUAL * free.slowdown, inf, "ms"),
+        rate_row("plan, mean of 400", free, 1500),
+        Row("of them at a limit or halted", bound, 0),
+        rate_row("plan with a hard limit active, mean of 200", pressed, 400),
+        Row("of them at a limit", share, 100, "%", at_least=95),
+    ]
+
+
+def optimum_rows() -> list[Row]:
+    """The 30 problems, from the estimate on, against the best of another solver."""
+    gaps, off = [], 0.0
+    for given in json.loads(OPTIMA.read_text(encoding="utf-8"))["problems"]:
+        problem, limits = made(given)
+        angles, _ = optimise_freely(problem)
+        if np.abs(angles).max() > limits.cable.joint_limit:
+            angles = optimise_limited(problem, limits, problem.estimate).angles
+        gaps.append(100 * (problem.terms(angles).paper / given["f"] - 1))
+        off = max(off, float(np.abs(problem.constraint(angles)[0]).max()))
+    name = f"optimality gap, {len(gaps)} problems"
+    return [
+        Row(f"{name}: median", median(gaps), 0.1, "%"),
+        Row(f"{name}: 90 %", float(np.percentile(gaps, 90)), 1.0, "%"),
+        Row(f"{name}: largest", max(gaps), inf, "%"),
+        Row(f"{name}: smallest", min(gaps), inf, "%"),
+        Row("constraint, largest of them", off, 1e-6, "m or rad"),
+    ]
+
+
+def made(given: dict[str, list[float]]) -> tuple[ShapeProblem, HardLimits]:
+    """A problem of the file; of its limits only that of the joints holds."""
+    (x, y), (far_x, far_y) = given["low"], given["high"]
+    cable = Cable(least_bend_radius=0.05 / np.sin(0.385))
+    cx, cy, radius = given["disc"]
+    floor = replace(
+        Obstacles.of_area(Area([(x, y), (far_x, y), (far_x, far_y), (x, far_y)])),
+        discs=np.array([(cx, cy, cx, cy, radius)]),
+    )
+    bend, obstacle, change = given["weights"]
+    none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+    problem = ShapeProblem(
+        cable, floor, TowingWeights(bend, obstacle, change, 0.0), EffortTargets(),
+        np.array(given["estimate"]), np.array([59]), np.array([given["pose"]]), none, nowhere, DT,
+    )  # fmt: skip
+    off = TowingLimits(-100.0, -100.0, -100.0, -100.0)
+    return problem, HardLimits(cable, TowingTeam(), off, floor, none, nowhere, DT)
+
+
+def seam_rows() -> list[Row]:
+    """V-C whole, quasi-static: what is asked of the towing vehicles, and the limits."""
+    cable, team, limits = Cable(), TowingTeam(), TowingLimits()
+    speed, broken, bend, walls, bodies, gap, count, f = 0.0, 0, 0.0, inf, inf, inf, 0, []
+    before = None
+    for plan in Tow(TowingPlanner(cable, team, YARD)).plans(9600):
+        count, broken = count + 1, broken + bool(plan.halt)
+        links, held = plan.link_poses[3:-3, :2], plan.held_poses[:, :2]
+        if before is not None:
+            steps = held[:-1] - before.held_poses[:-1, :2]
+            speed = max(speed, float(np.hypot(steps[:, 0], steps[:, 1]).max()) / DT)
+        walls = min(walls, *(_to_walls(links)))
+        bodies = min(bodies, *(_to_walls(held[:-1]) - team.body_radius))
+        apart = np.hypot(*(held[:, None] - held[None]).T)[~np.eye(len(held), dtype=bool)]
+        gap = min(gap, float(apart.min()) - 2 * team.body_radius)
+        bend = max(bend, float(np.abs(plan.angles).max()))
+        f.append(plan.terms.paper)
+        before = plan
+    return [
+        Row("V-C, 9,600 plans: made and not halted", count - broken, inf, at_least=9600),
+        Row("V-C: speed asked of a towing vehicle, largest", 1e3 * speed, 15, "mm/s"),
+        Row("V-C: links to walls", 1e3 * walls, inf, "mm", at_least=1e3 * limits.link_clearance),
+        Row("V-C: bodies to walls", 1e3 * bodies, inf, "mm", at_least=1e3 * limits.body_clearance),
+        Row("V-C: gap of two bodies", 1e3 * gap, inf, "mm", at_least=1e3 * limits.vehicle_gap),
+        Row("V-C: joint angle", bend, cable.joint_limit, "rad"),
+        Row(
+            "V-C: objective, mean (the paper: 3.5, with losses of its own)", float(np.mean(f)), inf
+        ),
+    ]
+
+
+def _to_walls(points: Array) -> Array:
+    return np.concatenate((points[:, 0], 2.6 - points[:, 0], points[:, 1] + 5, 5 - points[:, 1]))
+
+
+def size_rows() -> list[Row]:
+    """Other numbers of vehicles, other lengths of cable; yards grow with the cable."""
+    rows = []
+    for vehicles, links, length, least_hz in (
+        (2, 60, 0.1, 0),
+        (6, 60, 0.1, 0),
+        (6, 100, 0.2, 0),
+        (20, 100, 0.2, 0),
+        (20, 120, 0.5, 10),
+    ):
+        scale = links * length / 6
+        cable = Cable(links=links, link_length=length, least_bend_radius=1.33 * length)
+        team = TowingTeam(equal_links(links, vehicles), top_speed=0.1)
+        yard = Area(YARD.outline * scale)
+        tow = Tow(TowingPlanner(cable, team, yard), x=2.6 * scale, y=-1.5 * scale)
+        watch, plans = tow.timed(40)
+        name = f"{vehicles} vehicles, {links * length:g} m in {links} links"
+        rows += [
+            rate_row(f"{name}: plan, mean of 40", watch, least_hz),
+            Row(f"{name}: plans halted", sum(bool(p.halt) for p in plans), 0),
+        ]
+    return rows
+
+
+def plan_rows() -> list[Row]:
+    """All of them."""
+    return [*rate_rows(), *optimum_rows(), *seam_rows(), *size_rows()]
