@@ -105,7 +105,7 @@ def test_another_estimator_believes_otherwise_and_moves_nothing(run: Path, tmp_p
         row["true_deviation_rms_mm"] for row in read_passes(run)
     }
     assert read_crawl_job(out / "job.toml").method == "paper"
-    assert "nothing moved: what the method paper" in (out / "report.html").read_text()
+    assert "nothing moved: what the paper method" in (out / "report.html").read_text()
 
 
 def test_a_replay_is_no_weld(run: Path, tmp_path: Path) -> None:
