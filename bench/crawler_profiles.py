@@ -206,8 +206,10 @@ def remembered_rows() -> list[Row]:
                     reading = None
                     with watch, suppress(GrooveNotFound):
                         reading = reader.read(profile, STEP * k)
-                    tally.total += ahead
-                    if ahead and reading is not None:
+                    if not ahead or k < STATION:  # the vehicle has not left its first station
+                        continue
+                    tally.total += 1
+                    if reading is not None:
                         tally.errors.append(reading.centre - float(truth[0]))
                         tally.sigmas.append(reading.centre_sigma)
             if passes in (6, 9):
