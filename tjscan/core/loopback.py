@@ -56,6 +56,9 @@ class LoopbackProgram:
     silent: ClassVar[type[TjscanError]] = TjscanError
     """Raised where it does not say what it should."""
 
+    start_limit: ClassVar[float] = REPLY_TIMEOUT
+    """Seconds in which it must be ready."""
+
     def __init__(self, command: str, *options: str) -> None:
         self._command, self._options = command, options
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -78,7 +81,7 @@ class LoopbackProgram:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         try:
-            self.wait_for_line("ready")
+            self.wait_for_line("ready", timeout=self.start_limit)
         except BaseException:
             self._end()
             raise

@@ -24,6 +24,8 @@ class VehicleLoopbackProcess(LoopbackProgram):
     """
 
     ended, silent = VehicleLinkLost, VehicleFault
+    start_limit = 600.0
+    """Seconds: at its very first start, what finds a tow's first shape is compiled for a minute."""
 
     def __init__(self, broker: str, *options: str) -> None:
         super().__init__("vehicle-loopback", "--broker", broker, *options)
