@@ -16,7 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.cable import Cable
 from tjscan.towing.devices import Team
-from tjscan.towing.following import PoseFollower
+from tjscan.towing.following import PoseFollower, velocity_from_twist
 from tjscan.towing.journal import TowCycle, TowJournal
 from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
@@ -305,8 +305,9 @@ class CableTow:
         stopped = []
         for v, (state, check) in enumerate(zip(self._states, self._checks, strict=True)):
             fault = isinstance(state, VehicleFault) or bool(state.fault)
-            asked = hypot(self._asked[v].speed, self._asked[v].sideways) * PERIOD
-            if check.update(now, estimate.poses[v], asked, fault=fault):
+            pose = estimate.poses[v]
+            asked = PERIOD * velocity_from_twist(self._asked[v], pose[2])[:2]
+            if check.update(now, pose, asked, fault=fault):
                 stopped.append(v)
                 if v not in self._stopped:
                     why = _fault_of(state) or "it is told to drive, and does not move"

@@ -6,6 +6,8 @@ from collections import deque
 from math import hypot
 from typing import Final
 
+import numpy as np
+
 from tjscan.core.frames import Array
 
 WINDOW: Final = 3.0
@@ -25,10 +27,10 @@ class StandstillCheck:
     """Whether one vehicle stands for good; it is tried again after a while."""
 
     def __init__(self) -> None:
-        self._way: deque[tuple[float, float, float, float]] = deque()
+        self._way: deque[tuple[float, Array, Array]] = deque()
         self._since: float | None = None
 
-    def update(self, time: float, pose: Array, asked: float, *, fault: bool) -> bool:
+    def update(self, time: float, pose: Array, asked: Array, *, fault: bool) -> bool:
         """Whether it stands for good.
 
         Parameters
@@ -37,8 +39,8 @@ class StandstillCheck:
             Seconds.
         pose : ndarray, shape (3,)
             Where it is.
-        asked : float
-            Metres that it was told to go since the last update.
+        asked : ndarray, shape (2,)
+            Way along x and y that it was told to go since the last update, metres.
         fault : bool
             Whether it reports one itself.
         """
@@ -51,14 +53,14 @@ class StandstillCheck:
                 return True
             self._since = None
             self._way.clear()
-        self._way.append((time, float(pose[0]), float(pose[1]), asked))
+        self._way.append((time, pose[:2], asked))
         while len(self._way) > 1 and time - self._way[1][0] >= WINDOW:
             self._way.popleft()
         if time - self._way[0][0] < WINDOW:
             return False
-        total = sum(way for *_, way in self._way)
-        moved = hypot(pose[0] - self._way[0][1], pose[1] - self._way[0][2])
-        if total > ASKED and moved < SHARE * total:
+        total = np.sum([way for *_, way in list(self._way)[1:]], axis=0)
+        moved = pose[:2] - self._way[0][1]
+        if hypot(*total) > ASKED and hypot(*moved) < SHARE * hypot(*total):
             self._since = time
             return True
         return False

@@ -1,0 +1,39 @@
+"""What is told to drive and does not is noticed; what drives to and fro is let alone."""
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.towing.standstill import RETRY, WINDOW, StandstillCheck
+
+PERIOD = 0.1
+ALONG = np.array((1e-3, 0.0))
+
+
+def run(asked: list[Array], share: float) -> list[bool]:
+    """Whether it counts as standing, where it goes a share of what it is told."""
+    check, pose, found = StandstillCheck(), np.zeros(3), []
+    for k, way in enumerate(asked):
+        pose[:2] += share * way
+        found.append(check.update(k * PERIOD, pose.copy(), way, fault=False))
+    return found
+
+
+def test_a_vehicle_that_stands_is_noticed_after_the_window_and_tried_again() -> None:
+    found = run([ALONG] * 160, 0.05)
+    first = found.index(True)
+    assert WINDOW <= first * PERIOD <= WINDOW + 2 * PERIOD
+    again = first + found[first:].index(False)
+    assert (again - first) * PERIOD == RETRY
+
+
+def test_one_that_goes_where_it_is_told_is_let_alone_also_where_it_turns_back() -> None:
+    assert not any(run([ALONG] * 25 + [-ALONG] * 35 + [ALONG] * 60, 1.0))
+    assert not any(run([ALONG] * 100, 0.5))
+
+
+def test_one_that_is_told_to_stay_does_not_stand_for_good() -> None:
+    assert not any(run([np.zeros(2)] * 100, 0.0))
+
+
+def test_a_fault_counts_at_once() -> None:
+    assert StandstillCheck().update(0.0, np.zeros(3), np.zeros(2), fault=True)
