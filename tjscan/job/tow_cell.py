@@ -59,7 +59,7 @@ def make_planner(job: TowJob) -> ShapePlanner:
         PoseTrust(known.position_sigma, known.heading_sigma),
     )
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
-    return kind(job.chain, job.team, job.floor, settings)
+    return kind(job.planned_chain, job.team, job.floor, settings)
 
 
 class ConnectedTeam(Team, Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Le, Len, MaxLen
@@ -35,6 +35,13 @@ from tjscan.vehicle.localisation_drivers import LOCALISATIONS
 from tjscan.vehicle.mqtt_settings import MqttSettings
 
 GRAVITY: Final = 9.81
+RESERVE: Final = 5e-3
+"""Metres by which plans keep off more than the job asks: vehicles and cable lie within some
+millimetres of where they are planned."""
+
+BEND_RESERVE: Final = 1.02
+"""The same of the smallest bend radius."""
+
 NEWTON: Final = FileUnit("n")
 
 
@@ -144,13 +151,19 @@ class TowJob(StrictFileModel):
         return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
 
     @property
+    def planned_chain(self) -> Cable:
+        """The cable as it is planned: bent less than it may be, for it lies not quite so."""
+        chain = self.chain
+        return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
+
+    @property
     def hard_limits(self) -> TowingLimits:
-        """What no plan breaks."""
+        """What no plan breaks: the job's limits, and a reserve for what the plan is off by."""
         limits, free = self.limits, self.limits.free_links * self.cable.link
         return TowingLimits(
-            link_clearance=limits.link_clearance,
-            body_clearance=limits.vehicle_clearance,
-            vehicle_gap=limits.vehicle_gap,
+            link_clearance=limits.link_clearance + RESERVE,
+            body_clearance=limits.vehicle_clearance + RESERVE,
+            vehicle_gap=limits.vehicle_gap + RESERVE,
             cable_gap=limits.cable_gap,
             free_at_root=free,
             free_at_welder=free,

@@ -218,7 +218,7 @@ class TargetSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitSettings(SettingsTable):
-    """The table [limits]: what no plan breaks.
+    """The table [limits]: what neither plans nor vehicles and cable break.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ class LimitSettings(SettingsTable):
         wall.
     """
 
-    link_clearance: Annotated[float, Ge(0), Le(1e4), MM] = 0.020
+    link_clearance: Annotated[float, Ge(0), Le(1e4), MM] = 0.012
     vehicle_clearance: Annotated[float, Ge(0), Le(1e4), MM] = 0.020
     vehicle_gap: Annotated[float, Ge(0), Le(1e4), MM] = 0.050
     cable_gap: Annotated[float, Ge(0), Le(1e4), MM] = 0.040
