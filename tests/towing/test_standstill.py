@@ -35,5 +35,7 @@ def test_one_that_is_told_to_stay_does_not_stand_for_good() -> None:
     assert not any(run([np.zeros(2)] * 100, 0.0))
 
 
-def test_a_fault_counts_at_once() -> None:
-    assert StandstillCheck().update(0.0, np.zeros(3), np.zeros(2), fault=True)
+def test_a_fault_counts_at_once_and_no_longer_than_it_is_reported() -> None:
+    check = StandstillCheck()
+    assert check.update(0.0, np.zeros(3), np.zeros(2), fault=True)
+    assert not check.update(0.1, np.zeros(3), np.zeros(2), fault=False)

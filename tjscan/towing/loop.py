@@ -309,10 +309,10 @@ class CableTow:
             asked = PERIOD * velocity_from_twist(self._asked[v], pose[2])[:2]
             if check.update(now, pose, asked, fault=fault):
                 stopped.append(v)
-                if v not in self._stopped:
+                if v not in self._stopped and not isinstance(state, VehicleLinkLost):
                     why = _fault_of(state) or "it is told to drive, and does not move"
                     self._journal.record_event("stands", f"vehicle {v + 1}: {why}")
-        for v in set(self._stopped) - set(stopped):
+        for v in sorted(set(self._stopped) - set(stopped)):
             self._journal.record_event("drives again", f"vehicle {v + 1}")
         self._stopped = tuple(stopped)
 

@@ -24,7 +24,7 @@ RETRY: Final = 10.0
 
 
 class StandstillCheck:
-    """Whether one vehicle stands for good; it is tried again after a while."""
+    """Whether one vehicle stands for good; without a fault of its own it is tried again."""
 
     def __init__(self) -> None:
         self._way: deque[tuple[float, Array, Array]] = deque()
@@ -44,8 +44,8 @@ class StandstillCheck:
         fault : bool
             Whether it reports one itself.
         """
-        if fault:
-            self._since = time
+        if fault:  # when it is mended, the vehicle says so itself
+            self._since = None
             self._way.clear()
             return True
         if self._since is not None:
