@@ -202,7 +202,9 @@ def size_rows() -> list[Row]:
         cable = Cable(links=links, link_length=length, least_bend_radius=1.33 * length)
         team = TowingTeam(equal_links(links, vehicles), top_speed=0.1)
         yard = Area(YARD.outline * scale)
-        tow = Tow(TowingPlanner(cable, team, yard), x=2.6 * scale, y=-1.5 * scale)
+        free_ends = TowingLimits(free_at_root=3 * length, free_at_welder=3 * length)
+        planner = TowingPlanner(cable, team, yard, PlannerSettings(limits=free_ends))
+        tow = Tow(planner, x=2.6 * scale, y=-1.5 * scale)
         watch, plans = tow.timed(40)
         name = f"{vehicles} vehicles, {links * length:g} m in {links} links"
         rows += [

@@ -58,9 +58,9 @@ def start_shapes(
     found: list[StartShape] = []
     for guess in first_shapes(problem.cable, area, welder_pose):
         angles = guess.copy()
-        iterations, _, off = newton_shape(angles, MOST, 1e-4, *problem.arguments)
+        iterations, _, off = newton_shape(angles, 10 * MOST, 1e-4, *problem.arguments)
         if off > 1e-6 or limits.rows(angles)[:, 0].min(initial=0.0) < KEPT:
-            shape = optimise_limited(problem, limits, guess)
+            shape = optimise_limited(problem, limits, guess, most=5 * MOST)
             angles, off = shape.angles, shape.constraint
             iterations += shape.iterations
             if off > 1e-6 or limits.rows(angles)[:, 0].min(initial=0.0) < KEPT:
