@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.background import find_runs
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.hypotheses import end_of_support
@@ -69,9 +68,6 @@ LEAST_UNSEEN: Final = 0.5e-3
 
 ANY_FORM: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
-
-FEWEST_BEHIND: Final = 2
-"""Points behind a side that show it, or the face at the root that they belong to, to be none."""
 
 DENSER: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
@@ -179,14 +175,12 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
-    points, through = int(fitted.counts[-2]), _goes_on_behind(row, fitted)
+    points = int(fitted.counts[-2])
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
     for k, curve in ((0, bevel), (2, leg)):
-        if through[k // 2] or (any(through) and not meets[k // 2]):
-            probability = ANY_FORM
-        elif any(meets):
+        if any(meets):
             probability = share_in_long_stretches(
                 row, fitted.residuals, points, jumping=TOUCHES if meets[k // 2] else 1.0
             )
@@ -201,22 +195,6 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
         square = (near * near + near * far + far * far) / 3
         found[k : k + 2, k : k + 2] = _spread(curve, place, sqrt(probability * square), 0.0)
     return found
-
-
-def _goes_on_behind(row: OrderedProfilePoints, fitted: FittedProfile) -> tuple[bool, bool]:
-    """Whether the points of a face at the root go on, without a jump, behind bevel and leg.
-
-    Steel hides what is behind it: either the face is a reflection, or what it goes behind is.
-    """
-    face = fitted.points_of(len(fitted.curves) - 2)
-    first = find_runs(row.points, row.columns).first
-    run = first.searchsorted(np.arange(len(row.points)), side="right")
-    on_face = np.zeros(len(run), dtype=np.bool_)
-    on_face[face] = fitted.keep[face]
-    same = np.bincount(run[on_face], minlength=len(first) + 1)[run] > 0
-    behind = same & (fitted.residuals > FAR)
-    before, after = behind[: face.start].sum(), behind[face.stop :].sum()
-    return bool(before >= FEWEST_BEHIND), bool(after >= FEWEST_BEHIND)
 
 
 def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
