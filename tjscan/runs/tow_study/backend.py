@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -70,16 +71,23 @@ class TowStudyBackend(StudyBackend[TowOutcome]):
         self, folder: Path, rows: Sequence[StudyRow[TowOutcome]]
     ) -> Iterator[str]:
         """One table of all runs with the paper's figures beside them, before the usual lines."""
-        keys = keys_to_show(rows, self.seed)
+        usual = {
+            key: Counter(row.inputs.get(key) for row in rows).most_common(1)[0][0]
+            for key in keys_to_show(rows, self.seed)
+        }
         quantities = [measure.name for measure in self.measures]
         yield f"| run | ended | {' | '.join(quantities)} |"
         yield f"| --- | --- |{' ---: |' * len(quantities)}"
         printed = [PAPER.get(name, "–") for name in quantities]
         yield f"| Suzuki et al. (2022) | | {' | '.join(printed)} |"
         for row in rows:
-            name = ", ".join(f"{key} {row.inputs[key]}" for key in keys if key in row.inputs)
+            name = ", ".join(
+                f"{key} {row.inputs.get(key)}"
+                for key, value in usual.items()
+                if row.inputs.get(key) != value
+            )
             cells = [_cell(measure, row.outcome) for measure in self.measures]
-            yield f"| {name} | {row.outcome.reason} | {' | '.join(cells)} |"
+            yield f"| {name or 'as the job is'} | {row.outcome.reason} | {' | '.join(cells)} |"
         yield ""
         yield from write_overview_lines(folder, self, rows)
 
