@@ -21,7 +21,6 @@ from tjscan.study.backend import (
     blame_study_for_its_keys,
 )
 from tjscan.study.overview import keys_to_show
-from tjscan.study.report import write_overview_lines
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import canonical_json
 
@@ -70,7 +69,7 @@ class TowStudyBackend(StudyBackend[TowOutcome]):
     def special_report_lines(
         self, folder: Path, rows: Sequence[StudyRow[TowOutcome]]
     ) -> Iterator[str]:
-        """One table of all runs with the paper's figures beside them, before the usual lines."""
+        """One table of all runs, the paper's figures first, in place of the usual lines."""
         usual = {
             key: Counter(row.inputs.get(key) for row in rows).most_common(1)[0][0]
             for key in keys_to_show(rows, self.seed)
@@ -89,7 +88,6 @@ class TowStudyBackend(StudyBackend[TowOutcome]):
             cells = [_cell(measure, row.outcome) for measure in self.measures]
             yield f"| {name or 'as the job is'} | {row.outcome.reason} | {' | '.join(cells)} |"
         yield ""
-        yield from write_overview_lines(folder, self, rows)
 
 
 TOW_STUDY: Final = TowStudyBackend()
