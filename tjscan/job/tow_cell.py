@@ -15,7 +15,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_reading import read_tow_job
-from tjscan.job.tow_world import FaultyTeam, towing_world_of_job
+from tjscan.job.tow_simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.job.tow_job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
-
-if TYPE_CHECKING:
-    from tjscan.job.tow_job import TowJob
 
 SAMPLE: Final = 0.1
 """Metres of seam from one place that is looked at to the next."""
@@ -22,7 +20,26 @@ ON_EDGE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
 
-def check_tow_geometry(job: TowJob) -> None:
+def check_tow_job(job: TowJob) -> None:
+    """Refuse what can't be towed, before anything moves.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key, and where and by how much.
+    """
+    _check_held_links(job)
+    if job.seam.speed > job.vehicles.speed:
+        raise ConfigurationError(
+            f"{6e4 * job.seam.speed:g} mm/min is more than the vehicles' "
+            f"{6e4 * job.vehicles.speed:g}",
+            key="seam.speed_mm_min",
+        )
+    _check_geometry(job)
+    _check_corridor(job)
+
+
+def _check_geometry(job: TowJob) -> None:
     """Refuse an area, a root, a seam or links that can't be.
 
     Raises
@@ -69,7 +86,7 @@ def check_tow_geometry(job: TowJob) -> None:
         )
 
 
-def check_corridor(job: TowJob) -> None:
+def _check_corridor(job: TowJob) -> None:
     """Refuse a floor too narrow for the vehicles somewhere between root and seam.
 
     A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
@@ -126,7 +143,7 @@ def _is_passable(job: TowJob, radius: float) -> bool:
     )
 
 
-def check_held_links(job: TowJob) -> None:
+def _check_held_links(job: TowJob) -> None:
     """Refuse links that can't be held, or vehicles that would touch one another.
 
     Raises

@@ -6,14 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Le, Len, MaxLen
-from pydantic import model_validator
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.job.devices import DeviceSettings
-from tjscan.job.tow_checks import check_corridor, check_held_links, check_tow_geometry
 from tjscan.job.tow_world import TowSimulationSettings
 from tjscan.towing.area import Area
 from tjscan.towing.cable import Cable
@@ -112,19 +109,6 @@ class TowJob(StrictFileModel):
     localisation: TowLocalisationSettings = TowLocalisationSettings()
     following: FollowingSettings = FollowingSettings()
     simulation: TowSimulationSettings = TowSimulationSettings()
-
-    @model_validator(mode="after")
-    def _can_be(self) -> TowJob:
-        check_held_links(self)
-        if self.seam.speed > self.vehicles.speed:
-            raise ConfigurationError(
-                f"{6e4 * self.seam.speed:g} mm/min is more than the vehicles' "
-                f"{6e4 * self.vehicles.speed:g}",
-                key="seam.speed_mm_min",
-            )
-        check_tow_geometry(self)
-        check_corridor(self)
-        return self
 
     @property
     def held_links(self) -> tuple[int, ...]:

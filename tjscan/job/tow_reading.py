@@ -5,10 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from tjscan.core.config import add_file_to_errors
 from tjscan.job.reading import read_job_table
+from tjscan.job.tow_checks import check_tow_job
 from tjscan.job.tow_job import TowJob
 
 
 def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
-    """Read the job of a tow, with single keys replaced; see `read_scan_job`."""
-    return read_job_table(TowJob, file, overrides)
+    """Read the job of a tow, with single keys replaced; see `read_scan_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or asks for what can't be towed.
+    """
+    job = read_job_table(TowJob, file, overrides)
+    with add_file_to_errors(file):
+        check_tow_job(job)
+    return job
