@@ -36,6 +36,32 @@ def test_a_vehicle_that_is_not_well_is_stopped(state: VehicleState, guard: str) 
     assert caught.value.guard == guard
 
 
+def test_a_vehicle_whose_proximity_sensors_fall_silent_is_stopped() -> None:
+    found = guards()
+    for _ in range(100):
+        found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0), proximity=STEEL), 0.01)
+        for _ in range(9):
+            found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0)), 0.01)
+    for _ in range(40):
+        found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0)), 0.01)
+    with pytest.raises(CrawlStopped, match="silent"):
+        found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0)), 0.02)
+
+
+@pytest.mark.parametrize(("asked", "shown"), [(0.005, 0.0), (-0.04, 0.001), (0.02, -0.02)])
+def test_a_vehicle_that_does_not_move_as_asked_is_stopped(asked: float, shown: float) -> None:
+    found = guards()
+    for _ in range(90):
+        found.watch_progress(asked, shown, 0.01)  # drives take a while to get going
+    for _ in range(1000):
+        found.watch_progress(asked, asked, 0.01)
+        found.watch_progress(0.0, 0.0, 0.01)
+    for _ in range(99):
+        found.watch_progress(asked, shown, 0.01)
+    with pytest.raises(CrawlStopped, match="encoders show"):
+        found.watch_progress(asked, shown, 0.02)
+
+
 def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
     found = guards()
     for _ in range(19):

@@ -35,6 +35,9 @@ RUN_UPS: Final = 6
 WAVELENGTH: Final = 0.4
 """Metres of a wave."""
 
+LONGEST_PERIOD: Final = 2.0
+"""Seconds from one state of the vehicle to the next, beyond which nobody knows where it went."""
+
 
 class JointReading(Protocol):
     """Where a profile shows the joint."""
@@ -312,6 +315,7 @@ class Crawler:
         first: each reversal puts the vehicle aside, and takes some way to make up for.
         """
         for left in reversed(range(RUN_UPS)):
+            self._come_to_rest()  # an operator takes his time, and nobody looks meanwhile
             while not self._operator.confirm_weld(self._number):
                 self._cycle(REST)
             self._come_to_rest(one.offset, one.height)
@@ -347,11 +351,9 @@ class Crawler:
         self._guards.check_command(twist)
         devices.vehicle.command(twist)
         state = devices.vehicle.next_state()
-        self._guards.watch_vehicle(state)
-        period = 0.0 if self._time is None else state.time - self._time
-        if period < 0:
-            raise CrawlStopped("clock", f"the vehicle's clock jumped back by {-period:.3f} s")
-        self._time = state.time
+        period = self._period_until(state.time)
+        self._guards.watch_vehicle(state, period)
+        self._guards.watch_progress(twist.speed, state.odometry.speed, period)
         if period > 0:
             method.move(state.odometry, period, twist)
         self._travel += state.odometry.speed * period
@@ -389,6 +391,19 @@ class Crawler:
             sigma = torch.sigma if self._all_welded else inf
             self._guards.watch_joint(d, state.odometry.speed, period, sigma=sigma)
         return period, d is not None
+
+    def _period_until(self, time: float) -> float:
+        """Seconds since the last state; none where it stood, and an operator was waited for."""
+        period = 0.0 if self._time is None else time - self._time
+        if self._phase in (Phase.MANUAL, Phase.READY) and period > LONGEST_PERIOD:
+            period = 0.0
+        if not 0 <= period <= LONGEST_PERIOD:
+            raise CrawlStopped(
+                "clock",
+                f"the vehicle's clock went on by {period:.3f} s from one state to the next",
+            )
+        self._time = time
+        return period
 
     def _enter(self, event: Event, detail: str) -> None:
         self._phase = next_phase(self._phase, event)

@@ -13,6 +13,13 @@ from tjscan.vehicle.vehicle import Twist, VehicleState
 SURELY: Final = 3.0
 """Standard deviations within which something surely lies."""
 
+NO_SAMPLE: Final = 0.5
+"""Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
+
+STANDING: Final = 1.0
+"""Seconds by which more periods show less than half the speed asked for than show more: no drive
+takes so long to get going."""
+
 
 class Guards:
     """Watch over a crawl: edges, the joint, the drives, and what is commanded.
@@ -30,16 +37,31 @@ class Guards:
     ) -> None:
         self._settings, self._proximity, self._corners = settings, proximity, corners
         self._blind_travel = self._blind_time = 0.0
+        self._without_sample = self._standing = 0.0
 
-    def watch_vehicle(self, state: VehicleState) -> None:
+    def watch_vehicle(self, state: VehicleState, period: float = 0.0) -> None:
         """Look at what the vehicle reports.
+
+        Parameters
+        ----------
+        state : VehicleState
+        period : float, optional
+            Since the last one, seconds.
 
         Raises
         ------
         CrawlStopped
-            If a drive is at fault or overloaded, or a number is none.
+            If a drive is at fault or overloaded, a number is none, or the proximity sensors are
+            silent.
         """
         self._proximity.add_sample(state.proximity)
+        self._without_sample = 0.0 if state.proximity else self._without_sample + period
+        if self._without_sample > NO_SAMPLE:
+            raise CrawlStopped(
+                "proximity",
+                f"the proximity sensors have been silent for {self._without_sample:.1f} s: "
+                "nobody would see an edge. Look at their cable",
+            )
         if state.fault:
             raise CrawlStopped("drive fault", f"a drive reports: {state.fault}")
         motion = (state.odometry.speed, state.odometry.turn_rate, *state.torques)
@@ -51,6 +73,30 @@ class Guards:
                 "torque",
                 f"a motor turns its track with {torque:.0f} N m, more than "
                 f"{self._settings.torque:g}. Make least_radius_mm greater",
+            )
+
+    def watch_progress(self, asked: float, shown: float, period: float) -> None:
+        """Look whether the vehicle moves as it is asked to.
+
+        Parameters
+        ----------
+        asked, shown : float
+            Speed that the drives are asked for, and that the encoders show, m/s.
+        period : float
+            Seconds.
+
+        Raises
+        ------
+        CrawlStopped
+            If it stands, or goes the other way.
+        """
+        standing = asked != 0 and shown / asked < 0.5
+        self._standing = max(self._standing + (period if standing else -period), 0.0)
+        if self._standing > STANDING:
+            raise CrawlStopped(
+                "not moving",
+                f"the drives were asked for {1e3 * asked:g} mm/s, and the encoders show "
+                f"{1e3 * shown:.1f} mm/s. Look at brakes, motors and encoders",
             )
 
     def watch_joint(

@@ -151,7 +151,7 @@ def _records(file: Path) -> Iterator[McapRecord]:
                 yield record
     except FileNotFoundError:
         raise ConfigurationError(
-            "there is no recording; a run directory holds scan.mcap", file=file
+            f"there is no recording; a run directory holds {file.name}", file=file
         ) from None
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error

@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.crawler.crawler import LONGEST_PERIOD
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.slip_estimator import SlipBelief
@@ -126,7 +127,7 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
             yield entry.time, LOG, event
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
-        if period > 0:
+        if 0 < period <= LONGEST_PERIOD:  # it stood for longer ones
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)

@@ -1,0 +1,104 @@
+"""The loop of a crawl, with devices that go wrong."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crawls import SHORT
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.runs.crawl import CrawlContext, make_crawler
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+
+
+class Notes:
+    """A journal that keeps cycles and events in memory."""
+
+    def __init__(self) -> None:
+        self.cycles: list[CrawlCycle] = []
+        self.events: list[str] = []
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        self.cycles.append(cycle)
+
+    def record_event(self, name: str, detail: str) -> None:
+        self.events.append(name)
+
+
+class WrongVehicle:
+    """A vehicle whose states are changed on their way."""
+
+    def __init__(self, vehicle: Any, change: Callable[[VehicleState], VehicleState]) -> None:
+        self._vehicle, self._change = vehicle, change
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._vehicle, name)
+
+    def next_state(self) -> VehicleState:
+        return self._change(self._vehicle.next_state())
+
+
+def context(tmp_path: Path) -> CrawlContext:
+    file = tmp_path / "short.toml"
+    # As short as it goes: the joint at once, no way out, no run-up.
+    text = SHORT.replace("run_up_mm = 30", "run_up_mm = 0").replace("[-30.0, 1.0]", "[0.0, 0.1]")
+    file.write_text(text)
+    return CrawlContext(read_crawl_job(file), file)
+
+
+@pytest.mark.parametrize(
+    ("change", "guard"),
+    [
+        (lambda state: replace(state, odometry=Twist(0.0, 0.0)), "not moving"),
+        (lambda state: replace(state, proximity=()), "proximity"),
+        (lambda state: replace(state, time=state.time + 100), "clock"),
+        (lambda state: replace(state, time=nan), "clock"),
+    ],
+)
+def test_a_fault_under_the_arc_ends_arc_and_motion(
+    tmp_path: Path, change: Callable[[VehicleState], VehicleState], guard: str
+) -> None:
+    found, notes = context(tmp_path), Notes()
+    cell = make_crawl_cell(found.job)
+
+    def change_under_arc(state: VehicleState) -> VehicleState:
+        return change(state) if "arc on" in notes.events else state
+
+    wrong = replace(cell, vehicle=WrongVehicle(cell.vehicle, change_under_arc))
+    with cell:
+        with pytest.raises(CrawlStopped) as caught:
+            make_crawler(found, wrong, found.make_method(), notes).run()
+        assert not cell.torch.arc
+    assert caught.value.guard == guard
+    assert "return" not in notes.events  # nothing is told to be welded
+    assert sum(cycle.arc for cycle in notes.cycles) < 130
+
+
+def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
+    found, notes = context(tmp_path), Notes()
+    cell = make_crawl_cell(found.job)
+
+    class SlowOperator:
+        """Takes ten seconds of the vehicle's clock to answer."""
+
+        def confirm_weld(self, number: int) -> bool:
+            last = notes.cycles[-1]
+            assert last.commanded == REST
+            assert abs(last.state.odometry.speed) < 1e-3
+            for _ in range(1000):
+                cell.vehicle.next_state()
+            return True
+
+    asked = replace(found, operator=SlowOperator())
+    with cell:
+        make_crawler(asked, cell, found.make_method(), notes).run()
+    along = [cycle.travel for cycle in notes.cycles]
+    assert max(abs(b - a) for a, b in pairwise(along)) < 1e-3
