@@ -6,8 +6,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from tjscan.core.errors import VehicleFault
-from tjscan.vehicle.mqtt import MqttVehicle
-from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.mqtt.vehicle import MqttVehicle
 from tjscan.vehicle.vehicle import Twist
 
 

@@ -16,8 +16,8 @@ from tjscan.crawler.joint_memory import (
     RememberingTracker,
     sigma_of_addition,
 )
-from tjscan.groove.registration import JointPlacement
-from tjscan.groove.tracking import ButtJointReading
+from tjscan.groove.butt.registration import JointPlacement
+from tjscan.groove.butt.tracking import ButtJointReading
 from tjscan.joint.hull import HullJoint, WeldBead
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile

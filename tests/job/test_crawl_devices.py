@@ -60,7 +60,7 @@ def test_a_real_crawler_has_the_laser_and_the_torch_that_its_job_names(tmp_path:
 
 
 def test_its_torch_may_hang_on_the_link_of_its_vehicle(tmp_path: Path) -> None:
-    from tjscan.vehicle.mqtt_torch import MqttTorch
+    from tjscan.vehicle.mqtt.torch import MqttTorch
 
     assert isinstance(make_crawl_cell(read(tmp_path, REAL.format(torch="mqtt"))).torch, MqttTorch)
 

@@ -3,15 +3,15 @@
 import pytest
 
 from tjscan.vehicle.loopback.torch import SPEED, LoopbackTorch
-from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.torch_wire import (
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.torch_wire import (
     TORCH_COMMANDER_TOPIC,
     TORCH_TOPIC,
     TorchMessage,
     TorchStateMessage,
 )
+from tjscan.vehicle.mqtt.wire import BadMessage, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
-from tjscan.vehicle.wire import BadMessage, PresenceMessage
 
 
 def send(

@@ -8,17 +8,14 @@ import pytest
 pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
-from tjscan.vehicle.cable_model import CableModel, PasserBy, TowingWorldModel
+from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.loopback.bodies import AT_A_CABLE, ON_TRACKS, CrawlerBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
 from tjscan.vehicle.loopback.towing import CLOCK_ERROR, TowingBodies, TowingBody
 from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
-from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
-from tjscan.vehicle.simulated_body import PERIOD
-from tjscan.vehicle.towing_world import TowingWorld
-from tjscan.vehicle.vehicle import DEAD_MAN
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.wire import (
     BadMessage,
     CommandMessage,
     PasserByMessage,
@@ -26,6 +23,9 @@ from tjscan.vehicle.wire import (
     PresenceMessage,
     StateMessage,
 )
+from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+from tjscan.vehicle.simulated_body import PERIOD
+from tjscan.vehicle.vehicle import DEAD_MAN
 
 
 class Loopback:

@@ -13,16 +13,16 @@ from tjscan.vehicle.loopback.faults import (
     parse_ordered_fault,
 )
 from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
-from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
-from tjscan.vehicle.simulation import VehicleSimulationSettings
-from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import DEAD_MAN
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.wire import (
     CommandMessage,
     PresenceMessage,
     StateMessage,
 )
+from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import DEAD_MAN
 
 SETTLED = 0.4
 """Seconds after which the drives have the speed they were told, within a thousandth."""

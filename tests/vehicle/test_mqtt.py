@@ -24,13 +24,13 @@ from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
 
-mqtt = pytest.importorskip("tjscan.vehicle.mqtt", reason="paho-mqtt is not installed")
+mqtt = pytest.importorskip("tjscan.vehicle.mqtt.vehicle", reason="paho-mqtt is not installed")
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 
 from _stops import Break, seconds_until_rest  # noqa: E402
 
-from tjscan.vehicle.mqtt import MqttVehicle  # noqa: E402
-from tjscan.vehicle.mqtt_settings import MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.settings import MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
 
 LONGEST = 1.0
 """Seconds: 0.6 on an idle machine, where the benchmark holds them to that."""

@@ -15,10 +15,10 @@ pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 
 from tjscan.vehicle.localisation import VehiclePose  # noqa: E402
-from tjscan.vehicle.mqtt_link import BrokerLink  # noqa: E402
-from tjscan.vehicle.mqtt_localisation import MqttLocalisation  # noqa: E402
-from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings  # noqa: E402
-from tjscan.vehicle.wire import PasserByMessage, PoseMessage, PresenceMessage  # noqa: E402
+from tjscan.vehicle.mqtt.link import BrokerLink  # noqa: E402
+from tjscan.vehicle.mqtt.localisation import MqttLocalisation  # noqa: E402
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings  # noqa: E402
+from tjscan.vehicle.mqtt.wire import PasserByMessage, PoseMessage, PresenceMessage  # noqa: E402
 
 LONGEST = 10.0
 """Seconds that a message may take on a busy machine."""

@@ -19,9 +19,9 @@ for package in ("mujoco", "numba", "proxsuite", "shapely"):
     pytest.importorskip(package, reason=f"{package} is not installed: pip install 'tjscan[towing]'")
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 
-from tjscan.vehicle.mqtt import MqttVehicle  # noqa: E402
-from tjscan.vehicle.mqtt_localisation import MqttLocalisation  # noqa: E402
-from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings, MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.localisation import MqttLocalisation  # noqa: E402
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
 
 LONGEST = 20.0
 """Seconds that anything may take on a busy machine."""

@@ -90,10 +90,10 @@ def test_faults_do_what_they_say() -> None:
 
 def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
-    from tjscan.vehicle.cable_model import CableModel, PasserBy, TowingWorldModel
+    from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
+    from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
     from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
-    from tjscan.vehicle.towing_world import TowingWorld
 
     model = TowingWorldModel(
         cable=CableModel(links=10, held=(4, 9)),

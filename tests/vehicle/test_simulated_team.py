@@ -8,9 +8,9 @@ pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjsc
 from math import nan
 
 from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
-from tjscan.vehicle.cable_model import CableModel, TowingVehicleModel, TowingWorldModel
+from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.simulated_team import SimulatedTeam
-from tjscan.vehicle.towing_world import TowingWorld
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
 
 TOWS = Twist(0.02, 0.0, 0.01)

@@ -15,9 +15,9 @@ import pytest
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable_model import CableModel, TowingVehicleModel, TowingWorldModel
-from tjscan.vehicle.towing_drives import GRAVITY
-from tjscan.vehicle.towing_world import TowingWorld
+from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.vehicle import Twist
 
 CABLE = CableModel(links=20, held=(9, 19), root=None)

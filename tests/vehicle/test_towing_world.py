@@ -9,15 +9,15 @@ from scipy.integrate import cumulative_simpson, solve_bvp
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable_model import (
+from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.model import (
     CableModel,
     PasserBy,
     TowingVehicleModel,
     TowingWorldModel,
 )
-from tjscan.vehicle.cable_plant import CablePlant
-from tjscan.vehicle.towing_drives import GRAVITY
-from tjscan.vehicle.towing_world import TowingWorld
+from tjscan.vehicle.cable.plant import CablePlant
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.vehicle import Twist
 
 QUIET = TowingVehicleModel(encoder_noise=0.0)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tjscan.vehicle.mqtt.wire import BadMessage, CommandMessage, MessageGate, StateMessage
 from tjscan.vehicle.vehicle import Twist, VehicleState
-from tjscan.vehicle.wire import BadMessage, CommandMessage, MessageGate, StateMessage
 
 STATE = VehicleState(1.5, Twist(0.02, -0.01), (1.0, -2.0), (0.03, inf, 0.031, 0.03), "hot")
 MESSAGE = StateMessage.of_state(STATE, session="abcd", number=7, time=2.0, commander="me")

@@ -62,8 +62,8 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
     if "seam" not in read_toml(file):
         return None
     from tjscan.job.tow_cell import read_towing_world
+    from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.loopback.towing import TowingBodies
-    from tjscan.vehicle.towing_world import TowingWorld
 
     model, angles, localisation = read_towing_world(file)
     return TowingBodies(TowingWorld(model, angles, seed=seed), localisation, seed)

@@ -11,8 +11,8 @@ from dataclasses import replace
 from math import floor, sqrt
 from typing import Final
 
-from tjscan.groove.registration import JointPlacement, ReferenceProfile
-from tjscan.groove.tracking import REGISTERED, ButtJointReading, JointTracker
+from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile
+from tjscan.groove.butt.tracking import REGISTERED, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
 STATION: Final = 5e-3

@@ -9,10 +9,10 @@ from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
-from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.mqtt.settings import MqttSettings
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.mqtt_torch import MqttTorch
+    from tjscan.vehicle.mqtt.torch import MqttTorch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +44,7 @@ def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
             key="torch.driver",
         )
     with TORCHES.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt_torch import MqttTorch
+        from tjscan.vehicle.mqtt.torch import MqttTorch
     return MqttTorch(context.vehicle, context.reach)
 
 

@@ -23,12 +23,12 @@ from tjscan.towing.plan import ShapePlanner
 from tjscan.towing.seam import Seam
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
-from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.cable_model import TowingWorldModel
+    from tjscan.vehicle.cable.model import TowingWorldModel
+    from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
-    from tjscan.vehicle.towing_world import TowingWorld
 
 LONGEST_GUESS: Final = 1.0
 """Seconds for which what moves is taken to go on as it was last seen."""
@@ -151,8 +151,8 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
     world = team = None
     if job.vehicles.driver == "simulated":
         try:
+            from tjscan.vehicle.cable.world import TowingWorld
             from tjscan.vehicle.simulated_team import SimulatedTeam
-            from tjscan.vehicle.towing_world import TowingWorld
         except ModuleNotFoundError as error:
             raise _missing(error, "vehicles.driver") from error
         begin = 0.0
@@ -195,7 +195,7 @@ def _mqtt_team(job: TowJob) -> ConnectedTeam:
     from tjscan.vehicle.paced_team import PacedTeam
 
     with VEHICLES.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt import MqttVehicle
+        from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     link = job.vehicles.mqtt
     return PacedTeam(
         [

@@ -29,7 +29,7 @@ from tjscan.towing.tables import (
 from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
 from tjscan.towing.weights import EffortTargets, TowingWeights
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS
-from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.mqtt.settings import MqttSettings
 
 GRAVITY: Final = 9.81
 RESERVE: Final = 5e-3

@@ -12,7 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_world import FaultSettings
 from tjscan.towing.tables import ObstacleSettings
-from tjscan.vehicle.cable_model import CableModel, PasserBy, TowingWorldModel
+from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
 from tjscan.vehicle.pose_disturbance import PoseFault
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from annotated_types import Ge, Gt, Le, MaxLen
 
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, SECONDS, SettingsTable
 from tjscan.towing.tables import Coordinate
-from tjscan.vehicle.cable_model import (
+from tjscan.vehicle.cable.model import (
     TowingVehicleModel,
 )
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings

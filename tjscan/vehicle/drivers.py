@@ -102,7 +102,7 @@ VEHICLES: Final[Registry[VehicleDriverFactory]] = Registry(
     {
         "simulated": "tjscan.vehicle.drivers:SIMULATED",
         "replay": "tjscan.vehicle.drivers:REPLAYED",
-        "mqtt": "tjscan.vehicle.mqtt_driver:DRIVER",
+        "mqtt": "tjscan.vehicle.mqtt.driver:DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="vehicle.driver",

@@ -9,13 +9,13 @@ from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.vehicle.localisation import Localisation
-from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.mqtt_localisation import MqttLocalisation
+    from tjscan.vehicle.cable.world import TowingWorld
+    from tjscan.vehicle.mqtt.localisation import MqttLocalisation
     from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
-    from tjscan.vehicle.towing_world import TowingWorld
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,7 +59,7 @@ def _simulated(inputs: LocalisationInputs, settings: NoSettings) -> SimulatedLoc
 
 def _mqtt(inputs: LocalisationInputs, settings: MqttLocalisationSettings) -> MqttLocalisation:
     with LOCALISATIONS.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt_localisation import MqttLocalisation
+        from tjscan.vehicle.mqtt.localisation import MqttLocalisation
     return MqttLocalisation(settings, inputs.vehicles)
 
 

@@ -6,10 +6,10 @@ from math import isfinite
 from typing import Final, Self
 
 from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
+from tjscan.vehicle.mqtt.wire import REPORTED
 from tjscan.vehicle.pose_disturbance import DisturbedPoses, LocalisationSimulationSettings
-from tjscan.vehicle.towing_world import TowingWorld
-from tjscan.vehicle.wire import REPORTED
 
 NOT_A_POSE: Final = "it holds NaN"
 OUT_OF_ORDER: Final = "it came after a later one"

@@ -6,8 +6,8 @@ from typing import Final, Self
 
 from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.simulated_body import PERIOD
-from tjscan.vehicle.towing_world import TowingWorld
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist
 
 ON_TIME: Final = 1e-6

@@ -23,12 +23,12 @@ from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_faul
 from tjscan.vehicle.loopback.process import TRUTH
 from tjscan.vehicle.loopback.towing import TowingBodies
 from tjscan.vehicle.loopback.vehicle import LoopbackVehicle
-from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
+from tjscan.vehicle.mqtt.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
 from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
-from tjscan.vehicle.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
 
 CONNECT_LIMIT: Final = 5.0
 """Seconds that a connection to a broker on this machine may take."""

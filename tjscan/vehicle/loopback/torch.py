@@ -5,16 +5,16 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.torch_wire import (
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.torch_wire import (
     TORCH_COMMANDER_TOPIC,
     TORCH_STATE_TOPIC,
     TORCH_TOPIC,
     TorchMessage,
     TorchStateMessage,
 )
+from tjscan.vehicle.mqtt.wire import BadMessage, MessageGate, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
-from tjscan.vehicle.wire import BadMessage, MessageGate, PresenceMessage
 
 SPEED: Final = 0.1
 """Of the torch's axes, m/s."""

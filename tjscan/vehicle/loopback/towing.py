@@ -14,23 +14,23 @@ from tjscan.core.version import VERSION
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.loopback.bodies import ON_TRACKS, Faults
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
-from tjscan.vehicle.mqtt_link import BrokerLink
-from tjscan.vehicle.pose_disturbance import (
-    DisturbedPoses,
-    LocalisationSimulationSettings,
-    PoseFault,
-)
-from tjscan.vehicle.vehicle import Twist, VehicleState
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import BrokerLink
+from tjscan.vehicle.mqtt.wire import (
     PASSER_BY_TOPIC,
     POSE_TOPIC,
     PasserByMessage,
     PoseMessage,
     PresenceMessage,
 )
+from tjscan.vehicle.pose_disturbance import (
+    DisturbedPoses,
+    LocalisationSimulationSettings,
+    PoseFault,
+)
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.towing_world import TowingWorld
+    from tjscan.vehicle.cable.world import TowingWorld
 
 PUSH: Final = 0.2
 """Metres."""

@@ -10,9 +10,8 @@ from typing import Final
 from tjscan.vehicle.loopback.bodies import LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
 from tjscan.vehicle.loopback.torch import LoopbackTorch
-from tjscan.vehicle.mqtt_link import ReceivedMessage
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
     COMMANDER_TOPIC,
     POSE_TOPIC,
@@ -25,6 +24,7 @@ from tjscan.vehicle.wire import (
     PresenceMessage,
     StateMessage,
 )
+from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
 
 DRIVE_FAULT: Final = "left drive: over temperature"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-from tjscan.vehicle.wire import CLOCK_DRIFT, MOST_DELAY, BadMessage, WireMessage
+from tjscan.vehicle.mqtt.wire import CLOCK_DRIFT, MOST_DELAY, BadMessage, WireMessage
 
 TAKEN_OVER: Final = 0.5
 """Seconds of silence after which another sender may take over."""

@@ -18,11 +18,10 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.core.version import VERSION
-from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
-from tjscan.vehicle.mqtt_settings import MqttSettings
-from tjscan.vehicle.pose_gate import PoseGate
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.pose_gate import PoseGate
+from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
     COMMANDER_TOPIC,
     POSE_TOPIC,
@@ -36,6 +35,7 @@ from tjscan.vehicle.wire import (
     PresenceMessage,
     StateMessage,
 )
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist
 
 REPEAT: Final = 0.05
 """Seconds after which the last order is sent again."""

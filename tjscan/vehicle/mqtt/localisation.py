@@ -11,10 +11,10 @@ from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import VehicleLinkLost
 from tjscan.core.version import VERSION
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
-from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
-from tjscan.vehicle.mqtt_settings import MqttLocalisationSettings
-from tjscan.vehicle.pose_gate import PoseGate
-from tjscan.vehicle.wire import (
+from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.pose_gate import PoseGate
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
+from tjscan.vehicle.mqtt.wire import (
     PASSER_BY_TOPIC,
     POSE_TOPIC,
     REPORTED,

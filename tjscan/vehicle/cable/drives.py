@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable_model import TowingVehicleModel
+from tjscan.vehicle.cable.model import TowingVehicleModel
 
 GRAVITY: Final = 9.81
 """m/s²."""

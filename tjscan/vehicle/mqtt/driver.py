@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from tjscan.vehicle.drivers import VEHICLES, VehicleDriverFactory, VehicleDriverInputs
-from tjscan.vehicle.mqtt_settings import MqttSettings
+from tjscan.vehicle.mqtt.settings import MqttSettings
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.mqtt import MqttVehicle
+    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
 
 
 def _make(context: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
     with VEHICLES.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt import MqttVehicle
+        from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     return MqttVehicle(settings)
 
 

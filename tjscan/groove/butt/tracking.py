@@ -12,7 +12,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.groove.edge_lines import (
+from tjscan.groove.butt.edge_lines import (
     LEFT_BEVEL,
     LEFT_PLATE,
     RIGHT_BEVEL,
@@ -21,11 +21,11 @@ from tjscan.groove.edge_lines import (
     fit_edge_lines,
     line_through,
 )
+from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile, register_profile
 from tjscan.groove.find import LEAST_DEPTH, fit_groove_to_profile
 from tjscan.groove.models import BUTT_V
 from tjscan.groove.noise import estimate_correlation
 from tjscan.groove.refinement import FittedProfile
-from tjscan.groove.registration import JointPlacement, ReferenceProfile, register_profile
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 

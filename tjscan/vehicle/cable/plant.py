@@ -9,8 +9,8 @@ import numpy as np
 
 from tjscan.core.errors import VehicleFault
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable_model import TowingWorldModel
-from tjscan.vehicle.cable_scene import specify_scene
+from tjscan.vehicle.cable.model import TowingWorldModel
+from tjscan.vehicle.cable.scene import specify_scene
 
 STEP: Final = 0.005
 """Seconds of one step; docs/vehicles.md has what others give."""

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable_model import CableModel, TowingWorldModel
-from tjscan.vehicle.towing_drives import GRAVITY
+from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.model import CableModel, TowingWorldModel
 
 SLIDING_STIFFNESS: Final = 1000.0
 """How much harder a contact is along the floor than into it, MuJoCo's ``impratio``. Friction is

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, Le, Len
 
-from tjscan.vehicle.wire import WireMessage
+from tjscan.vehicle.mqtt.wire import WireMessage
 
 TORCH_TOPIC: Final = "torch"
 TORCH_COMMANDER_TOPIC: Final = "torch-commander"

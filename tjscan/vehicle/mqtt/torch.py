@@ -9,16 +9,16 @@ from uuid import uuid4
 
 from tjscan.core.errors import DriveFault, VehicleLinkLost
 from tjscan.core.version import VERSION
-from tjscan.vehicle.mqtt_link import BrokerLink, ReceivedMessage
-from tjscan.vehicle.mqtt_settings import MqttSettings
-from tjscan.vehicle.torch_wire import (
+from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.mqtt.torch_wire import (
     TORCH_COMMANDER_TOPIC,
     TORCH_STATE_TOPIC,
     TORCH_TOPIC,
     TorchMessage,
     TorchStateMessage,
 )
-from tjscan.vehicle.wire import BadMessage, MessageGate, PresenceMessage
+from tjscan.vehicle.mqtt.wire import BadMessage, MessageGate, PresenceMessage
 
 
 class MqttTorch:

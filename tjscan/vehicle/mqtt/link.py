@@ -15,7 +15,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from tjscan.core.errors import VehicleLinkLost
-from tjscan.vehicle.wire import PresenceMessage
+from tjscan.vehicle.mqtt.wire import PresenceMessage
 
 KEEP_ALIVE: Final = 2
 """Seconds of silence after which a broker asks whether its client is there. It calls the last will

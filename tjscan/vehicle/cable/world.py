@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.vehicle.cable_model import TowingWorldModel
-from tjscan.vehicle.cable_plant import STEP, CablePlant
-from tjscan.vehicle.towing_drives import OmnidirectionalDrives
+from tjscan.vehicle.cable.drives import OmnidirectionalDrives
+from tjscan.vehicle.cable.model import TowingWorldModel
+from tjscan.vehicle.cable.plant import STEP, CablePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 REMEMBERED: Final = 5.0

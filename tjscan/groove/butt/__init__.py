@@ -1,0 +1,1 @@
+"""The centre of a butt joint, tracked from profile to profile."""

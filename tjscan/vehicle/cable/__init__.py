@@ -1,0 +1,1 @@
+"""The simulated cable and the vehicles that hold it."""

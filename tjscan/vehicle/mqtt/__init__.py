@@ -1,0 +1,1 @@
+"""Vehicles, a torch and localisation behind an MQTT broker."""
