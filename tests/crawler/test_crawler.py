@@ -102,3 +102,20 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
         make_crawler(asked, cell, found.make_method(), notes).run()
     along = [cycle.travel for cycle in notes.cycles]
     assert max(abs(b - a) for a, b in pairwise(along)) < 1e-3
+
+
+def test_it_says_what_it_waits_for(tmp_path: Path) -> None:
+    found, told = context(tmp_path), []
+
+    class EndsWhenTold(Notes):
+        def record_event(self, name: str, detail: str) -> None:
+            told.append(detail)
+            raise KeyboardInterrupt
+
+    cell = make_crawl_cell(found.job)
+    missing = WrongVehicle(cell.vehicle, lambda state: replace(state, proximity=(nan,) * 4))
+    with cell, pytest.raises(KeyboardInterrupt):
+        make_crawler(
+            found, replace(cell, vehicle=missing), found.make_method(), EndsWhenTold()
+        ).run()
+    assert told[0] == "waits for steel below every corner"

@@ -163,12 +163,20 @@ def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
         ("--weld.lenght-m", "1"),
         ("--steering.gain-per-m", "-1"),
         ("--simulation.joint.width-mm", "500"),
+        ("--simulation.joint.width-mm", "100"),  # wider than the laser's line
+        ("--torch.reach-mm", "1.5"),  # a pass weaves by more
     ],
 )
 def test_a_job_that_can_not_be_is_refused(
     job_file: Path, tmp_path: Path, key: str, value: str
 ) -> None:
     assert tjscan("crawl", "run", job_file, key, value, "--out", tmp_path / "x") == 2
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_bend_to_the_other_side_is_refused(job_file: Path, tmp_path: Path) -> None:
+    bends = ("--course.radius-m", "20", "--simulation.joint.radius-m", "-20")
+    assert tjscan("crawl", "run", job_file, *bends, "--out", tmp_path / "x") == 2
     assert not (tmp_path / "x").exists()
 
 

@@ -35,6 +35,9 @@ RUN_UPS: Final = 6
 WAVELENGTH: Final = 0.4
 """Metres of a wave."""
 
+PATIENCE: Final = 5.0
+"""Seconds after which it says what it waits for before anything moves."""
+
 LONGEST_PERIOD: Final = 2.0
 """Seconds from one state of the vehicle to the next, beyond which nobody knows where it went."""
 
@@ -260,10 +263,14 @@ class Crawler:
 
     def _wait_for_joint(self) -> None:
         """Stand until the joint was seen for long enough and there is steel all round."""
-        seen, limit = 0.0, self._plan.alignment.in_view
+        seen, limit, waited = 0.0, self._plan.alignment.in_view, 0.0
         while seen < limit or not self._guards.stands_on_steel:
             period, found = self._cycle(REST)
             seen = seen + period if found else 0.0
+            if waited <= PATIENCE < waited + period:
+                missing = "steel below every corner" if seen >= limit else "the joint in view"
+                self._journal.record_event(str(self._phase), f"waits for {missing}")
+            waited += period
 
     def _align_forward(self, home: float) -> None:
         """Go forward until the torch is above the joint, and known to be."""

@@ -122,9 +122,11 @@ def _from_slip(slip: SlipBelief) -> dict[str, Any]:
     return {"state": slip.x.tolist(), "covariance": slip.P.ravel().tolist()}
 
 
-def _to_slip(fields: dict[str, Any]) -> SlipBelief:
+def _to_slip(fields: dict[str, Any]) -> SlipBelief | None:
     x = np.array(to_finite_floats(fields["state"]))
     P = np.array(to_finite_floats(fields["covariance"]))
+    if len(x) != STATES and len(P) == len(x) ** 2:
+        return None  # of an earlier estimator, with other quantities
     return SlipBelief(x.reshape(STATES), P.reshape(STATES, STATES))
 
 
@@ -146,14 +148,14 @@ CYCLE: Final = make_json_topic(
 )
 """A cycle; metres, radians, seconds. A corner whose sensor saw nothing is -1."""
 
-SLIP: Final = make_json_topic(
+SLIP: Final[Topic[Any]] = make_json_topic(
     "/crawl/slip",
     "tjscan.CrawlSlip",
     {"state": NUMBERS_SCHEMA, "covariance": NUMBERS_SCHEMA},
     _from_slip,
     _to_slip,
 )
-"""What is believed of slip, as `SlipState` orders it."""
+"""What is believed of slip, as `SlipState` orders it; None where an earlier estimator did."""
 
 TRUTH: Final = make_json_topic(
     "/simulation/torch",

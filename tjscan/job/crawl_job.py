@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import tan
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
@@ -29,7 +30,7 @@ from tjscan.job.devices import DeviceSettings
 from tjscan.job.torch_drivers import TORCHES
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
-from tjscan.laser.section_laser import SectionLaserModel
+from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLES
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
@@ -173,5 +174,38 @@ class CrawlJob(StrictFileModel):
                 f"the joint bends with {abs(radius):g} m, and the vehicle turns no tighter than "
                 f"steering.least_radius_mm allows, {self.steering.least_radius:g} m",
                 key="course.radius_m",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _torch_reaches_every_pass(self) -> CrawlJob:
+        for number, one in enumerate(self.passes, start=1):
+            farthest = abs(one.offset) + one.weave
+            if farthest > self.torch.reach:
+                raise ConfigurationError(
+                    f"pass {number} has the torch up to {1e3 * farthest:g} mm beside the joint, "
+                    f"and its axis reaches {1e3 * self.torch.reach:g} mm: make offset_mm or "
+                    "weave_mm of the pass smaller",
+                    key="torch.reach_mm",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _simulated_joint_is_that_of_the_job(self) -> CrawlJob:
+        if self.simulation is None:
+            return self
+        joint, stated = self.simulation.joint, self.course.radius
+        if stated is not None and joint.radius is not None and stated * joint.radius < 0:
+            raise ConfigurationError(
+                f"says {stated:g} m, and the simulated joint bends the other way with "
+                f"{joint.radius:g} m: both are positive where the joint bends to the right",
+                key="course.radius_m",
+            )
+        line = 2 * STAND_OFF * tan(self.simulation.laser.half_angle)
+        if not joint.width < line:
+            raise ConfigurationError(
+                f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
+                f"{1e3 * line:.0f} mm: it must see hull on both sides",
+                key="simulation.joint.width_mm",
             )
         return self
