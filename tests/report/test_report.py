@@ -155,9 +155,8 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
     log = read_recorded_scan(run)
     assert sorted(log.sections) == list(range(6))
     assert len(log.views) == read_summary(run / "summary.json").scans
-    for found in log.sections.values():
-        T_b_g = found.view.T_b_s @ find_groove(found.view.profile).T_s_g
-        np.testing.assert_allclose(T_b_g, found.T_b_g, atol=1e-9)
+    for found, again in zip(log.sections.values(), log.reread_sections(find_groove), strict=True):
+        np.testing.assert_allclose(again.T_b_g, found.T_b_g, atol=1e-9)
         np.testing.assert_allclose(
             transform_points(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12
         )

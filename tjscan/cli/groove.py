@@ -17,6 +17,8 @@ def groove(
 ) -> None:
     """Read the groove in recorded profiles: corners and measures, each with its uncertainty.
 
+    Each profile is read by itself; a scan also knows the sections before.
+
     The options of the reading are the keys of a job's [groove] table. What is left out is as in
     the job of a run directory, and as in that table's defaults elsewhere.
 
