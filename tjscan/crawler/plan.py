@@ -79,8 +79,6 @@ class GuardSettings(SettingsTable):
         How far from the middle of the laser's line the joint may be, metres.
     torque : float
         Of a motor at its sprocket, N m.
-    link_time : float
-        How old the operator's last sign of life may be, seconds.
     torch_off : float
         How far beside its path the torch may be while the arc burns, metres: what its axis leaves
         of the estimate. 1 mm is what Kermorgant (2018) allows a first pass.
@@ -93,7 +91,6 @@ class GuardSettings(SettingsTable):
     blind_time: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
     field: Annotated[float, Gt(0), Le(500), MM] = 0.022
     torque: Annotated[float, Gt(0), Le(1000), N_M] = 42.0
-    link_time: Annotated[float, Gt(0), Le(60), SECONDS] = 0.5
     torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3
     torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.6e-3
 
