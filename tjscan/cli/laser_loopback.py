@@ -29,7 +29,8 @@ def laser_loopback(
     job
         The job file (TOML) whose simulated laser it is.
     recording
-        Profiles instead of a job: a run directory, a file of one, or text with columns x and z.
+        Profiles instead of a job: a run directory, a file of one, or text with columns x_mm
+        and z_mm.
     host
         Its address, 127.0.0.1 to 127.255.255.254; each laser has one of its own.
     arm
