@@ -10,7 +10,6 @@ from typing import Any, Final
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.crawler.crawler import LONGEST_PERIOD
 from tjscan.crawler.journal import CrawlCycle
@@ -36,6 +35,7 @@ from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl import CrawlContext, make_crawl_directory
 from tjscan.runs.crawl_results import write_passes
+from tjscan.runs.directory import check_replay
 
 REPLAYABLE: Final = ("method", "calibration", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
@@ -75,16 +75,7 @@ def replay_crawl(
     """
     job_file = directory / JOB
     refuse_links_outside(directory, JOB, CALIBRATION)
-    for key in overrides:
-        if not key.startswith(REPLAYABLE):
-            raise ConfigurationError(
-                "says how the crawl was done, and it is done. What may change: "
-                f"{', '.join(REPLAYABLE)}",
-                file=job_file,
-                key=key,
-            )
-    if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    check_replay(directory, out, overrides, REPLAYABLE, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
     with add_file_to_errors(job_file):

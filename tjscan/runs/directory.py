@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
@@ -75,6 +75,41 @@ def make_run_directory(
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF)
         write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
+
+
+def check_replay(
+    directory: Path, out: Path, keys: Iterable[str], replayable: tuple[str, ...], what: str
+) -> None:
+    """Check that a recorded run may be replayed into a directory with some keys replaced.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run; it stays as it is.
+    out : Path
+        The directory to make.
+    keys : iterable of str
+        Dotted keys that are replaced.
+    replayable : tuple of str
+        What those that may be begin with.
+    what : str
+        What was run, in words.
+
+    Raises
+    ------
+    ConfigurationError
+        If a key says how the run was done, or the new directory would lie in its own.
+    """
+    for key in keys:
+        if not key.startswith(replayable):
+            raise ConfigurationError(
+                f"says how the {what} was done, and it is done. What may change: "
+                f"{', '.join(replayable)}",
+                file=directory / JOB,
+                key=key,
+            )
+    if out.resolve().is_relative_to(directory.resolve()):
+        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
 
 
 @contextmanager

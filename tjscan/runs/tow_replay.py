@@ -11,13 +11,13 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
+from tjscan.runs.directory import check_replay
 from tjscan.runs.tow import TowContext, make_tow_directory
 from tjscan.runs.tow_results import write_tow_results
 from tjscan.towing.area import DiscObstacle
@@ -59,16 +59,7 @@ def replay_tow(
     """
     job_file = directory / JOB
     refuse_links_outside(directory, JOB)
-    for key in overrides:
-        if not key.startswith(REPLAYABLE):
-            raise ConfigurationError(
-                "says how the tow was done, and it is done. What may change: "
-                f"{', '.join(REPLAYABLE)}",
-                file=job_file,
-                key=key,
-            )
-    if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    check_replay(directory, out, overrides, REPLAYABLE, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
