@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import asin, hypot, radians
+from math import hypot, radians
 from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
@@ -71,11 +71,6 @@ class CableSettings(SettingsTable):
     def links(self) -> int:
         """Number of links."""
         return round(self.length / self.link)
-
-    @property
-    def largest_bend(self) -> float:
-        """Largest angle of a joint, radians: the links are chords of the smallest circle."""
-        return 2 * asin(self.link / (2 * self.least_radius))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,6 @@ COORDINATE, UNIT, OUTPUT_MODE, INVALID_FLAG = OWN + 0x50, OWN + 0x54, OWN + 0x58
 SCALE, OFFSET, INVALID, LOW, HIGH = (OWN + 0x100 + 0x20 * i for i in range(5))
 """Eight bytes for each of A, B and C."""
 
-AXES: Final = "ABC"
 UNITS: Final = {"Millimeter": 0, "Pixel": 2}
 OUTPUT_MODES: Final = {"UncalibratedC": 0, "RectifiedC_Linescan": 7, "CalibratedAC_Linescan": 3}
 TRIGGER_SOURCES: Final = {"Software": 0, "Line0": 1}
