@@ -248,3 +248,36 @@ def test_groove_refuses_options_that_make_no_sense(
     file.write_text("x_mm,z_mm\n", encoding="utf-8")
     assert tjscan("groove", file) == 2
     assert tjscan("groove", tmp_path) == 2
+
+
+def test_groove_prints_a_table_of_one_line_a_profile(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("groove", run) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split()[:2] == ["profile", "groove_angle_deg"]
+    assert len(rows) == 8
+    assert max(map(len, rows)) < 130
+    column = head.index("depth_mm")
+    for row in rows:
+        assert 15 < float(row[column:].split()[0]) < 30
+    assert tjscan("groove", run, "--corners") == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert "p5_x_z_mm" in head
+    assert len(rows) == 8
+
+
+def test_compare_tells_the_corners_first_and_of_a_unit_that_is_not_used(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("compare", run, run / "joint.toml", "--units", "um") == 0
+    printed = capsys.readouterr()
+    assert printed.out.index("corners to feature edges") < printed.out.index("cloud to mesh")
+    assert "--units um is not used: paper is in mm, as the run says" in printed.err
+
+
+def test_a_refused_scan_shows_no_bar(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tjscan("scan", PAPER, "--out", run) == 2
+    printed = capsys.readouterr()
+    assert "is not empty" in printed.err
+    assert "0/16" not in printed.err

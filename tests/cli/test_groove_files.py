@@ -37,7 +37,12 @@ def test_heights_about_mid_range_are_read_and_said_to_be(
     file = heights(tmp_path, sign=1)
     assert tjscan("groove", file, *OPTIONS, "--z-scale", "0.01") == 0
     printed = capsys.readouterr()
-    assert [line.split(":")[0] for line in printed.out.splitlines()] == ["row 1", "row 2", "row 3"]
+    assert [line[:7].strip() for line in printed.out.splitlines()] == [
+        "profile",
+        "row 1",
+        "row 2",
+        "row 3",
+    ]
     assert "--z-offset" in printed.err
     assert tjscan("groove", file, *OPTIONS, "--z-scale", "0.01", "--z-offset", "240") == 0
     assert "--z-offset" not in capsys.readouterr().err

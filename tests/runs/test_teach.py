@@ -102,3 +102,21 @@ def test_a_file_that_is_no_job_any_more_is_left_alone(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match=str(job)):
             write_start_pose(job, ("scan", "first"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         assert job.read_text(encoding="utf-8") == text
+
+
+def test_a_simulated_arm_is_led_from_the_pose_in_the_job(tmp_path: Path) -> None:
+    job = example(tmp_path)
+    before = read_scan_job(job).start_poses
+    assert tjscan("teach", job, "--which", "second", "--lead-mm", 3, -1, 2) == 0
+    first, second = read_scan_job(job).start_poses
+    moved = before[1].T[:3, :3].T @ (second.T[:3, 3] - before[1].T[:3, 3])
+    assert moved == pytest.approx([3e-3, -1e-3, 2e-3], abs=2 * HALF_DIGIT[0])
+    assert rotation_angle_between(second.T, before[1].T) < 2 * HALF_DIGIT[1]
+    assert first == before[0]
+
+
+def test_no_real_arm_is_led(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job = example(tmp_path)
+    options = ("--arm.driver", "ur", "--arm.ur.host", "127.0.0.1", "--lead-mm", 1, 0, 0)
+    assert tjscan("teach", job, "--which", "second", *options) == 2
+    assert "leads a simulated arm alone" in capsys.readouterr().err

@@ -47,7 +47,7 @@ def compare(
         Print the comparison as JSON on stdout.
     """
     from tjscan.cli.comparison_output import print_comparison
-    from tjscan.cli.console import print_message
+    from tjscan.cli.console import print_message, show_phase
     from tjscan.comparison.compare import compare_shapes as compare_shapes
     from tjscan.comparison.maps import check_map_file, write_deviation_map
     from tjscan.comparison.sidecar import StatedUnitAndFrame
@@ -55,13 +55,21 @@ def compare(
 
     if plot is not None:
         check_map_file(plot)
-    comparison = compare_shapes(
-        read_shape(measured, StatedUnitAndFrame(units, frame)),
-        read_shape(reference, StatedUnitAndFrame(reference_units or units, frame)),
-        align,
-        None if tolerance_mm is None else 1e-3 * tolerance_mm,
-    )
+    with show_phase("comparing"):
+        ours = read_shape(measured, StatedUnitAndFrame(units, frame))
+        theirs = read_shape(reference, StatedUnitAndFrame(reference_units or units, frame))
+        tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
+        comparison = compare_shapes(ours, theirs, align, tolerance)
     print_comparison(comparison, json=json)
+    for option, shapes in (
+        (units and f"--units {units}", (ours,) if reference_units else (ours, theirs)),
+        (reference_units and f"--reference-units {reference_units}", (theirs,)),
+    ):
+        if option and all(shape.stated.unit_source != "--units" for shape in shapes):
+            said = "; ".join(
+                f"{s.name} is in {s.stated.unit}, as {s.stated.unit_source} says" for s in shapes
+            )
+            print_message(f"{option} is not used: {said}")
     if plot is not None:
         write_deviation_map(plot, comparison)
         print_message(f"drawn in {plot}")

@@ -26,12 +26,12 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
             f"{np.degrees(a.rotation_angle):.4f}°, {100 * a.fitness:.1f} % on the reference, "
             f"residual {1e3 * a.residual:.4f} mm rms{rounds}"
         )
-    for d in c.deviations:
+    for d in reversed(c.deviations):  # the corners first: a cloud holds ghosts too
         s = d.statistics
         within = "" if d.within is None else f", {100 * d.within:.2f} % within tolerance"
         print(f"{d.kind}, {len(d.distances)} distances: {d.meaning}")
         print(
-            f"  mean {s.mean:.4f}, rms {s.rms:.4f}, median {s.median:.4f}, p95 {s.p95:.4f}, "
+            f"  median {s.median:.4f}, p95 {s.p95:.4f}, rms {s.rms:.4f}, mean {s.mean:.4f}, "
             f"max {s.max:.4f} mm{within}"
         )
     for warning in c.warnings:

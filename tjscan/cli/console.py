@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -12,12 +15,24 @@ stderr = Console(stderr=True, highlight=False)
 
 def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
-    stderr.print(message, markup=False)
+    stderr.print(message, markup=False, soft_wrap=True)
+
+
+def show_phase(what: str) -> AbstractContextManager[object]:
+    """Show on a terminal, while the block runs, what is done that takes more than a moment."""
+    return stderr.status(f"{what} …")
 
 
 def add_text_row(table: Table, *cells: str) -> None:
     """Add a row to a table, its cells as they are: brackets are no markup."""
     table.add_row(*map(Text, cells))
+
+
+def print_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows on stdout in columns, never wrapped: other programs may read them."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
 def progress_bars() -> Progress:

@@ -13,6 +13,7 @@ def groove(
     form: ProfileFileOptions | None = None,
     reading: GrooveReadingOptions | None = None,
     plot: Path | None = None,
+    corners: bool = False,
     json: bool = False,
 ) -> None:
     """Read the groove in recorded profiles: corners and measures, each with its uncertainty.
@@ -29,6 +30,8 @@ def groove(
         recording, a folder of such files, or a run directory.
     plot
         Draw the profiles with their fits into this PNG.
+    corners
+        Print the corners, x and z in the sensor's frame, in place of the measures.
     json
         Print the readings as JSON on stdout.
     """
@@ -45,7 +48,7 @@ def groove(
     settings = groove_settings_for_file(file, reading)
     table = read_profiles_of_file(file, form)
     readings = list(measure_grooves(table.profiles, settings))
-    print_readings(readings, table.bad, json=json)
+    print_readings(readings, table.bad, corners=corners, json=json)
     if plot is not None:
         draw_readings_png(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):

@@ -8,7 +8,7 @@ from json import dumps
 from pathlib import Path
 from typing import Final
 
-from tjscan.cli.console import print_message
+from tjscan.cli.console import print_message, print_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings
@@ -36,25 +36,60 @@ def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
         print_message(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
 
 
-def print_readings(readings: Sequence[ProfileReading], bad: Sequence[str], *, json: bool) -> None:
-    """Print a line per profile on stdout: measures with standard deviations, then the corners."""
+def print_readings(
+    readings: Sequence[ProfileReading], bad: Sequence[str], *, corners: bool, json: bool
+) -> None:
+    """Print what was read in each profile on stdout: a table, or JSON, which holds all.
+
+    Parameters
+    ----------
+    readings : sequence of ProfileReading
+        One for each profile.
+    bad : sequence of str
+        Rows of the file that could not be read.
+    corners : bool
+        A table of the corners, x and z in frame s, in place of that of the measures.
+    json : bool
+        JSON in place of a table.
+    """
     if json:
         print(
             dumps({"readings": [reading_to_dict(r) for r in readings], "bad": list(bad)}, indent=2)
         )
         return
-    for reading in readings:
-        if reading.refusal is not None:
-            print(f"{reading.name}: {reading.refusal}")
-            continue
-        found = [] if reading.section is None else measures_with_sigmas(reading.section)
-        values = [f"{name} {value:.3f} ± {sigma:.3f}" for name, value, sigma in found]
-        corners = "  ".join(
-            f"({x:.3f}, {z:.3f})" if seen else "(not seen)"
-            for seen, (x, _, z) in zip(reading.is_seen, 1e3 * reading.points_s, strict=True)
+    corners = corners or all(r.section is None for r in readings)  # a butt joint's are all it has
+    cells = [_corner_cells(r) if corners else _measure_cells(r) for r in readings]
+    names = list(dict.fromkeys(name for row in cells for name in row))
+    print_table(
+        [
+            ("profile", *names, "found"),
+            *(
+                (reading.name, *(row.get(name, "") for name in names), _found(reading))
+                for reading, row in zip(readings, cells, strict=True)
+            ),
+        ]
+    )
+
+
+def _measure_cells(reading: ProfileReading) -> dict[str, str]:
+    """Each measure with one standard deviation."""
+    found = [] if reading.section is None else measures_with_sigmas(reading.section)
+    return {name: f"{value:.3f} ± {sigma:.3f}" for name, value, sigma in found}
+
+
+def _corner_cells(reading: ProfileReading) -> dict[str, str]:
+    return {
+        f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}" if seen else "not seen"
+        for i, (seen, (x, _, z)) in enumerate(
+            zip(reading.is_seen, 1e3 * reading.points_s, strict=True), start=1
         )
-        words = [reading.found_in_words] if reading.found_in_words else []
-        print(f"{reading.name}: {', '.join([*words, *values, f'x, z in mm {corners}'])}")
+    }
+
+
+def _found(reading: ProfileReading) -> str:
+    if reading.refusal is not None:
+        return str(reading.refusal)
+    return reading.found_in_words or "butt joint"
 
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:

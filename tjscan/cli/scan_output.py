@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.progress import Progress, TaskID
+from rich.progress import Progress
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, progress_bars, stderr
@@ -17,21 +17,25 @@ from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 class ProgressJournal:
-    """Journal that shows a scan's progress on the terminal.
+    """Journal that shows a scan's progress on the terminal: a bar from its first profile on.
 
     Parameters
     ----------
     progress : Progress
         The progress bars.
-    task : TaskID
-        The bar of this scan.
+    title : str
+        What the bar of this scan is called.
+    total : int or None
+        Sections to scan, where that is known.
     """
 
-    def __init__(self, progress: Progress, task: TaskID) -> None:
-        self._progress, self._task = progress, task
+    def __init__(self, progress: Progress, title: str, total: int | None) -> None:
+        self._progress = progress
+        self._task = progress.add_task(title, total=total, visible=False)
 
     def record_view(self, view: ProfileView) -> None:
-        """Show nothing: a profile is not yet a section."""
+        """Show the bar: a profile is not yet a section."""
+        self._progress.update(self._task, visible=True)
 
     def record_section(self, scan: ScannedSection) -> None:
         """Move the bar on to this section, whether or not those before were scanned earlier."""
@@ -39,8 +43,8 @@ class ProgressJournal:
 
     def record_event(self, name: str, detail: str) -> None:
         """Print what happened above the bar; the reason for the end follows with the summary."""
-        if name == ScanEvent.COMPLETE:
-            self._progress.remove_task(self._task)
+        if name in (ScanEvent.STOP, ScanEvent.COMPLETE):
+            self._progress.console.print("writing the results and the report …")
         if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
             self._progress.console.print(f"{name}: {detail}", markup=False)
 
@@ -52,7 +56,7 @@ def scan_progress_bar(plan: ScanPlan, title: str = "sections") -> Iterator[Progr
     if total is None and plan.length is not None:
         total = 2 + round(plan.length / plan.step)
     with progress_bars() as progress:
-        yield ProgressJournal(progress, progress.add_task(title, total=total))
+        yield ProgressJournal(progress, title, total)
 
 
 def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> None:

@@ -13,6 +13,7 @@ def teach(
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     which: Literal["first", "second"],
     station: str | None = None,
+    lead_mm: tuple[float, float, float] | None = None,
     json: bool = False,
 ) -> None:
     """Write where the arm stands into a job file as a start pose, if the laser sees a groove.
@@ -28,6 +29,9 @@ def teach(
         The first or the second start pose.
     station
         Where the arm stands, of a job with several stations.
+    lead_mm
+        Lead a simulated arm, which no hand can: to the pose that stands in the job, moved by this
+        much along the flange's axes. ``--lead-mm 3 0 -2``
     json
         Print the pose as JSON on stdout.
     """
@@ -39,4 +43,5 @@ def teach(
 
     with add_file_to_errors(job):
         here = read_scan_job(job, parse_overrides(overrides)).job_at_station(station)
-    print_taught_pose(teach_pose(here, job, which), job, which, json=json)
+    lead = None if lead_mm is None else [1e-3 * value for value in lead_mm]
+    print_taught_pose(teach_pose(here, job, which, lead), job, which, json=json)

@@ -302,8 +302,8 @@ class ScanInterrupted(TjscanError):
 
     def __init__(self) -> None:
         super().__init__(
-            "interrupted; what was recorded stays. See that the way is clear, then go on with "
-            "--resume."
+            "interrupted. See that the way is clear, then go on with --resume: after the last "
+            "recorded section, or from the start where there is none."
         )
 
 

@@ -14,7 +14,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, StartSeesNoGroove
 from tjscan.core.files import write_files_atomically
-from tjscan.core.frames import Array, pose_to_euler_zyx
+from tjscan.core.frames import Array, pose, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.robot.rest import await_rest, check_not_moved
@@ -47,7 +47,9 @@ class TaughtPose:
     groove: GrooveSection
 
 
-def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
+def teach_pose(
+    job: ScanJob, job_file: Path, which: Which, lead: Sequence[float] | None = None
+) -> TaughtPose:
     """Write the arm's pose into a job file as a start pose, if the laser sees a groove there.
 
     It waits until the arm rests, for it may have been led there by hand a moment ago. Comments
@@ -61,6 +63,9 @@ def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
         Where it was read from, and what is changed.
     which : str
         Which of the two start poses it is.
+    lead : sequence of float, shape (3,), optional
+        Leads a simulated arm, which no hand can, to the pose that stands in the job, moved by
+        this much along the axes of the flange, in metres; where it stands else.
 
     Raises
     ------
@@ -71,11 +76,20 @@ def teach_pose(job: ScanJob, job_file: Path, which: Which) -> TaughtPose:
     ArmFault, LaserFault
         If a device fails, or the arm does not rest.
     ConfigurationError
-        If the job is wrong.
+        If the job is wrong, or `lead` is given for another arm than a simulated one.
+    PoseUnreachable
+        If the arm can't be led there.
     RecordingError
         If the file can't be written; it then is what it was.
     """
+    if lead is not None and job.arm.driver != "simulated":
+        raise ConfigurationError(
+            "leads a simulated arm alone; lead this one by hand or pendant", key="--lead-mm"
+        )
     with RunContext(job, job_file).make_cell() as cell:
+        if lead is not None:
+            T = job.start_poses[which == "second"].T
+            cell.arm.move_joint_to_pose(pose(T[:3, :3], T[:3, 3] + T[:3, :3] @ lead))
         state = await_rest(cell.arm)
         profile = cell.laser.capture()
         check_not_moved(state, cell.arm.state())
@@ -128,11 +142,11 @@ def write_start_pose(
         document = tomlkit.parse(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, TOMLKitError) as error:
         raise ConfigurationError(f"can't be read again: {error}", file=job_file) from None
-    pose: Any = document
+    table: Any = document
     for name in key:
-        pose = _table(pose, name, job_file)
-    pose["position_mm"] = list(position_mm)
-    pose["euler_zyx_deg"] = list(euler_zyx_deg)
+        table = _table(table, name, job_file)
+    table["position_mm"] = list(position_mm)
+    table["euler_zyx_deg"] = list(euler_zyx_deg)
     with write_files_atomically(file.parent) as folder:
         draft = folder / file.name
         draft.write_text(tomlkit.dumps(document), encoding="utf-8")
