@@ -107,6 +107,7 @@ def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLas
         model=context.model,
         rng=np.random.default_rng([context.seed, RANDOM_STREAM]),
         clock=carrier.time,
+        make=context.seed,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.laser.distortion import Distortion
 from tjscan.laser.model import LaserModel
 
 if TYPE_CHECKING:
@@ -71,7 +72,10 @@ class FaultRandomStreams:
 
 
 def apply_faults(
-    hits: LaserRayHits, model: LaserModel, streams: FaultRandomStreams
+    hits: LaserRayHits,
+    model: LaserModel,
+    streams: FaultRandomStreams,
+    distortion: Distortion | None = None,
 ) -> SimulatedProfile:
     """Apply a sensor's faults to what its rays hit; gives the simulated profile.
 
@@ -109,8 +113,11 @@ def apply_faults(
     )
 
     distance += correlated_noise(streams.noise, model.columns, model.noise, model.noise_correlation)
-    x_s = _quantised(distance * hits.directions_s[:, 0], model.step)
-    z_s = _quantised(model.emitter_z + distance * hits.directions_s[:, 2], model.step)
+    x_s = distance * hits.directions_s[:, 0]
+    z_s = model.emitter_z + distance * hits.directions_s[:, 2]
+    if distortion is not None:
+        x_s, z_s = distortion.distort(x_s, z_s)
+    x_s, z_s = _quantised(x_s, model.step), _quantised(z_s, model.step)
     kind[~((z_s >= model.near) & (z_s <= model.far))] = PointOrigin.MISSING
     gone = kind == PointOrigin.MISSING
     x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
+from tjscan.laser.distortion import Distortion
 from tjscan.laser.faults import FaultRandomStreams, SimulatedProfile, apply_faults
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays
@@ -32,6 +33,9 @@ class SimulatedLaser(DeviceBase):
         fault draws in the k-th profile depends on neither the other faults nor earlier views.
     clock : callable
         Gives the time in seconds.
+    make : int, optional
+        Decides how the sensor's own calibration is off, see `LaserModel.linearity`: which sensor
+        of its kind it is.
     """
 
     def __init__(
@@ -42,11 +46,13 @@ class SimulatedLaser(DeviceBase):
         model: LaserModel,
         rng: np.random.Generator,
         clock: Callable[[], float],
+        make: int = 0,
     ) -> None:
         self.model = model
         self._surface, self._pose, self._clock = surface, pose, clock
         self._rng = rng
         self._directions_s = laser_ray_directions(model)
+        self._distortion = Distortion.draw(model, make)
         self._connected = False
 
     def __enter__(self) -> Self:
@@ -75,4 +81,4 @@ class SimulatedLaser(DeviceBase):
         if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
             raise LaserFault(f"the simulated laser was put at a pose that is not one: {T_j_s}")
         hits = trace_laser_rays(self._surface, T_j_s, self.model, self._directions_s)
-        return apply_faults(hits, self.model, FaultRandomStreams.spawn(self._rng))
+        return apply_faults(hits, self.model, FaultRandomStreams.spawn(self._rng), self._distortion)

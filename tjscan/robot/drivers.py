@@ -71,6 +71,7 @@ def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
     import numpy as np
 
     from tjscan.robot.simulated import SimulatedArm
+    from tjscan.robot.simulated_errors import SimulatedArmErrors
 
     world, left = context.simulation, context.left
     if world is None:
@@ -87,6 +88,9 @@ def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
             seed=context.seed,
             realtime=world.realtime,
             time=0.0 if left is None else left.time,
+            errors=None
+            if world.errors is None
+            else SimulatedArmErrors.draw(context.kinematics, world.errors, context.seed),
         )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -176,6 +177,48 @@ class Kinematics:
         raise ConfigurationError(
             f"there is no arm model {str(model)!r}; did you mean: "
             f"{nearest_word(str(model), MODELS)}? Any other arm is given by the path of its URDF."
+        )
+
+    @property
+    def joint_axes(self) -> Array:
+        """Unit vectors along which the joints turn, each in its own frame, shape (n, 3)."""
+        data = self._model.createData()
+        q = np.zeros(self._model.nq)
+        pin.computeJointJacobians(self._model, data, q)
+        return np.array(
+            [
+                pin.getJointJacobian(self._model, data, i, pin.LOCAL)[3:, i - 1]
+                for i in range(1, self._model.njoints)
+            ]
+        )
+
+    @property
+    def joint_placements(self) -> Array:
+        """Frame of each joint, at zero, in that of the joint before it, shape (n, 4, 4)."""
+        return np.array([M.homogeneous for M in list(self._model.jointPlacements)[1:]])
+
+    def with_joint_placements(self, placements: Array) -> Kinematics:
+        """Return the same arm with its joints placed as in `placements`, shape (n, 4, 4)."""
+        other = copy(self)
+        other._model = model = self._model.copy()
+        for i, T in enumerate(placements, start=1):
+            model.jointPlacements[i] = pin.SE3(np.asarray(T, dtype=float))
+        other._workspace = _Workspace(model)
+        other._geometry = _ur_geometry(model)
+        return other
+
+    def placement_jacobian(self, q: Array) -> Array:
+        """Motion of the flange for small motions of each joint's placement, shape (6, 6 n).
+
+        Both are translation (metres) and rotation (radians), of the flange in the axes of f, of a
+        joint's frame in its own axes; six columns for each joint. See Pinocchio,
+        ``computeFrameKinematicRegressor``.
+        """
+        data, q = self._workspace.data, np.asarray(q, dtype=float)
+        pin.computeJointJacobians(self._model, data, q)
+        pin.updateFramePlacements(self._model, data)
+        return np.asarray(
+            pin.computeFrameKinematicRegressor(self._model, data, self._flange, pin.LOCAL)
         )
 
     def forward(self, q: Array) -> Array:

@@ -18,6 +18,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.simulated_errors import SimulatedArmErrors
 
 REPEATABILITY: Final = 5e-5
 """Metres, root mean square: assumption, after the ±0.05 mm the maker states for a UR10e."""
@@ -33,7 +34,8 @@ class SimulatedArm(DeviceBase):
     """An arm that is simulated, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
-    stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move.
+    stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move, and
+    by what its geometry and gears are off.
 
     Parameters
     ----------
@@ -53,6 +55,8 @@ class SimulatedArm(DeviceBase):
         advances all the same.
     time : float, optional
         What its clock shows at first, in seconds.
+    errors : SimulatedArmErrors, optional
+        How the true arm differs from `kinematics`.
 
     Raises
     ------
@@ -71,6 +75,7 @@ class SimulatedArm(DeviceBase):
         seed: int = 0,
         realtime: bool = False,
         time: float = 0.0,
+        errors: SimulatedArmErrors | None = None,
     ) -> None:
         _check_start(kinematics, np.asarray(q, dtype=float))
         self.kinematics = kinematics
@@ -79,6 +84,8 @@ class SimulatedArm(DeviceBase):
         self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
         self._now = (readonly_copy(q), time)
+        self._errors = errors
+        self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
         self._connected = False
         self._latch = MotionLock()
@@ -97,7 +104,11 @@ class SimulatedArm(DeviceBase):
     @property
     def true_T_b_f(self) -> Array:
         """True pose of the flange, shape (4, 4), which no real arm knows."""
-        T_b_f = self.kinematics.forward(self._now[0])
+        q, now = self._now
+        if self._errors is None:
+            T_b_f = self.kinematics.forward(q)
+        else:
+            T_b_f = self._errors.flange_pose(q, self._turning, now)
         turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
         return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
 
@@ -150,7 +161,10 @@ class SimulatedArm(DeviceBase):
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
                 passed = self._wait(path, start)
-            self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
+            reached = readonly_copy(path.joint_angles_at(passed))
+            last = reached - path.joint_angles_at(max(passed - TICK, 0.0))
+            self._turning = np.where(last == 0.0, self._turning, np.sign(last))
+            self._now = (reached, start + passed)
             self._error = self._draw_error()
         if passed < path.duration:
             raise ArmFault(
