@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
@@ -92,7 +93,8 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         # A misspelt key is both unknown and missing: say the former.
         first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
-        raise ConfigurationError(_explain(model, first), file=file, key=key or None) from None
+        message = _counted(first["loc"]) + _explain(model, first)
+        raise ConfigurationError(message, file=file, key=key or None) from None
 
 
 def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
@@ -137,6 +139,12 @@ def _explain(model: Any, detail: ErrorDetails) -> str:
     message = f"{message[:1].lower()}{message[1:]}"
     found = detail["input"]
     return message if isinstance(found, dict) else f"{message} (found {_shown(found)})"
+
+
+def _counted(path: Sequence[int | str]) -> str:
+    """Which entries of lists a path leads through, counted from 1; a key counts them from 0."""
+    pairs = pairwise(path)
+    return "".join(f"{name} number {i + 1}: " for name, i in pairs if isinstance(i, int))
 
 
 def _shown(value: Any) -> str:
