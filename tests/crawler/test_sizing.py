@@ -10,16 +10,19 @@ from scipy.optimize import least_squares
 from tjscan.core.frames import Array
 from tjscan.crawler.sizing import (
     SizeSettings,
+    broken_rules,
     peel_of_top_pad,
     size_crawler,
     tightest_turn,
     torque_of_turn,
 )
+from tjscan.job.crawl_job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.vehicle.tracks import TrackGeometry
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FIGURES = {one.name: one.value for one in size_crawler(SizeSettings(), TrackGeometry(), 8.0)}
+PAPER = SizeSettings(gear=195.0, torque=42.0, top_speed=0.1)
+FIGURES = {one.name: one.value for one in size_crawler(PAPER, TrackGeometry(), 8.0)}
 
 
 @pytest.mark.parametrize(
@@ -90,8 +93,20 @@ def test_example_keeps_its_own_rules() -> None:
     assert job.guards.torque == job.size.torque
 
 
+def test_a_job_that_says_nothing_keeps_every_rule() -> None:
+    job = CrawlJob(simulation=CrawlSimulationSettings())
+    assert broken_rules(job.size, job.vehicle.tracks, job.steering.least_radius) == ()
+    assert job.guards.torque == job.size.torque
+
+
+def test_the_rules_that_are_broken_are_those_of_the_whole_sizing() -> None:
+    for size in (PAPER, SizeSettings(), replace(PAPER, pads=replace(PAPER.pads, pads=12))):
+        whole = [one for one in size_crawler(size, TrackGeometry(), 8.0) if not one.holds]
+        assert list(broken_rules(size, TrackGeometry(), 8.0)) == whole
+
+
 def test_a_broken_rule_says_what_to_do() -> None:
-    broken = [one for one in size_crawler(SizeSettings(), TrackGeometry(), 8.0) if not one.holds]
+    broken = broken_rules(PAPER, TrackGeometry(), 8.0)
     assert [one.name for one in broken] == ["torque of a turn of 8 m"]
     assert "least_radius_mm" in broken[0].advice
 

@@ -72,6 +72,7 @@ def test_its_torch_may_hang_on_the_link_of_its_vehicle(tmp_path: Path) -> None:
         ('vehicle.driver = "mqtt"\nlaser.driver = "acme"', "a simulated torch needs"),
         (REAL.format(torch="fixed"), "there is no torch 'fixed'"),
         ('laser.driver = "replay"\n[simulation]', "tjscan crawl replay"),
+        ('vehicle.driver = "replay"\n[simulation]', "tjscan crawl replay"),
     ],
 )
 def test_what_can_not_be_is_refused(tmp_path: Path, text: str, words: str) -> None:

@@ -2,11 +2,13 @@
 
 import csv
 import json
+import tomllib
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from command import tjscan
 from crawls import SHORT
 
@@ -15,8 +17,9 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.crawl import CrawlContext, run_crawl
 from tjscan.runs.crawl_results import read_recorded_crawl
+from tjscan.runs.crawl_resume import resume_crawl
 
 
 class InterruptedInWeld:
@@ -124,6 +127,25 @@ def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Pa
     assert len(json.loads((out / "weld-log.json").read_text())["recordings"]) == 2
 
 
+def test_a_job_that_lost_a_pass_since_is_not_gone_on_with(
+    job_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class InterruptedInSecond(InterruptedInWeld):
+        def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+            if cycle.number == 2:
+                super().record_cycle(cycle, profile)
+
+    out = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        run_crawl(CrawlContext(read_crawl_job(job_file), job_file, InterruptedInSecond(0.01)), out)
+    job = tomllib.loads((out / "job.toml").read_text())
+    (out / "job.toml").write_text(tomli_w.dumps({**job, "pass": job["pass"][:1]}))
+    before = sorted(out.iterdir())
+    assert tjscan("crawl", "run", out, "--resume") == 2
+    assert "pass 2 was begun, and the job has 1" in capsys.readouterr().err
+    assert sorted(out.iterdir()) == before
+
+
 def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     end = 400  # of the steel: half the vehicle's length ahead of where it starts is 370
@@ -165,6 +187,10 @@ def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
         ("--simulation.joint.width-mm", "500"),
         ("--simulation.joint.width-mm", "100"),  # wider than the laser's line
         ("--torch.reach-mm", "1.5"),  # a pass weaves by more
+        ("--vehicle.driver", "replay"),
+        ("--size.torque-n-m", "42"),  # the paper's motors
+        ("--guards.torque-n-m", "42"),  # motors that would do, and a guard that lets them not
+        ("--size.pads.pads", "12"),  # one track alone does not hold it
     ],
 )
 def test_a_job_that_can_not_be_is_refused(
@@ -172,6 +198,29 @@ def test_a_job_that_can_not_be_is_refused(
 ) -> None:
     assert tjscan("crawl", "run", job_file, key, value, "--out", tmp_path / "x") == 2
     assert not (tmp_path / "x").exists()
+
+
+def test_a_turn_that_the_motors_can_not_do_is_refused_in_a_line_that_says_which_they_can(
+    job_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tight = ("--size.torque-n-m", "76.5", "--steering.least-radius-mm", "5000")
+    assert tjscan("crawl", "run", job_file, *tight, "--out", tmp_path / "x") == 2
+    assert "torque of a turn of 5 m" in capsys.readouterr().err
+    weak = ("--size.torque-n-m", "60")
+    for command in ("run", "calibrate"):
+        assert tjscan("crawl", command, job_file, *weak, "--out", tmp_path / "x") == 2
+        said = capsys.readouterr().err.strip()
+        assert "\n" not in said
+        assert "torque of a turn of 8 m is 75.8 N m, and must be at most 60" in said
+        assert "steering.least_radius_mm" in said
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_wrong_key_of_a_pass_is_told_by_the_number_of_the_pass(
+    job_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("crawl", "size", job_file, "--pass.1.speed-mm-s", "-1") == 2
+    assert "pass number 2: " in capsys.readouterr().err
 
 
 def test_a_bend_to_the_other_side_is_refused(job_file: Path, tmp_path: Path) -> None:

@@ -87,10 +87,8 @@ def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
         return
     table = Table("figure", "value", "rule", "")
     for one in figures:
-        rule = "" if one.least is None else f"at least {one.least:g}"
-        rule = rule if one.most is None else f"at most {one.most:.4g}"
-        state = "" if not rule else "holds" if one.holds else "BROKEN"
-        add_text_row(table, one.name, f"{one.value:.4g} {one.unit}", rule, state)
+        state = "" if not one.rule else "holds" if one.holds else "BROKEN"
+        add_text_row(table, one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
     stderr.print(table)
     for one in figures:
         if not one.holds:

@@ -56,7 +56,8 @@ def crawl_run(
         raise ConfigurationError("--overlap is 0 to 1000 mm")
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.crawl_output import print_passes, watch_crawl
-    from tjscan.runs.crawl import resume_crawl, run_crawl
+    from tjscan.runs.crawl import run_crawl
+    from tjscan.runs.crawl_resume import resume_crawl
     from tjscan.runs.directory import default_run_directory
 
     directory = file.parent if resume else out or default_run_directory(file)

@@ -78,7 +78,7 @@ class GuardSettings(SettingsTable):
     field : float
         How far from the middle of the laser's line the joint may be, metres.
     torque : float
-        Of a motor at its sprocket, N m.
+        Of a motor at its sprocket, N m: what it has, or less.
     torch_off : float
         How far beside its path the torch may be while the arc burns, metres: what its axis leaves
         of the estimate. 1 mm is what Kermorgant (2018) allows a first pass.
@@ -90,7 +90,7 @@ class GuardSettings(SettingsTable):
     blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
     blind_time: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
     field: Annotated[float, Gt(0), Le(500), MM] = 0.022
-    torque: Annotated[float, Gt(0), Le(1000), N_M] = 42.0
+    torque: Annotated[float, Gt(0), Le(1000), N_M] = 84.0
     torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3
     torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.6e-3
 

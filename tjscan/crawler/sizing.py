@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf, isfinite, pi
+from functools import lru_cache
+from math import ceil, inf, isfinite, pi
 from typing import Annotated, Final
 
 import numpy as np
@@ -30,7 +31,10 @@ MAGNETS: Final = "take more pads, or stronger magnets"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizeSettings(SettingsTable):
-    """The table [size]: magnets, masses and motors. The defaults are those of the paper.
+    """The table [size]: magnets, masses and motors.
+
+    The defaults are those of the paper, but for its motors' gear: behind 1:195 they give 42 N m at
+    6 m/min, too little to turn on less than some 90 m. They have half that gear here.
 
     Parameters
     ----------
@@ -49,9 +53,9 @@ class SizeSettings(SettingsTable):
     """
 
     pads: PadSettings = field(default_factory=lambda: PadSettings(friction=0.3, down=pi))
-    gear: Annotated[float, Gt(0), Le(1e4)] = 195.0
-    torque: Annotated[float, Gt(0), Le(1e5), N_M] = 42.0
-    top_speed: Annotated[float, Gt(0), Le(100), M_MIN] = 0.1
+    gear: Annotated[float, Gt(0), Le(1e4)] = 390.0
+    torque: Annotated[float, Gt(0), Le(1e5), N_M] = 84.0
+    top_speed: Annotated[float, Gt(0), Le(100), M_MIN] = 0.05
     power: Annotated[float, Gt(0), Le(1e6), WATTS] = 600.0
     safety: Annotated[float, Ge(1), Le(100)] = 5.0
 
@@ -86,6 +90,13 @@ class SizeFigure:
         above = self.least is None or self.value >= self.least
         return above and (self.most is None or self.value <= self.most)
 
+    @property
+    def rule(self) -> str:
+        """The bounds in words; empty where there are none."""
+        if self.most is not None:
+            return f"at most {self.most:.4g}"
+        return "" if self.least is None else f"at least {self.least:g}"
+
 
 def size_crawler(
     size: SizeSettings, tracks: TrackGeometry, least_radius: float
@@ -99,11 +110,24 @@ def size_crawler(
     least_radius : float
         Of the turns that the job allows, metres.
     """
+    return (*_closed_forms(size, tracks), *_turns(size, tracks, least_radius))
+
+
+def broken_rules(
+    size: SizeSettings, tracks: TrackGeometry, least_radius: float
+) -> tuple[SizeFigure, ...]:
+    """Figures of a sizing that break their rule; see `size_crawler`, which takes longer."""
+    holds = torque_of_turn(size.pads, tracks, least_radius) <= size.torque
+    turns = () if holds else _turns(size, tracks, least_radius)
+    return tuple(one for one in (*_closed_forms(size, tracks), *turns) if not one.holds)
+
+
+def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure, ...]:
     pads, radius = size.pads, tracks.sprocket_radius
     weight = pads.mass * GRAVITY
     share = pads.pads * pads.grip / pads.mass
     pull = size.torque / radius
-    rules = (
+    return (
         SizeFigure(
             "grip of both tracks over the weight", 2 * share, "", least=size.safety, advice=MAGNETS
         ),
@@ -144,11 +168,17 @@ def size_crawler(
             advice="bring the mass closer to the hull, or lengthen the tracks",
         ),
     )
+
+
+def _turns(
+    size: SizeSettings, tracks: TrackGeometry, least_radius: float
+) -> tuple[SizeFigure, ...]:
+    """Torque against radius, and the rule of the tightest turn that the job allows."""
     radii = sorted({*RADII, least_radius})
-    torques = [torque_of_turn(pads, tracks, turn) for turn in radii]
+    torques = [torque_of_turn(size.pads, tracks, turn) for turn in radii]
     tightest = tightest_turn(radii, torques, size.torque)
     advice = (
-        f"take a lower gear, or turn no tighter than {tightest:.0f} m (steering.least_radius_mm)"
+        f"take a lower gear, or turn no tighter than {ceil(tightest)} m (steering.least_radius_mm)"
         if isfinite(tightest)
         else "take a lower gear: no turn is as easy as that"
     )
@@ -162,7 +192,7 @@ def size_crawler(
         )
         for turn, torque in zip(radii, torques, strict=True)
     ]
-    return (*rules, *turns, SizeFigure("tightest turn at full torque", tightest, "m"))
+    return (*turns, SizeFigure("tightest turn at full torque", tightest, "m"))
 
 
 def tightest_turn(radii: Sequence[float], torques: Sequence[float], most: float) -> float:
@@ -204,6 +234,7 @@ def peel_of_top_pad(pads: PadSettings) -> float:
     return float(lever * np.abs(places).max() / np.sum(places**2))
 
 
+@lru_cache
 def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> float:
     """Torque of the harder working motor while its tracks are driven along a circle, N m.
 

@@ -160,7 +160,7 @@ class CrawlJob(StrictFileModel):
                     f"real one: {', '.join(sorted(real))}",
                     key="simulation",
                 )
-            if table is not self.vehicle and table.driver_kind is DriverKind.REPLAYED:
+            if table.driver_kind is DriverKind.REPLAYED:
                 raise ConfigurationError(
                     "a crawl replays with tjscan crawl replay", key=table.registry.key
                 )

@@ -1,19 +1,16 @@
-"""Crawl along a joint as a job says, or go on with a crawl that was interrupted."""
+"""Crawl along a joint as a job says."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
 
-import numpy as np
 import tomli_w
 
 from tjscan.core.config import add_file_to_errors, table_to_dict
-from tjscan.core.errors import ConfigurationError, GrooveNotFound
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.crawler import (
     CrawlDevices,
@@ -27,32 +24,27 @@ from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import (
     CombinedCrawlJournal,
-    CrawlCycle,
     CrawlJournal,
 )
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
+from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import read_slip_calibration
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
-    REPLAY,
     record_crawl,
 )
-from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
+from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
-from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.crawl_results import read_recorded_crawl, write_crawl_results
+from tjscan.runs.crawl_results import write_crawl_results
 from tjscan.runs.directory import empty_run_directory, write_job_copy
-
-OVERLAP: Final = 0.02
-"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
 
 
 class WeldsAlways:
@@ -143,6 +135,24 @@ def make_crawler(
     )
 
 
+def check_size(job: CrawlJob) -> None:
+    """Refuse a vehicle that its job asks for more than its sizing allows; see `size_crawler`.
+
+    Raises
+    ------
+    ConfigurationError
+        If magnets, motors or the tightest turn break a rule. A turn may take what the motors have
+        and the guard lets pass.
+    """
+    size = replace(job.size, torque=min(job.size.torque, job.guards.torque))
+    for one in broken_rules(size, job.vehicle.tracks, job.steering.least_radius):
+        raise ConfigurationError(
+            f"{one.name} is {one.value:.3g} {one.unit}".rstrip()
+            + f", and must be {one.rule}: {one.advice}. tjscan crawl size shows all",
+            key="size",
+        )
+
+
 def run_crawl(context: CrawlContext, directory: Path) -> None:
     """Crawl as a job says, into a new run directory.
 
@@ -153,77 +163,11 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         what happened until then, and the results are written from it.
     """
     with add_file_to_errors(context.job_file):
+        check_size(context.job)
         method = context.make_method()
         cell = make_crawl_cell(context.job)
         make_crawl_directory(context, directory)
-    _crawl(context, directory, cell, method)
-
-
-def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
-    """Go on with an interrupted crawl, in its run directory.
-
-    Parameters
-    ----------
-    context : CrawlContext
-        The job as the run directory holds it.
-    overlap : float, optional
-        By which the weld overlaps what was welded before the stop, metres.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is nothing to go on with.
-    """
-    directory = context.job_file.parent
-    found = read_recorded_crawl(directory)
-    if any(event.name == REPLAY for event in found.events):
-        raise ConfigurationError(
-            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
-        )
-    start = start_after_stop(found.cycles, context.job, overlap, directory)
-    last, left = found.cycles[-1], None
-    if found.places:
-        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
-        pose_w = np.array(found.places[-1][1].pose_w)
-        left = LeftWorld(pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs))
-    with add_file_to_errors(context.job_file):
-        cell = make_crawl_cell(context.job, left)
-    method = context.make_method(last.slip)
-    _crawl(context, directory, cell, method, start, reader_that_saw(found.profiles))
-
-
-def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
-    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
-    reader = RememberingTracker()
-    for cycle, profile in profiles:
-        with suppress(GrooveNotFound):
-            reader.read(profile, cycle.travel)
-    return reader
-
-
-def start_after_stop(
-    cycles: Sequence[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
-) -> CrawlStart:
-    """Where a crawl goes on after a stop.
-
-    Raises
-    ------
-    ConfigurationError
-        If the arc never burned, or every pass is welded.
-    """
-    burned = [cycle for cycle in cycles if cycle.arc]
-    if not burned:
-        raise ConfigurationError(
-            "no pass was begun: there is nothing to go on with. Start a new crawl", file=directory
-        )
-    cut = burned[-1]
-    end = job.weld.length
-    whole = cut.travel >= end - abs(cut.state.odometry.speed) * 0.1
-    done = cut.number if whole else cut.number - 1
-    if done >= len(job.passes):
-        raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
-    arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
-    return CrawlStart(done, cycles[-1].travel, arc_from)
+    crawl_into(context, directory, cell, method)
 
 
 def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
@@ -244,7 +188,7 @@ def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
         write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
-def _crawl(
+def crawl_into(
     context: CrawlContext,
     directory: Path,
     cell: CrawlCell,
@@ -252,7 +196,20 @@ def _crawl(
     start: CrawlStart | None = None,
     reader: JointReader | None = None,
 ) -> None:
-    """Crawl, record, and write the results, however it ended."""
+    """Crawl, record, and write the results, however it ended.
+
+    Parameters
+    ----------
+    context : CrawlContext
+    directory : Path
+        Which holds the job already.
+    cell : CrawlCell
+    method : FollowingMethod
+    start : CrawlStart, optional
+        Where an interrupted crawl left off.
+    reader : JointReader, optional
+        Which remembers the joint already.
+    """
     origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
     file = next_recording_file(directory, CRAWL_RECORDING)
     with lock_and_clean_directory(directory):

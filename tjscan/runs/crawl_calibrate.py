@@ -14,7 +14,7 @@ from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.writer import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.runs.crawl import CrawlContext, make_crawl_directory, make_crawler
+from tjscan.runs.crawl import CrawlContext, check_size, make_crawl_directory, make_crawler
 
 LENGTH: Final = 0.8
 """Metres of the shuttle's way out."""
@@ -46,6 +46,7 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
             raise ConfigurationError(
                 "a calibration begins from nothing: leave this key out", key="calibration"
             )
+        check_size(context.job)
         method, cell = context.make_method(), make_crawl_cell(context.job)
         make_crawl_directory(context, directory)
     origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))

@@ -95,7 +95,7 @@ def replay_crawl(
 
 
 def _last_slip(directory: Path) -> SlipBelief | None:
-    """What a crawl that is resumed goes on with; see `tjscan.runs.crawl.resume_crawl`."""
+    """What a crawl that is resumed goes on with; see `tjscan.runs.crawl_resume.resume_crawl`."""
     cycles = [entry for entry in read_crawl(directory) if isinstance(entry, CrawlCycle)]
     return cycles[-1].slip if cycles else None
 

@@ -1,0 +1,102 @@
+"""Go on with a crawl that was interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError, GrooveNotFound
+from tjscan.crawler.crawler import CrawlStart
+from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.topics import REPLAY
+from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.laser.profile import Profile
+from tjscan.result.directory import JOB
+from tjscan.runs.crawl import CrawlContext, check_size, crawl_into
+from tjscan.runs.crawl_results import read_recorded_crawl
+
+OVERLAP: Final = 0.02
+"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
+
+
+def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
+    """Go on with an interrupted crawl, in its run directory.
+
+    Parameters
+    ----------
+    context : CrawlContext
+        The job as the run directory holds it.
+    overlap : float, optional
+        By which the weld overlaps what was welded before the stop, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is nothing to go on with.
+    """
+    directory = context.job_file.parent
+    found = read_recorded_crawl(directory)
+    if any(event.name == REPLAY for event in found.events):
+        raise ConfigurationError(
+            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
+        )
+    start = start_after_stop(found.cycles, context.job, overlap, directory)
+    last, left = found.cycles[-1], None
+    if found.places:
+        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
+        pose_w = np.array(found.places[-1][1].pose_w)
+        left = LeftWorld(pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs))
+    with add_file_to_errors(context.job_file):
+        check_size(context.job)
+        cell = make_crawl_cell(context.job, left)
+    method = context.make_method(last.slip)
+    crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+
+
+def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
+    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
+    reader = RememberingTracker()
+    for cycle, profile in profiles:
+        with suppress(GrooveNotFound):
+            reader.read(profile, cycle.travel)
+    return reader
+
+
+def start_after_stop(
+    cycles: Sequence[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
+) -> CrawlStart:
+    """Where a crawl goes on after a stop.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arc never burned, every pass is welded, or the job has fewer passes than were begun.
+    """
+    begun = max((cycle.number for cycle in cycles), default=0)
+    if begun > len(job.passes):
+        raise ConfigurationError(
+            f"pass {begun} was begun, and the job has {len(job.passes)} left: give it back the "
+            "passes that were run",
+            file=directory / JOB,
+            key="pass",
+        )
+    burned = [cycle for cycle in cycles if cycle.arc]
+    if not burned:
+        raise ConfigurationError(
+            "no pass was begun: there is nothing to go on with. Start a new crawl", file=directory
+        )
+    cut = burned[-1]
+    end = job.weld.length
+    whole = cut.travel >= end - abs(cut.state.odometry.speed) * 0.1
+    done = cut.number if whole else cut.number - 1
+    if done >= len(job.passes):
+        raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
+    arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
+    return CrawlStart(done, cycles[-1].travel, arc_from)
