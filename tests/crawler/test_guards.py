@@ -1,13 +1,20 @@
 """What stops the crawler."""
 
+from contextlib import nullcontext
 from math import inf, nan
 
+import numpy as np
 import pytest
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
+from tjscan.crawler.slip_aware import SlipAwareMethod
+from tjscan.crawler.slip_estimator import SlipBelief, SlipUncertainty
+from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.steering import SteeringSettings
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 STEEL = (0.03,) * 4
@@ -27,7 +34,7 @@ def guards() -> Guards:
         (VehicleState(0.0, Twist(0.0, 0.0), fault="overheated"), "drive fault"),
         (VehicleState(0.0, Twist(nan, 0.0)), "vehicle"),
         (VehicleState(0.0, Twist(0.0, 0.0), torques=(inf, 0.0)), "vehicle"),
-        (VehicleState(0.0, Twist(0.0, 0.0), torques=(3.0, -43.0)), "torque"),
+        (VehicleState(0.0, Twist(0.0, 0.0), torques=(3.0, -85.0)), "torque"),
     ],
 )
 def test_a_vehicle_that_is_not_well_is_stopped(state: VehicleState, guard: str) -> None:
@@ -78,12 +85,41 @@ def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
         standing.watch_joint(None, 0.0, 0.11)
 
 
-def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near() -> None:
-    found = guards()
-    for _ in range(100):
-        found.watch_joint(None, 0.1, 0.01, sigma=0.007)
-    with pytest.raises(CrawlStopped, match="not seen for"):
-        found.watch_joint(None, 2.1, 0.01, sigma=0.008)
+@pytest.mark.parametrize(
+    ("offset", "sigma", "goes_on"),
+    [
+        (0.0, 0.007, True),  # of a field of 22 mm
+        (0.0, 0.008, False),
+        (-0.015, 0.002, True),
+        (0.015, 0.003, False),  # known well, and known to be near the end of the line
+        (-0.023, 0.0, False),
+        (nan, 0.001, False),
+    ],
+)
+def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near(
+    offset: float, sigma: float, goes_on: bool
+) -> None:
+    found, believed = guards(), LaserEstimate(offset, sigma)
+    stops = pytest.raises(CrawlStopped, match="not seen for")
+    with nullcontext() if goes_on else stops:
+        for _ in range(100):
+            found.watch_joint(None, 0.1, 0.01, believed=believed)
+
+
+@pytest.mark.parametrize("x", [(1e-3, 0.02), (-4e-3, -0.01)])
+def test_the_laser_is_where_torch_and_heading_put_it(x: tuple[float, float]) -> None:
+    """Truth of another make: the offset's variance by sampling what is believed."""
+    belief = SlipBelief.before_any_reading(SlipUncertainty(), curvature=0.02)
+    state = belief.x.copy()
+    state[:2] = x
+    geometry = CrawlerGeometry(0.5, 0.1)
+    method = SlipAwareMethod(
+        geometry, SlipBelief(state, belief.P), SlipUncertainty(), SteeringSettings()
+    )
+    q, heading = np.random.default_rng(0).multivariate_normal(x, belief.P[:2, :2], 100_000).T
+    d = q + 0.5 * np.tan(heading)
+    assert method.laser.offset == pytest.approx(x[0] + 0.5 * np.tan(x[1]) - 0.02 * 0.5**2 / 2)
+    assert method.laser.sigma == pytest.approx(np.std(d), rel=0.01)
 
 
 def test_a_joint_that_leaves_the_line_is_one_too_many() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import cos, inf, nan, pi
+from math import cos, nan, pi
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
@@ -395,8 +395,8 @@ class Crawler:
             profile,
         )
         if self._phase is not Phase.MANUAL:
-            sigma = torch.sigma if self._all_welded else inf
-            self._guards.watch_joint(d, state.odometry.speed, period, sigma=sigma)
+            believed = method.laser if self._all_welded else None
+            self._guards.watch_joint(d, state.odometry.speed, period, believed=believed)
         return period, d is not None
 
     def _period_until(self, time: float) -> float:

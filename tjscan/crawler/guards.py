@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import isfinite
 from typing import Final
 
 from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.vehicle.vehicle import Twist, VehicleState
-
-SURELY: Final = 3.0
-"""Standard deviations within which something surely lies."""
 
 NO_SAMPLE: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
@@ -100,7 +98,12 @@ class Guards:
             )
 
     def watch_joint(
-        self, d: float | None, speed: float, period: float, *, sigma: float = inf
+        self,
+        d: float | None,
+        speed: float,
+        period: float,
+        *,
+        believed: LaserEstimate | None = None,
     ) -> None:
         """Look at a reading of the joint, or at there being none.
 
@@ -112,9 +115,9 @@ class Guards:
             Of the vehicle, m/s.
         period : float
             Since the last call, seconds.
-        sigma : float, optional
-            Of the torch's place beside the joint, metres, where nothing is left to weld: the
-            joint need not be seen as long as it surely lies within the laser's line.
+        believed : LaserEstimate, optional
+            Where the laser is believed to be, where nothing is left to weld: the joint need not
+            be seen then as long as it surely lies within the laser's line.
 
         Raises
         ------
@@ -122,7 +125,7 @@ class Guards:
             If the joint was not seen for too long, or leaves the laser's line.
         """
         settings = self._settings
-        if d is None and SURELY * sigma < settings.field:
+        if d is None and believed is not None and believed.surely_within(settings.field):
             return
         if d is None:
             self._blind_travel += abs(speed) * period

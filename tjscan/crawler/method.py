@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.vehicle.vehicle import Twist
+
+SURELY: Final = 3.0
+"""Standard deviations within which something surely lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +27,24 @@ class TorchEstimate:
     offset: float
     sigma: float
     heading: float
+
+
+@dataclass(frozen=True, slots=True)
+class LaserEstimate:
+    """Where the laser is believed to be beside the joint.
+
+    Parameters
+    ----------
+    offset, sigma : float
+        Of the laser from the joint, positive to the right, metres, and its standard deviation.
+    """
+
+    offset: float
+    sigma: float
+
+    def surely_within(self, limit: float) -> bool:
+        """Whether the joint surely lies within a distance of the laser's middle, metres."""
+        return abs(self.offset) + SURELY * self.sigma < limit
 
 
 class FollowingMethod(Protocol):
@@ -50,6 +71,11 @@ class FollowingMethod(Protocol):
     @property
     def torch(self) -> TorchEstimate:
         """Where the torch is believed to be."""
+        ...
+
+    @property
+    def laser(self) -> LaserEstimate:
+        """Where the laser is believed to be, whether it sees the joint or not."""
         ...
 
     @property

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.method import LaserEstimate, TorchEstimate
 from tjscan.crawler.paper_filter import PaperFilter, PaperState
 from tjscan.crawler.slip_model import CrawlerGeometry
 from tjscan.vehicle.tracks import TrackGeometry
@@ -80,6 +80,11 @@ class PaperMethod:
         by_heading = D * (1 + tan(heading) ** 2)
         sigma = by_heading * sqrt(self._filter.P[PaperState.HEADING, PaperState.HEADING])
         return TorchEstimate(self._d - D * tan(heading), sigma, heading)
+
+    @property
+    def laser(self) -> LaserEstimate:
+        """Where the laser was when it last saw the joint: the paper goes on from there."""
+        return LaserEstimate(self._d, self.torch.sigma)
 
     @property
     def slip(self) -> None:

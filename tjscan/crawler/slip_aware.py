@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Final
 
-from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.method import LaserEstimate, TorchEstimate
 from tjscan.crawler.odometry_filter import OdometryFilter
 from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry, SlipState
+from tjscan.crawler.slip_model import CrawlerGeometry, SlipState, laser_offset
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
 from tjscan.vehicle.vehicle import Twist
 
@@ -59,6 +60,12 @@ class SlipAwareMethod:
             slip.sigma(SlipState.OFFSET),
             float(slip.x[SlipState.HEADING]),
         )
+
+    @property
+    def laser(self) -> LaserEstimate:
+        """Where the laser is believed to be."""
+        offset, H = laser_offset(self.slip.x, self._estimator.geometry)
+        return LaserEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks; see `FollowingMethod.turn_rate`."""
