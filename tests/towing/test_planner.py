@@ -11,7 +11,7 @@ from towed import YARD, bent_angles
 from tjscan.core.frames import Array
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.cable import Cable
-from tjscan.towing.estimate import estimate_shape
+from tjscan.towing.estimate import CableEstimate, estimate_shape
 from tjscan.towing.limited import optimise_limited
 from tjscan.towing.paper_planner import PaperPlanner
 from tjscan.towing.plan import TowingPlan
@@ -32,7 +32,7 @@ def planner(**limits: float) -> TowingPlanner:
 @pytest.fixture(scope="module")
 def begun() -> TowingPlan:
     """A plan to go on from, with the welder at the yard's long wall."""
-    start = estimate_shape(CABLE, [19, 59], np.array([(1.3, -1.0, -pi / 2), WELDER]))
+    start = estimate_shape(CABLE, [19, 59], np.array([(1.3, -1.0, -pi / 2), WELDER])).angles
     ours = planner()
     problem, _ = ours.problem(start, WELDER, 1.0)
     problem = replace(problem, weights=TowingWeights(change=0, pace=0))
@@ -159,13 +159,11 @@ def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
 
 def test_estimates_come_back_from_their_own_poses() -> None:
     rng = np.random.default_rng(0)
-    shape = estimate_shape(CABLE, HELD, CABLE.poses(bent_angles(rng))[HELD])
-    again = estimate_shape(CABLE, HELD, CABLE.poses(shape)[HELD], last=shape)
-    np.testing.assert_allclose(again, shape, atol=2e-3)
-    np.testing.assert_allclose(
-        CABLE.poses(shape)[HELD, :2], CABLE.poses(bent_angles(np.random.default_rng(0)))[HELD, :2],
-        atol=2e-3,
-    )  # fmt: skip
+    bent = CABLE.poses(bent_angles(rng))
+    shape = estimate_shape(CABLE, HELD, bent[HELD])
+    again = estimate_shape(CABLE, HELD, CABLE.poses(shape.angles)[HELD], last=shape)
+    np.testing.assert_allclose(again.angles, shape.angles, atol=2e-3)
+    np.testing.assert_allclose(CABLE.poses(shape.angles)[HELD, :2], bent[HELD, :2], atol=2e-3)
 
 
 def noisy(poses: Array, seed: int) -> Array:
@@ -177,7 +175,7 @@ def test_noise_that_stretches_the_cable_still_gives_a_shape(begun: TowingPlan) -
     straight = CABLE.poses(np.zeros(60))[HELD]
     for seed in range(5):
         poses = noisy(straight, seed) * (1.002, 1.0, 1.0)
-        shape = estimate_shape(CABLE, HELD, poses)
+        shape = estimate_shape(CABLE, HELD, poses).angles
         assert np.abs(CABLE.poses(shape)[HELD, :2] - poses[:, :2]).max() < 0.02
         assert np.abs(shape).max() < 0.2
 
@@ -185,7 +183,8 @@ def test_noise_that_stretches_the_cable_still_gives_a_shape(begun: TowingPlan) -
 def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> None:
     poses = begun.held_poses.copy()
     poses[1:3] = np.nan
-    shape = estimate_shape(CABLE, HELD, poses, last=begun.angles)
+    last = CableEstimate.unpulled(CABLE, begun.angles)
+    shape = estimate_shape(CABLE, HELD, poses, last=last).angles
     assert np.hypot(*(CABLE.poses(shape) - begun.link_poses)[:, :2].T).max() < 0.05
 
 

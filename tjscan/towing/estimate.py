@@ -2,8 +2,8 @@
 
 Suzuki et al. (2022), IV-C, take the poses for exact, (1)-(4). Noise or slip then stretch the cable
 between two vehicles beyond its length, and no shape fits: here poses are known to a standard
-deviation. The paper leaves the floor out; here a link that slides loses energy to friction, so that
-it stays where it lay if nothing pulls it away.
+deviation. The paper leaves the floor out; here friction holds the links, so that the cable keeps
+what it was bent to on its way.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, wrap
 from tjscan.towing.compiled import Indices, compiled
 from tjscan.towing.linear import back_substitute, factorise_convex
 
-STILL = 5e-3
-"""Metres within which friction is rounded: a link that hardly moves is held by less than all."""
+SLIDES = 1e-3
+"""Metres by which a link gives way before it slides. As long as this is little beside the bends of
+a cable, it says nothing: from 0.2 to 2 mm estimates are the same."""
 
 
 @compiled
@@ -32,8 +33,8 @@ def estimate_terms(
     held: Indices,
     poses: Array,
     stiff: Array,
-    last: Array,
-    slide: float,
+    rest: Array,
+    slide: Array,
     joint: Array,
     point: Array,
     turn: Array,
@@ -48,10 +49,10 @@ def estimate_terms(
         Links whose poses, shape (M, 3), are known.
     stiff : ndarray, shape (M, 2)
         One over the variance of each position, and of each heading.
-    last : ndarray, shape (N, 2)
-        Where the links lay; the floor holds them there.
-    slide : float
-        Friction of a link over the stiffness of a joint, 1/m; 0 without.
+    rest : ndarray, shape (N, 2)
+        Towards which the floor holds the links' far ends: with a force that grows until they slide.
+    slide : ndarray, shape (N,)
+        Friction there over the stiffness of a joint, 1/m; 0 without.
     joint, point, turn : ndarray, shapes (N, 2), (N, 5), (N, 2)
         Filled.
     """
@@ -61,14 +62,17 @@ def estimate_terms(
         joint[i, 0], joint[i, 1] = angles[i], 1.0
         turn[i, 0], turn[i, 1] = 0.0, 0.0
         point[i, :] = 0.0
-        if slide > 0.0:
-            x, y = links[i, 0] - last[i, 0], links[i, 1] - last[i, 1]
-            d = sqrt(x * x + y * y + STILL * STILL)
-            energy += slide * (d - STILL)
-            point[i, 0], point[i, 1] = slide * x / d, slide * y / d
-            point[i, 2] = slide * (1.0 - (x / d) ** 2) / d
-            point[i, 3] = -slide * (x / d) * (y / d) / d
-            point[i, 4] = slide * (1.0 - (y / d) ** 2) / d
+        if slide[i] > 0.0:
+            x, y = links[i, 0] - rest[i, 0], links[i, 1] - rest[i, 1]
+            d = sqrt(x * x + y * y)
+            pull = slide[i] / max(d, SLIDES)
+            energy += slide[i] * (0.5 * d * d / SLIDES if d < SLIDES else d - 0.5 * SLIDES)
+            point[i, 0], point[i, 1] = pull * x, pull * y
+            point[i, 2], point[i, 4] = pull, pull
+            if d >= SLIDES:
+                point[i, 2] -= pull * (x / d) ** 2
+                point[i, 3] -= pull * (x / d) * (y / d)
+                point[i, 4] -= pull * (y / d) ** 2
     for m in range(len(held)):
         k = held[m]
         x, y = links[k, 0] - poses[m, 0], links[k, 1] - poses[m, 1]
@@ -91,8 +95,8 @@ def newton_estimate(
     held: Indices,
     poses: Array,
     stiff: Array,
-    last: Array,
-    slide: float,
+    rest: Array,
+    slide: Array,
     most: int,
 ) -> tuple[int, float]:
     """Shape of least energy near the vehicles' poses, in place; iterations and the energy."""
@@ -102,7 +106,7 @@ def newton_estimate(
     gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, root, length, links)
-    energy = estimate_terms(angles, links, held, poses, stiff, last, slide, joint, point, turn)
+    energy = estimate_terms(angles, links, held, poses, stiff, rest, slide, joint, point, turn)
     shift, iteration = 0.0, 0
     while iteration < most:
         iteration += 1
@@ -122,7 +126,7 @@ def newton_estimate(
                 trial[i] = angles[i] + share * step[i]
             place_links(trial, root, length, links)
             after = estimate_terms(
-                trial, links, held, poses, stiff, last, slide, joint, point, turn
+                trial, links, held, poses, stiff, rest, slide, joint, point, turn
             )
             if after <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
                 better = True
@@ -165,47 +169,84 @@ class PoseTrust:
         return np.array((self.position_sd**-2, self.heading_sd**-2))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CableEstimate:
+    """How the cable lies.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (N,)
+        Of the joints, radians: θ_init.
+    rest : ndarray, shape (N, 2)
+        Towards which the floor holds the links' far ends, metres.
+    """
+
+    angles: Array
+    rest: Array
+
+    @staticmethod
+    def unpulled(cable: Cable, angles: Array) -> CableEstimate:
+        """A cable that was laid down so: the floor does not yet pull at it."""
+        return CableEstimate(angles, cable.poses(angles)[:, :2].copy())
+
+
 def estimate_shape(
     cable: Cable,
     held_links: Sequence[int],
     poses: Array,
     *,
-    last: Array | None = None,
+    last: CableEstimate | None = None,
     trust: PoseTrust | None = None,
-    friction: bool = True,
-) -> Array:
-    """Angles of the joints, shape (N,), radians.
+) -> CableEstimate:
+    """How the cable lies between vehicles at these poses.
+
+    The links between were moved from where they lay by least work, of bends and friction: that is
+    Coulomb's, for a floor that gives way by `SLIDES` first. So its holding force lasts from one
+    estimate to the next, however little a link moves.
 
     Parameters
     ----------
     cable : Cable
     held_links : sequence of int
-        Of the vehicles.
+        Of the vehicles, which carry these links off the floor.
     poses : ndarray, shape (vehicles, 3)
         Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
-    last : ndarray, shape (N,), optional
-        The estimate before.
+    last : CableEstimate, optional
+        The estimate before. Without, the floor is left out.
     trust : PoseTrust, optional
-    friction : bool
-        Whether the floor holds the links where they lay.
     """
     known = np.isfinite(poses).all(axis=1)
     held, at = np.array(held_links, dtype=np.int64)[known], np.array(poses[known], dtype=float)
     root = np.array(cable.root, dtype=float)
     stiff = np.tile((trust or PoseTrust()).stiffness, (len(held), 1))
-    lay = np.zeros((cable.links, 2)) if last is None else cable.poses(last)[:, :2].copy()
-    slide = cable.friction / cable.bending_stiffness if friction and last is not None else 0.0
-    starts = [last] if last is not None else _guesses(cable, held, at)
+    if last is None:
+        starts, rest = _guesses(cable, held, at), np.zeros((cable.links, 2))
+        slide = np.zeros(cable.links)
+    else:
+        starts, rest, slide = [last.angles], last.rest, _friction(cable, held_links)
     best, least = np.zeros(cable.links), np.inf
     for start in starts:
         angles = np.array(start, dtype=float)
         most = MOST if last is not None else 10 * MOST
         _, energy = newton_estimate(
-            angles, root, cable.link_length, held, at, stiff, lay, slide, most
+            angles, root, cable.link_length, held, at, stiff, rest, slide, most
         )
         if energy < least:
             best, least = angles, energy
-    return best
+    if last is None:
+        return CableEstimate.unpulled(cable, best)
+    lie = cable.poses(best)[:, :2]
+    off = lie - rest
+    far = np.hypot(off[:, 0], off[:, 1])[:, None]
+    return CableEstimate(best, lie - off * np.minimum(1.0, SLIDES / np.maximum(far, 1e-300)))
+
+
+def _friction(cable: Cable, held_links: Sequence[int]) -> Array:
+    """Friction at the links' far ends over a joint's stiffness, shape (N,), 1/m."""
+    # Half of the link on either side, where that lies on the floor.
+    lies = np.ones(cable.links + 1)
+    lies[list(held_links)] = lies[-1] = 0.0
+    return np.asarray((lies[:-1] + lies[1:]) / 2 * cable.friction / cable.bending_stiffness)
 
 
 def _guesses(cable: Cable, held: Indices, poses: Array) -> list[Array]:

@@ -73,7 +73,7 @@ class PaperPlanner:
         known = np.flatnonzero(np.isfinite(poses).all(axis=1))
         guess = None if last is None else last.estimate
         if guess is None:
-            guess = estimate_shape(self.cable, held, poses)
+            guess = estimate_shape(self.cable, held, poses).angles
         links = [held[m] for m in known]
         estimate, count, failed = minimise(
             lambda a: (float(a @ a), 2 * a),

@@ -67,6 +67,8 @@ class TowingPlan:
     halt : str
         Why nobody may drive on: empty if the plan may be sent. The angles are then the last shape
         tried, to be shown, never to be sent.
+    rest : ndarray, shape (N, 2), or None
+        Towards which the floor holds the links of the estimate, metres; None if it is not known.
     """
 
     estimate: Array
@@ -78,6 +80,7 @@ class TowingPlan:
     limits: tuple[str, ...] = ()
     iterations: int = 0
     halt: str = ""
+    rest: Array | None = None
 
 
 class ShapePlanner(Protocol):

@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, readonly_copy
 from tjscan.towing.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.cable import Cable
 from tjscan.towing.compiled import Indices
-from tjscan.towing.estimate import PoseTrust, estimate_shape
+from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_shape
 from tjscan.towing.limited import optimise_limited
 from tjscan.towing.limits import KEPT, HardLimits
 from tjscan.towing.optimise import newton_shape
@@ -113,13 +113,14 @@ class TowingPlanner:
         """
         if not (np.isfinite(welder_pose).all() and np.isfinite(dt) and dt > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {dt} s")
-        estimate = estimate_shape(
+        lies = estimate_shape(
             self.cable,
             self.team.held_links,
             poses,
-            last=None if last is None else last.estimate,
+            last=None if last is None else self._lay(last),
             trust=self.settings.trust,
         )
+        estimate = lies.angles
         problem, limits = self.problem(estimate, welder_pose, dt, last, obstacles, stopped)
         iterations, shape = 0, None
         pressed: tuple[str, ...] = ()
@@ -131,7 +132,14 @@ class TowingPlanner:
             shape = CheckedShape(problem, limits, limited.angles)
             pressed = tuple(limits.name(row) for row in limited.pressed)
             iterations += limited.iterations
-        return shape.plan(self._held, iterations, pressed, shape.objection(estimate))
+        plan = shape.plan(self._held, iterations, pressed, shape.objection(estimate))
+        return replace(plan, rest=readonly_copy(lies.rest))
+
+    def _lay(self, plan: TowingPlan) -> CableEstimate:
+        """How the cable lay when a plan was made."""
+        if plan.rest is None:
+            return CableEstimate.unpulled(self.cable, plan.estimate)
+        return CableEstimate(plan.estimate, plan.rest)
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """Best shape of many searches. See `plan.ShapePlanner`."""

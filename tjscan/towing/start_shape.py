@@ -95,8 +95,8 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> list[Array]:
                 held,
                 poses,
                 STIFF,
-                np.zeros((1, 2)),
-                0.0,
+                np.zeros((cable.links, 2)),
+                np.zeros(cable.links),
                 10 * MOST,
             )
             if all(np.abs(angles - other).max() > 0.1 for other in shapes):

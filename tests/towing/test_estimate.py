@@ -1,0 +1,98 @@
+"""Where the cable lies between its vehicles, with a floor that holds it."""
+
+import numpy as np
+import pytest
+from towed import bent_angles
+
+from tjscan.core.frames import Array
+from tjscan.towing.cable import Cable
+from tjscan.towing.chain import chain_gradient, chain_hessian, place_links
+from tjscan.towing.compiled import Indices
+from tjscan.towing.estimate import SLIDES, CableEstimate, estimate_shape, estimate_terms
+
+CABLE, HELD = Cable(links=20), (9, 19)
+
+
+def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[float, Array, Array]:
+    """Of the estimate's problem, with gradient and Hessian."""
+    n, root = len(angles), np.zeros(3)
+    links, joint, point, turn = (np.empty((n, k)) for k in (5, 2, 5, 2))
+    place_links(angles, root, 0.1, links)
+    stiff = np.tile((1e4, 1e3), (len(held), 1))
+    value = estimate_terms(
+        angles, links, held, poses, stiff, rest, np.full(n, 0.5), joint, point, turn
+    )
+    gradient, hessian = np.empty(n), np.empty((n, n))
+    chain_gradient(joint, point, turn, links, 0.1, gradient)
+    chain_hessian(joint, point, turn, links, 0.1, hessian)
+    return value, gradient, hessian
+
+
+@pytest.mark.parametrize("off", [0.3 * SLIDES, 3 * SLIDES], ids=["held", "sliding"])
+def test_derivatives_are_those_of_differences(off: float) -> None:
+    rng = np.random.default_rng(1)
+    angles = bent_angles(rng, 20)
+    held = np.array(HELD)
+    poses = CABLE.poses(angles)
+    rest = poses[:, :2] + off * np.array((0.6, -0.8))
+    poses = poses[held] + 1e-3
+    _, gradient, hessian = energy(angles, held, poses, rest)
+    for direction in rng.normal(size=(3, 20)):
+        way = 1e-6 * direction / np.abs(direction).max()
+        ahead, behind = (energy(angles + s * way, held, poses, rest) for s in (1, -1))
+        assert (ahead[0] - behind[0]) / 2 == pytest.approx(gradient @ way, rel=1e-5)
+        np.testing.assert_allclose(
+            (ahead[1] - behind[1]) / 2, hessian @ way, rtol=1e-3, atol=1e-4 * np.abs(way).max()
+        )
+
+
+def tow(estimate: CableEstimate, poses: Array, way: Array, steps: int) -> CableEstimate:
+    for k in range(steps):
+        estimate = estimate_shape(CABLE, HELD, poses + (k + 1) / steps * way, last=estimate)
+    return estimate
+
+
+def test_a_cable_that_was_towed_there_and_back_lies_otherwise_and_then_stays() -> None:
+    angles = bent_angles(np.random.default_rng(2), 20)
+    begun = CableEstimate.unpulled(CABLE, angles)
+    poses, way = CABLE.poses(angles)[list(HELD)], np.array(((0.0, 0.0, 0.0), (-0.03, 0.02, 0.0)))
+    begun = tow(begun, poses, 0 * way, 20)
+    back = tow(tow(begun, poses, way, 30), poses + way, -way, 30)
+    assert np.abs(back.angles - begun.angles).max() > 0.01
+    stays = tow(back, poses, 0 * way, 100)
+    np.testing.assert_allclose(stays.angles, back.angles, atol=1e-4)
+
+
+def test_how_fast_it_was_towed_says_nothing() -> None:
+    angles = bent_angles(np.random.default_rng(3), 20)
+    begun = CableEstimate.unpulled(CABLE, angles)
+    poses, way = CABLE.poses(angles)[list(HELD)], np.array(((0.0, 0.0, 0.0), (-0.02, 0.04, 0.1)))
+    quick, slow = (tow(begun, poses, way, steps) for steps in (40, 400))
+    np.testing.assert_allclose(quick.angles, slow.angles, atol=3e-3)
+
+
+def test_it_lies_where_the_simulated_cable_does() -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
+    from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
+    from tjscan.vehicle.cable.world import TowingWorld
+    from tjscan.vehicle.vehicle import Twist
+
+    model = TowingWorldModel(
+        cable=CableModel(links=20, held=HELD), vehicle=TowingVehicleModel(encoder_noise=0.0)
+    )
+    begun = np.linspace(0.02, 0.12, 20)
+    world, estimate = TowingWorld(model, begun), CableEstimate.unpulled(CABLE, begun)
+    frictionless = estimate
+    # The second vehicle goes sideways to and fro beside the first one, which stands.
+    for k in range(160):
+        heading, side = world.truth().poses[1, 2], -1.0 if k < 100 else 1.0
+        speed = 0.02 * side
+        world.order(0, Twist(0.0, 0.0, 0.0))
+        world.order(1, Twist(speed * np.cos(heading), 0.0, -speed * np.sin(heading)))
+        world.advance(0.1)
+        poses = world.truth().poses
+        estimate = estimate_shape(CABLE, HELD, poses, last=estimate)
+        frictionless = estimate_shape(Cable(links=20, friction=0.0), HELD, poses, last=frictionless)
+    off = np.abs(estimate.angles - world.truth().angles)
+    assert off.mean() < np.radians(0.5)
+    assert off.mean() < 0.3 * np.abs(frictionless.angles - world.truth().angles).mean()
