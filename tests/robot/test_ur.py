@@ -25,6 +25,7 @@ from tjscan.core.errors import (
     ArmNotResponding,
     ConfigurationError,
     EmergencyStop,
+    MoveSupervisionLost,
     PoseNotReached,
     PoseUnreachable,
     ProgramStopped,
@@ -40,6 +41,8 @@ from tjscan.robot.loopback.server import RTDE_PORT
 from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.faults import fault_from_state
+from tjscan.robot.ur.messages import PLAYING, ControllerState, RobotMode, SafetyMode
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -345,10 +348,11 @@ def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
 
         hanger = threading.Thread(target=hang)
         hanger.start()
-        # The client says nothing; that the program has stopped, the dashboard knows.
-        with pytest.raises((ArmNotResponding, ProgramStopped)):
+        # The client says nothing; that the controller is well, the dashboard knows.
+        with pytest.raises(ArmNotResponding) as told:
             arm.move_joint_to_pose(beside_home(0.3))
         hanger.join()
+        assert "Its dashboard does answer" in message_with_notes(told.value)
         loopback.wait_for_line("program stopped")
     assert client_processes() == []
 
@@ -369,6 +373,69 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
         events = read_recorded_scan(tmp_path / "run").events
         assert [event.name for event in events] == ["arm", "interrupted"]
         assert "serial number 00000000000" in events[0].detail
+
+
+def test_a_dashboard_that_hangs_up_is_connected_again(loopback: LoopbackProcess) -> None:
+    events: list[tuple[str, str]] = []
+    with arm_at(loopback.host) as arm:
+        arm.report_events_to(lambda name, detail: events.append((name, detail)))
+        loopback.schedule_fault("drop-dashboard 1")
+        for x in (0.05, 0.0):
+            arm.move_joint_to_pose(beside_home(x))
+        loopback.schedule_fault("drop-dashboard")  # and between two moves
+        arm.move_joint_to_pose(beside_home(0.05))
+    assert [name for name, _ in events] == ["dashboard"] * 2
+
+
+def test_without_its_dashboard_the_arm_is_stopped(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        before = arm.state().q
+        loopback.schedule_fault("close-dashboard 1")
+        with pytest.raises(ArmConnectionLost, match="no second way to stop"):
+            arm.move_joint_to_pose(beside_home(0.3))
+    loopback.schedule_fault("clear")
+    with arm_at(loopback.host) as arm:
+        assert np.linalg.norm(arm.state().T_b_f[:3, 3] - beside_home(0.3)[:3, 3]) > 0.01
+        assert not np.array_equal(arm.state().q, before)
+
+
+@pytest.mark.parametrize(
+    ("unheard", "unseen", "error"),
+    [
+        (0.1, 0.1, ProgramStopped),
+        (1.4, 1.4, MoveSupervisionLost),
+        (0.1, 1.2, ArmConnectionLost),
+    ],
+)
+def test_a_stopped_program_is_put_down_to_the_one_who_fell_silent(
+    unheard: float, unseen: float, error: type[ArmFault]
+) -> None:
+    zeros = (0.0,) * 6
+    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PLAYING + 2)
+    state = (True, 1.0, zeros, zeros, zeros, *modes, 1, True, unheard, unseen, None, None)
+    fault = fault_from_state(ControllerState(*state))
+    assert type(fault) is error
+    assert ("pendant" in str(fault)) == (error is ProgramStopped)
+
+
+def test_a_client_held_up_for_a_moment_too_long_is_told_as_that() -> None:
+    with (
+        LoopbackProcess(address()) as loopback,
+        UrArm(KINEMATICS, UrSettings(loopback.host, silence_limit=10.0)) as arm,
+    ):
+
+        def hold_up() -> None:
+            loopback.wait_for_line("move")
+            (pid,) = client_processes()
+            os.kill(pid, signal.SIGSTOP)
+            loopback.wait_for_line("program stopped")  # its watchdog has
+            os.kill(pid, signal.SIGCONT)
+
+        holder = threading.Thread(target=hold_up)
+        holder.start()
+        with pytest.raises(MoveSupervisionLost, match="this computer was held up"):
+            arm.move_joint_to_pose(beside_home(0.3))
+        holder.join()
 
 
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(

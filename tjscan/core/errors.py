@@ -164,11 +164,11 @@ class TargetRefused(ArmFault):
 
 
 class ProgramStopped(ArmFault):
-    """Somebody else stopped the program that the arm ran for this one."""
+    """The program that the arm ran for this one was stopped, by somebody else or the controller."""
 
 
 class MoveSupervisionLost(ArmFault):
-    """The arm was stopped, because this program stood still while it moved."""
+    """The arm was stopped, because this program or its computer stood still while it moved."""
 
 
 class PoseNotReached(ArmFault):

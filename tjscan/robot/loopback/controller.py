@@ -92,6 +92,7 @@ class LoopbackController:
         )
         self.remote = True
         self.refusing = self.deaf = self.frozen = self.dropping = False
+        self.dropping_dashboard = self.dashboard_closed = False
         self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
         self.input_double, self.output_double = [0.0] * REGISTERS, [0.0] * REGISTERS
         self.q, self.speed = np.array(q, dtype=float), np.zeros(6)
@@ -265,6 +266,10 @@ class LoopbackController:
             self.stop_program()
         elif fault is InjectedFault.DROP_LINK:
             self.dropping = True
+        elif fault is InjectedFault.DROP_DASHBOARD:
+            self.dropping_dashboard = True
+        elif fault is InjectedFault.CLOSE_DASHBOARD:
+            self.dropping_dashboard = self.dashboard_closed = True
         elif fault is InjectedFault.FREEZE:
             self.frozen = True
         elif fault is InjectedFault.REFUSE_TARGETS:
@@ -281,7 +286,7 @@ class LoopbackController:
 
     def _clear(self) -> None:
         self.mode, self.safety, self.remote = RobotPower.RUNNING, SafetyState.NORMAL, True
-        self.refusing = self.deaf = self.frozen = self._missing = False
+        self.refusing = self.deaf = self.frozen = self._missing = self.dashboard_closed = False
         self._orders.clear()
         if self.runtime is ProgramState.PAUSED:
             self.stop_program()

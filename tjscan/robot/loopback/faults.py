@@ -16,6 +16,8 @@ class InjectedFault(StrEnum):
     POWER_OFF = "power-off"
     LOCAL_MODE = "local-mode"
     DROP_LINK = "drop-link"
+    DROP_DASHBOARD = "drop-dashboard"
+    CLOSE_DASHBOARD = "close-dashboard"
     FREEZE = "freeze"
     REFUSE_TARGETS = "refuse-targets"
     STOP_PROGRAM = "stop-program"

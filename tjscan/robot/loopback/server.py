@@ -62,6 +62,7 @@ class LoopbackServer:
         check_is_loopback_address(self.host)
         self._registry = InputOwners()
         self._sessions: dict[RtdeSession, asyncio.StreamWriter] = {}
+        self._dashboards: set[asyncio.StreamWriter] = set()
         self._dashboard = DashboardServer(self.controller, self.model, VERSION)
         self._thawed = asyncio.Event()
 
@@ -106,6 +107,10 @@ class LoopbackServer:
             if self.controller.dropping:
                 self.controller.dropping = False
                 for writer in self._sessions.values():
+                    writer.transport.abort()
+            if self.controller.dropping_dashboard:
+                self.controller.dropping_dashboard = False
+                for writer in self._dashboards:
                     writer.transport.abort()
             for session, writer in list(self._sessions.items()):
                 if writer.transport.get_write_buffer_size() < BACKLOG:
@@ -167,8 +172,15 @@ class LoopbackServer:
                     self.tell("script refused")
 
     async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self.controller.dashboard_closed:
+            writer.transport.abort()
+            return
         writer.write(f"{GREETING}\n".encode())
-        await self._serve(self._lines(reader, writer), writer)
+        self._dashboards.add(writer)
+        try:
+            await self._serve(self._lines(reader, writer), writer)
+        finally:
+            self._dashboards.discard(writer)
 
     async def _lines(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while line := await reader.readline():

@@ -14,7 +14,7 @@ from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import DeviceBase, EventListener
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
@@ -52,6 +52,7 @@ class UrArm(DeviceBase):
         self._session: ControllerSession | None = None
         self._identity: UrIdentity | None = None
         self._latch = MotionLock()
+        self._listener: EventListener | None = None
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -65,7 +66,10 @@ class UrArm(DeviceBase):
         """
         self._latch.clear_stop()
         session = connect_to_controller(
-            self.settings, self.kinematics, partial(self._latch.wait_for_stop, POLL)
+            self.settings,
+            self.kinematics,
+            partial(self._latch.wait_for_stop, POLL),
+            self._note,
         )
         try:
             self._identity = read_ur_identity(session.dashboard, session.read_state().payload)
@@ -93,6 +97,10 @@ class UrArm(DeviceBase):
         if self._identity is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._identity
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report events to a listener: that the dashboard was connected again."""
+        self._listener = listener
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the controller reports them."""
@@ -130,6 +138,10 @@ class UrArm(DeviceBase):
     def accept_moves_again(self) -> None:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
+
+    def _note(self, name: str, detail: str) -> None:
+        if self._listener is not None:
+            self._listener(name, detail)
 
     @property
     def _connected(self) -> ControllerSession:

@@ -19,11 +19,13 @@ from typing import Any, Final
 
 from tjscan.robot.ur.messages import (
     HOST_GONE,
+    WATCHDOG_PERIOD,
     ClientAnswer,
     ClientRequest,
     ControllerState,
     SixNumbers,
 )
+from tjscan.robot.ur.silence import LongestSilence
 
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -40,16 +42,13 @@ OUTPUTS: Final = [
 PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 """Older controllers have no such outputs."""
 
-WATCHDOG_HZ: Final = 1.0
-"""Hz: a controller that hears less often from this process stops the arm."""
-
 FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
 STOP_DECELERATION: Final = 2.0
 """rad/s² with which the arm is stopped when nobody watches over it."""
 
-UNFOLLOWED_LIMIT: Final = 1.0
+UNFOLLOWED_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
 
@@ -61,7 +60,8 @@ class RtdeClient:
         self._receive: Any = None
         self._reports_payload = True
         self._watched = False
-        self._fed = self._followed = 0.0
+        self._fed = self._followed = self._clock = 0.0
+        self._sent = self._received = LongestSilence(time.monotonic())
         self._before: int | None = None  # the operation before the move that is to be followed
 
     def connect(self, host: str) -> None:
@@ -75,10 +75,13 @@ class RtdeClient:
             self._reports_payload = False
             self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS)
         self._control = RTDEControlInterface(host, RTDE_HZ)
+        self._received = LongestSilence(time.monotonic())
 
     def start_watchdog(self) -> bool:
         """Start the controller's watchdog, which stops the arm when this process falls silent."""
-        self._watched = bool(self._control.setWatchdog(WATCHDOG_HZ))
+        self._watched = bool(self._control.setWatchdog(1 / WATCHDOG_PERIOD))
+        moment = time.monotonic()
+        self._sent, self._received = LongestSilence(moment), LongestSilence(moment)
         return self._watched
 
     def read_state_supervising_move(self) -> ControllerState:
@@ -91,8 +94,9 @@ class RtdeClient:
 
     def read_state(self) -> ControllerState:
         """Read the controller's state."""
+        self._watch_clock()
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
-        reported = self._reports_payload
+        reported, moment = self._reports_payload, time.monotonic()
         return ControllerState(
             connected=bool(receive.isConnected() and self._control.isConnected()),
             time=receive.getTimestamp(),
@@ -104,6 +108,8 @@ class RtdeClient:
             runtime_state=receive.getRuntimeState(),
             operation=status.operationId(),
             moving=status.isAsyncOperationRunning(),
+            unheard=self._sent.longest(moment) if self._watched else 0.0,
+            unseen=self._received.longest(moment),
             payload=receive.getPayload() if reported else None,
             centre_of_gravity=tuple(receive.getPayloadCog()) if reported else None,
         )
@@ -153,8 +159,10 @@ class RtdeClient:
     def feed_watchdog(self) -> None:
         """Feed the controller's watchdog, if it is time to."""
         if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
-            self._fed = time.monotonic()
+            self._watch_clock()
             self._control.kickWatchdog()
+            self._fed = time.monotonic()
+            self._sent.note_sign_of_life(self._fed)
 
     @property
     def supervision_lost(self) -> bool:
@@ -172,6 +180,12 @@ class RtdeClient:
         if self._control is not None:
             self._control.stopJ(STOP_DECELERATION)
             self._control.stopScript()
+
+    def _watch_clock(self) -> None:
+        """Note when something new has come from the controller: its clock has advanced."""
+        if (clock := self._receive.getTimestamp()) != self._clock:
+            self._clock = clock
+            self._received.note_sign_of_life(time.monotonic())
 
     def _expect_to_be_followed(self) -> None:
         self._followed = time.monotonic()

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import pose_vector
+from tjscan.core.devices import EventListener
 from tjscan.core.errors import (
     ArmBusy,
     ArmFault,
@@ -44,9 +45,20 @@ Less than the clearance's default margins: what is planned on the model holds fo
 
 
 def connect_to_controller(
-    settings: UrSettings, kinematics: Kinematics, pause: Pause
+    settings: UrSettings, kinematics: Kinematics, pause: Pause, note: EventListener
 ) -> ControllerSession:
     """Connect to the controller, set TCP and payload, and read them back; nothing moves.
+
+    Parameters
+    ----------
+    settings : UrSettings
+        Where it is, and how long to wait for it.
+    kinematics : Kinematics
+        Which arm it should be.
+    pause : callable
+        Waits a moment, or until somebody stops the arm.
+    note : callable
+        Receives the events of the session.
 
     Raises
     ------
@@ -60,7 +72,7 @@ def connect_to_controller(
         if (fault := not_ready_fault(dashboard)) is not None:
             raise fault
         _await_nobody(dashboard, pause)
-        session = ControllerSession(dashboard, ClientProcess(), settings.silence_limit)
+        session = ControllerSession(dashboard, ClientProcess(), settings.silence_limit, note)
     except BaseException:
         dashboard.close()
         raise

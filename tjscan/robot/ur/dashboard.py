@@ -5,6 +5,7 @@ Spoken directly, for it has to work when the client library hangs.
 
 from __future__ import annotations
 
+import select
 import socket
 from typing import Final, Self
 
@@ -14,6 +15,10 @@ PORT: Final = 29999
 
 LIMIT: Final = 2.0
 """Seconds to wait for an answer."""
+
+RECONNECTS: Final = 0.3
+"""Seconds to wait for a connection that is made again, and as long for its greeting: a move goes
+unfollowed meanwhile, and may for a second."""
 
 LONGEST: Final = 4096
 """Bytes of a line."""
@@ -37,13 +42,16 @@ class DashboardClient:
 
     def __init__(self, host: str) -> None:
         self._host = host
+        self._connect(LIMIT)
+
+    def _connect(self, limit: float) -> None:
         self._silence: ArmNotResponding | None = None
         try:
-            self._socket = socket.create_connection((host, PORT), LIMIT)
+            self._socket = socket.create_connection((self._host, PORT), limit)
         except OSError as error:
             raise ArmNotConnected(
-                f"no controller answers at {host} (port {PORT}: {error.strerror or error}). See "
-                "that the arm is on, that [arm.ur] host is the address its pendant shows, and "
+                f"no controller answers at {self._host} (port {PORT}: {error.strerror or error}). "
+                "See that the arm is on, that [arm.ur] host is the address its pendant shows, and "
                 "that this machine is in the same network."
             ) from None
         self._lines = self._socket.makefile("rb")
@@ -52,6 +60,21 @@ class DashboardClient:
         except ArmNotResponding:
             self.close()
             raise
+        self._socket.settimeout(LIMIT)
+
+    @property
+    def has_hung_up(self) -> bool:
+        """Whether the controller has closed the connection; asks it nothing, and does not wait."""
+        try:
+            readable, _, _ = select.select([self._socket], [], [], 0)
+            return bool(readable) and self._socket.recv(1, socket.MSG_PEEK) == b""
+        except OSError:
+            return True
+
+    def connect_again(self) -> None:
+        """Make the connection anew; raises as the constructor does, within `RECONNECTS` twice."""
+        self.close()
+        self._connect(RECONNECTS)
 
     def __enter__(self) -> Self:
         return self

@@ -11,11 +11,21 @@ from tjscan.core.errors import (
     ArmNotInRemoteMode,
     ArmNotPowered,
     EmergencyStop,
+    MoveSupervisionLost,
     ProgramStopped,
     ProtectiveStop,
     RegistersInUse,
 )
-from tjscan.robot.ur.messages import PLAYING, ControllerState, RobotMode, SafetyMode
+from tjscan.robot.ur.messages import (
+    PLAYING,
+    WATCHDOG_PERIOD,
+    ControllerState,
+    RobotMode,
+    SafetyMode,
+)
+
+TOO_SILENT: Final = 0.7 * WATCHDOG_PERIOD
+"""Seconds of silence that may be why a program ended; the rest was lost on the way there."""
 
 _EMERGENCY: Final = "an emergency stop is pressed. Release it, switch the arm on, then start again."
 _PROTECTIVE: Final = (
@@ -29,8 +39,21 @@ _REMOTE: Final = (
     "then start again."
 )
 _PROGRAM: Final = (
-    "somebody else stopped or paused the program on the arm's controller, on its pendant or over "
-    "the network. See that nobody works at the arm, then start again."
+    "the program on the arm's controller was stopped or paused, and neither by this program nor by "
+    "a silence between the two: by somebody on its pendant or over the network, or by the "
+    "controller itself, whose log says why then. See that nobody works at the arm, then start "
+    "again."
+)
+_HELD_UP: Final = (
+    "this computer was held up, and sent the arm's controller nothing for {:.1f} s: most likely "
+    "that is why the controller stopped the arm and ended its program, as it does where it hears "
+    "nothing for {:g} s. See that the way is clear and that nothing else keeps this computer busy, "
+    "then start again."
+)
+_CUT_OFF: Final = (
+    "nothing came from the arm's controller for {:.1f} s, and its program has ended: most likely "
+    "the network between the two was interrupted, or the controller hung. See that the arm stands "
+    "still and its network cable sits, then start again."
 )
 _REGISTERS: Final = (
     "another client writes the RTDE inputs of the arm's controller. Switch off EtherNet/IP, "
@@ -69,9 +92,16 @@ def remote_fault(answer: str) -> ArmFault | None:
     return ArmNotInRemoteMode(_REMOTE) if answer.lower() == "false" else None
 
 
-def program_fault(running: str) -> ArmFault | None:
-    """Fault if the dashboard says that another program runs."""
-    return ProgramStopped(_PROGRAM) if running.lower() == "false" else None
+def program_fault(now: ControllerState) -> ArmFault:
+    """Fault of a program that does not run any more, by who fell silent before, if anybody did.
+
+    A computer that stood still saw nothing either: that nothing was sent is told first.
+    """
+    if now.unheard >= TOO_SILENT:
+        return MoveSupervisionLost(_HELD_UP.format(now.unheard, WATCHDOG_PERIOD))
+    if now.unseen >= TOO_SILENT:
+        return ArmConnectionLost(_CUT_OFF.format(now.unseen))
+    return ProgramStopped(_PROGRAM)
 
 
 def fault_from_state(now: ControllerState) -> ArmFault | None:
@@ -82,7 +112,7 @@ def fault_from_state(now: ControllerState) -> ArmFault | None:
         return fault
     if (fault := power_fault(_name(RobotMode, now.robot_mode))) is not None:
         return fault
-    return None if now.runtime_state == PLAYING else ProgramStopped(_PROGRAM)
+    return None if now.runtime_state == PLAYING else program_fault(now)
 
 
 def connection_start_fault(host: str, words: str) -> ArmFault:

@@ -36,6 +36,9 @@ class SafetyMode(IntEnum):
 HOST_GONE: Final = "nobody followed the move"
 """What the client says of every request after it had to stop a move that nobody followed."""
 
+WATCHDOG_PERIOD: Final = 1.0
+"""Seconds: a controller that hears nothing for so long stops the arm and ends the program."""
+
 PLAYING = 2
 """Runtime state of a program that runs."""
 
@@ -60,6 +63,10 @@ class ControllerState:
         Number of the latest asynchronous move.
     moving : bool
         Whether that move is under way.
+    unheard : float
+        Longest time lately for which this computer sent the controller no sign of life, seconds.
+    unseen : float
+        Longest time lately for which nothing new came from the controller, seconds.
     payload, centre_of_gravity : float, tuple of float
         The active payload in kilograms and metres; None where the controller does not report it.
     """
@@ -74,6 +81,8 @@ class ControllerState:
     runtime_state: int
     operation: int
     moving: bool
+    unheard: float
+    unseen: float
     payload: float | None
     centre_of_gravity: tuple[float, ...] | None
 

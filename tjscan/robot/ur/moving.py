@@ -44,13 +44,23 @@ CREEP: Final = 1e-5
 def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
     """Check with the controller that a pose is within its safety limits; else TargetRefused.
 
+    The client library answers no as well where the controller does not answer: so the controller
+    is asked again, and believed once it has answered a question with a known answer in between.
+
     Raises
     ------
     TargetRefused
         If not.
+    ArmFault
+        If it is not well, or does not answer.
     """
-    if not session.call_client_method(bool, "pose_is_safe", session.active_tcp_pose(T_b_f)):
-        session.read_state()  # the true reason, if the arm is not well
+    target = session.active_tcp_pose(T_b_f)
+    if session.call_client_method(bool, "pose_is_safe", target):
+        return
+    session.read_state()  # the true reason, if the arm is not well
+    session.check_commands_are_answered()
+    if not session.call_client_method(bool, "pose_is_safe", target):
+        session.read_state()
         raise TargetRefused(
             "that is outside the safety limits set on its pendant. Look at its safety "
             "planes and joint limits, or move the base.",
@@ -70,6 +80,7 @@ def execute_move(
     ArmFault
         If the arm was stopped, or something is wrong with it.
     """
+    session.keep_dashboard()
     before = session.read_state()
     try:
         with latch.begin_move():
@@ -78,6 +89,7 @@ def execute_move(
             )
         if not begun:
             session.read_state()
+            session.check_commands_are_answered()
             raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
         _follow(session, latch, before)
     except BaseException:
@@ -96,6 +108,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
                 "the arm was stopped on its way. See that the way is clear, then move again "
                 "from where it stands."
             )
+        session.keep_dashboard_connected()
         if now.operation == before.operation:
             if moment > began + STARTS:
                 raise session.end_for_fault(

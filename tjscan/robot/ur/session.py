@@ -9,6 +9,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from tjscan.core import pose_vector
+from tjscan.core.devices import EventListener
 from tjscan.core.errors import ArmConnectionLost, ArmFault, ArmNotResponding, ProgramStopped
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState
@@ -16,7 +17,6 @@ from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.faults import (
     fault_from_state,
     power_fault,
-    program_fault,
     remote_fault,
     safety_fault,
 )
@@ -44,12 +44,18 @@ class ControllerSession:
         The client.
     silence_limit : float
         Seconds for which the controller's clock may stand.
+    note : callable
+        Receives events.
     """
 
     def __init__(
-        self, dashboard: DashboardClient, link: ClientProcess, silence_limit: float
+        self,
+        dashboard: DashboardClient,
+        link: ClientProcess,
+        silence_limit: float,
+        note: EventListener,
     ) -> None:
-        self.dashboard, self.link = dashboard, link
+        self.dashboard, self.link, self._note = dashboard, link, note
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
@@ -82,6 +88,57 @@ class ControllerSession:
     def active_tcp_pose(self, T_b_f: Array) -> tuple[float, ...]:
         """Pose of the active TCP, as the controller takes it, for a pose of the flange."""
         return tuple(pose_vector.pose_to_vector(T_b_f @ inverse_pose(self.T_tcp_f)).tolist())
+
+    def check_commands_are_answered(self) -> None:
+        """Check that the controller carries out commands: it is asked for the TCP it was given.
+
+        Raises
+        ------
+        ArmFault
+            If it does not answer; the session has ended then.
+        """
+        if len(self.call_client_method(list, "active_tcp_offset")) != 6:
+            self.read_state()  # the true reason, if the arm is not well
+            raise self.end_for_fault(
+                ArmNotResponding(
+                    "the arm's controller no longer carries out what it is asked. See that its "
+                    "network cable sits and read its pendant's log, then start again."
+                )
+            )
+
+    def keep_dashboard(self) -> None:
+        """See that the dashboard answers, while nothing moves; connect it again if it does not.
+
+        It is the way to stop the arm that needs no client.
+
+        Raises
+        ------
+        ArmFault
+            If it can't be connected again; the session has ended then.
+        """
+        try:
+            self.dashboard.ask("running")
+        except ArmNotResponding as lost:
+            self._reconnect_dashboard(lost)
+
+    def keep_dashboard_connected(self) -> None:
+        """See that the dashboard has not hung up; during a move, for it waits for no answer."""
+        if self.dashboard.has_hung_up:
+            self._reconnect_dashboard(ArmNotResponding("the dashboard hung up."))
+
+    def _reconnect_dashboard(self, lost: ArmFault) -> None:
+        try:
+            self.dashboard.connect_again()
+        except ArmFault:
+            self.stop_move()
+            raise self.end_for_fault(
+                ArmConnectionLost(
+                    f"{lost} It could not be connected again, and without it there is no second "
+                    "way to stop the arm: the arm was stopped. See that its network cable sits and "
+                    "the dashboard service is enabled, then start again."
+                )
+            ) from None
+        self._note("dashboard", "the connection was lost, and made again")
 
     def call_client_method(self, kind: type[T], name: str, *arguments: object) -> T:
         """Call a method of the client process; what the client raises becomes the arm's fault."""
@@ -170,8 +227,13 @@ class ControllerSession:
         """Why the program stopped or nobody answers, where the dashboard knows."""
         if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):
-                running = self.dashboard.ask_value("running")
-                return not_ready_fault(self.dashboard) or program_fault(running) or fault
+                found = not_ready_fault(self.dashboard)
+                if found is None and isinstance(fault, ArmNotResponding):
+                    fault.add_note(
+                        "Its dashboard does answer: either this computer was held up, or only the "
+                        "connection for data (RTDE) hangs."
+                    )
+                return found or fault
         return fault
 
     def _end_program(self, because: BaseException | None) -> None:
