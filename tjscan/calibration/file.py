@@ -11,6 +11,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, model_validator
 
+from tjscan.calibration.arm.entry import ArmKinematicsEntry
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -62,6 +63,8 @@ class CalibrationFile(StrictFileModel):
     """Content of ``calibration.toml``: one calibration.
 
     `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees.
+    `kinematics` holds what was found of the arm with it: then T_f_s holds for the arm with these
+    deviations alone.
     """
 
     arm: str
@@ -77,6 +80,7 @@ class CalibrationFile(StrictFileModel):
     excess: float = Field(ge=1)
     noise: NoiseModel
     verification: VerificationEntry | None = None
+    kinematics: ArmKinematicsEntry | None = None
     residuals: Annotated[tuple[ResidualEntry, ...], Field(strict=False)]
 
     @model_validator(mode="after")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -64,6 +64,11 @@ class PlaneModel:
             target,
             noise,
         )
+
+    def seen_from(self, T_b_f: Array) -> Self:
+        """Return the same lines, taken from other flange poses, shape (n, 4, 4)."""
+        lines = replace(self.lines, R_b_f=T_b_f[:, :3, :3], p_b_f=T_b_f[:, :3, 3])
+        return replace(self, lines=lines)
 
     @property
     def prior_information(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -68,6 +68,10 @@ class SphereModel:
             sphere,
             noise,
         )
+
+    def seen_from(self, T_b_f: Array) -> Self:
+        """Return the same arcs, taken from other flange poses, shape (n, 4, 4)."""
+        return replace(self, T_b_f=T_b_f)
 
     @property
     def prior_information(self) -> Array:

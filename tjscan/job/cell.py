@@ -32,6 +32,8 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import CollisionCheckedArm
+from tjscan.robot.corrected import CorrectedArm
+from tjscan.robot.deviations import with_deviations
 from tjscan.robot.drivers import ARMS, ArmDriverInputs
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
@@ -89,10 +91,13 @@ class SensorMount:
         Pose of the laser in the flange frame.
     file : Path or None
         The calibration it comes from; none where the job itself holds it.
+    deviations : ndarray, shape (joints, 6), or None
+        Of the arm's joints from its model, where they were calibrated with it.
     """
 
     T_f_s: Array
     file: Path | None = None
+    deviations: Array | None = None
 
 
 def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
@@ -117,11 +122,24 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     # A recording does not say which laser made it, unless the job does.
     laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
-    return SensorMount(found.T_f_s, file)
+    if found.kinematics is None:
+        return SensorMount(found.T_f_s, file)
+    if found.kinematics.model != job.arm.model:
+        raise ConfigurationError(
+            f"holds the kinematics of a {found.kinematics.model!r}, but this cell has a "
+            f"{job.arm.model!r}: calibrate this arm",
+            file=file,
+            key="kinematics.model",
+        )
+    return SensorMount(found.T_f_s, file, found.kinematics.deviations_si)
 
 
 def make_scan_cell(
-    job: ScanJob, T_f_s: Array, joint: JointDefinition | None, left: ArmState | None = None
+    job: ScanJob,
+    T_f_s: Array,
+    joint: JointDefinition | None,
+    left: ArmState | None = None,
+    deviations: Array | None = None,
 ) -> Cell:
     """Make the cell of a scan; see `make_cell`.
 
@@ -135,8 +153,10 @@ def make_scan_cell(
         What a simulated laser looks at.
     left : ArmState, optional
         Where an interrupted scan left the arm.
+    deviations : ndarray, shape (joints, 6), optional
+        Of the arm's joints, see `make_cell`.
     """
-    return make_cell(job, T_f_s, partial(_joint_scene, job, joint), left)
+    return make_cell(job, T_f_s, partial(_joint_scene, job, joint), left, deviations)
 
 
 def make_cell(
@@ -144,6 +164,7 @@ def make_cell(
     T_f_s: Array,
     scene: Callable[[], SimulatedScene],
     left: ArmState | None = None,
+    deviations: Array | None = None,
 ) -> Cell:
     """Make the cell that a job describes, by its drivers; entering it connects the devices.
 
@@ -157,6 +178,8 @@ def make_cell(
         Gives what a simulated laser looks at; called for such a laser alone.
     left : ArmState, optional
         Where an interrupted scan left the arm: a simulated one stands there again.
+    deviations : ndarray, shape (joints, 6), optional
+        Of the arm's joints from its model, as calibrated: its poses are corrected by them.
 
     Raises
     ------
@@ -164,13 +187,14 @@ def make_cell(
         If a driver or the arm's model is unknown, a package is missing that a driver needs, or
         the job lacks what it needs.
     """
-    clearance, simulation = clear_path_planner_of_job(job), job.simulation
+    clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
+    model = kinematics_of_job(job)
     recording = cache(partial(_recording, job.laser))
     arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
     with ARMS.explain_missing_package(job.arm.driver):
         device = arm_driver.make(
             ArmDriverInputs(
-                clearance.kinematics,
+                model,
                 MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
                 seed=0 if simulation is None else simulation.seed,
                 simulation=None if simulation is None else simulation.arm,
@@ -181,7 +205,9 @@ def make_cell(
         )
     arm: Arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
-        arm = CollisionCheckedArm(device, clearance, T_f_s, lifts=job.clearance.lifts)
+        if deviations is not None:
+            arm = CorrectedArm(arm, model, clearance.kinematics)
+        arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     rows = None if simulation is None else simulation.T_f_s_mm
     with LASER_DRIVERS.explain_missing_package(job.laser.driver):
         laser = laser_driver.make(
@@ -320,8 +346,21 @@ def _surface(joint: JointDefinition) -> RaycastSurface:
     return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))
 
 
-def clear_path_planner_of_job(job: CellJob) -> ClearPathPlanner:
+def kinematics_of_job(job: CellJob) -> Kinematics:
+    """Kinematics of the arm's model; ConfigurationError if the model is unknown."""
+    with add_file_to_errors(key="arm.model"):
+        return Kinematics.load(job.arm.model)
+
+
+def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> ClearPathPlanner:
     """Planner that keeps a job's arm clear of its surroundings, whichever driver moves it.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job.
+    deviations : ndarray, shape (joints, 6), optional
+        Of the arm's joints from its model.
 
     Raises
     ------
@@ -329,8 +368,9 @@ def clear_path_planner_of_job(job: CellJob) -> ClearPathPlanner:
         If the arm's model is unknown or its geometry can't be read, or an ignored link is unknown.
     """
     table = job.clearance
-    with add_file_to_errors(key="arm.model"):
-        kinematics = Kinematics.load(job.arm.model)
+    kinematics = kinematics_of_job(job)
+    if deviations is not None:
+        kinematics = with_deviations(kinematics, deviations)
     with add_file_to_errors(key="clearance.ignore"):
         check_ignored_links(kinematics, table.ignore)
     with add_file_to_errors(key="arm.model"):

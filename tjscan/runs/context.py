@@ -103,7 +103,8 @@ class RunContext:
         with add_file_to_errors(self.job_file):
             joint = self.joint
             state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
-            return make_scan_cell(self.job, self.sensor_mount.T_f_s, joint, state)
+            mount = self.sensor_mount
+            return make_scan_cell(self.job, mount.T_f_s, joint, state, mount.deviations)
 
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""

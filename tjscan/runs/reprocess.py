@@ -11,13 +11,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from tjscan.calibration.file import read_calibration
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.cell import SensorMount
 from tjscan.recording.writer import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.directory import COPIES
@@ -154,7 +156,9 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     directory, job = context.job_file.parent, context.job
     refuse_links_outside(directory, *COPIES)
     with add_file_to_errors(context.job_file):
-        T_f_s = context.sensor_mount.T_f_s
+        mount = context.sensor_mount
+        _refuse_other_kinematics(mount, directory)
+        T_f_s = mount.T_f_s
     recorded = read_recorded_scan(directory)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
@@ -171,6 +175,23 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     stop, detail = _end(recorded, len(sections))
     result = ScanResult(sections, views, stop, detail, recorded.retry_counts)
     return ReprocessedStation(out, write_job_results(context, out, result), lost)
+
+
+def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
+    """Recorded flange poses hold for the arm's kinematics as they were then."""
+    file = directory / CALIBRATION
+    then = read_calibration(file).kinematics if file.is_file() else None
+    before, now = (
+        np.zeros(0) if found is None else found
+        for found in (None if then is None else then.deviations_si, mount.deviations)
+    )
+    if not np.array_equal(before, now):
+        raise ConfigurationError(
+            "holds other kinematics of the arm than the scan was made with, and its flange poses "
+            "were recorded with those: scan again, or give a calibration of the sensor alone",
+            file=mount.file,
+            key="calibration.file",
+        )
 
 
 def dated_sibling_directory(directory: Path) -> Path:

@@ -64,7 +64,14 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
             raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
         if job.station:
             raise ConfigurationError("a study's jobs scan from one place", key="station")
-        T_f_s = sensor_mount_of_job(job, job_file).T_f_s
+        mount = sensor_mount_of_job(job, job_file)
+        if mount.deviations is not None:
+            raise ConfigurationError(
+                "holds the arm's kinematics too, and a study's runs take the sensor's pose alone",
+                file=mount.file,
+                key="calibration.file",
+            )
+        T_f_s = mount.T_f_s
         joint = _joint(job_file.parent / job.joint.file, joint_keys, rules)
         changed, followed = _followed(job, joint, rules, T_f_s)
         if job.calibration.file is not None:

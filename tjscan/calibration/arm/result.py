@@ -1,0 +1,151 @@
+"""Result of calibrating an arm and the sensor on it together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.arm.estimate import ArmEstimate, estimate_deviations, whitened_jacobian
+from tjscan.calibration.arm.model import ArmModel
+from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.robot.deviations import PlacementTolerance
+
+MIN_PROFILES: Final = 20
+"""Fewer say less than the maker does; forty are good."""
+
+MAX_SIGMA_SCALE: Final = 5.0
+"""Residuals so much larger than stated are no matter of the arm's lengths and zeros."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrossCheck:
+    """Profiles that took no part, against what the arm predicts of them without and with.
+
+    Parameters
+    ----------
+    count : int
+        Profiles.
+    before, after : float
+        RMS distance of the target from where the arm's model has it, and the calibrated arm, in
+        metres; of an arm as its model has it, the sensor's pose was found from the same profiles.
+    """
+
+    count: int
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmCalibration:
+    """An arm's deviations and the sensor's pose on its flange, found together.
+
+    Parameters
+    ----------
+    estimate : ArmEstimate
+        All that was found.
+    tolerance : PlacementTolerance
+        What was known of the deviations before.
+    undetermined : tuple of UndeterminedDeviation
+        What is still known no better.
+    cross_check : CrossCheck
+        What profiles that took no part say.
+    """
+
+    estimate: ArmEstimate
+    tolerance: PlacementTolerance
+    undetermined: tuple[UndeterminedDeviation, ...]
+    cross_check: CrossCheck
+
+    @property
+    def covariance(self) -> Array:
+        """Of T_f_s and the deviations, shape (6 + 6 joints,) squared, widened where need be."""
+        n = 6 + self.estimate.deviations.size
+        return readonly_copy(self.estimate.sigma_scale**2 * self.estimate.covariance[:n, :n])
+
+    @property
+    def T_f_s(self) -> Array:
+        """The sensor on the flange, shape (4, 4)."""
+        return self.estimate.T_f_s
+
+    @property
+    def deviations(self) -> Array:
+        """Of the joints, shape (joints, 6), metres and radians; see `with_deviations`."""
+        return self.estimate.deviations
+
+
+def calibrate_arm(
+    model: ArmModel, held_out: ArmModel, tolerance: PlacementTolerance, T_f_s: Array
+) -> ArmCalibration:
+    """Calibrate an arm's deviations and the sensor on it, and check them with other profiles.
+
+    Parameters
+    ----------
+    model : ArmModel
+        Profiles from 40 poses or more, the joints' postures as different as can be.
+    held_out : ArmModel
+        Profiles of the same targets that take no part.
+    tolerance : PlacementTolerance
+        What the maker leaves of deviations.
+    T_f_s : ndarray, shape (4, 4)
+        About how the sensor sits.
+
+    Raises
+    ------
+    CalibrationRefused
+        If there are too few profiles, if residuals stay larger than the stated noise explains, or
+        if the profiles that took no part fit no better than before.
+    """
+    if model.profiles < MIN_PROFILES:
+        raise CalibrationRefused(
+            "too few poses",
+            f"{model.profiles} show the target, at least {MIN_PROFILES} are needed and forty are "
+            "good; take more, each in another posture of the arm",
+        )
+    prior = np.tile(tolerance.sigmas, (model.joints, 1))
+    plain = estimate_deviations(model, np.zeros_like(prior), T_f_s)
+    found = estimate_deviations(model, prior, plain.T_f_s)
+    if found.sigma_scale > MAX_SIGMA_SCALE:
+        raise CalibrationRefused(
+            "residuals that no arm explains",
+            f"they are {found.sigma_scale:.1f} times larger than stated noise allows, with "
+            "deviations of the joints as the maker leaves them; see that target and sensor sit "
+            "tight, that each profile belongs to its joint angles, and that the arm is of the "
+            "model stated",
+        )
+    check = CrossCheck(held_out.profiles, _off(held_out, plain), _off(held_out, found))
+    if check.after >= check.before:
+        raise CalibrationRefused(
+            "poses that took no part fit no better",
+            f"the target is {1e3 * check.before:.3f} mm RMS off as the arm's model has it, and "
+            f"{1e3 * check.after:.3f} mm with the deviations found; take more poses, in other "
+            "postures",
+        )
+    return ArmCalibration(
+        found,
+        tolerance,
+        undetermined_deviations(whitened_jacobian(found, prior), model.joints),
+        check,
+    )
+
+
+def list_undetermined(undetermined: Sequence[UndeterminedDeviation]) -> list[str]:
+    """Sentences on what stays as the maker states it, a line for each joint and cause."""
+    groups: dict[tuple[int, str], list[str]] = {}
+    for one in undetermined:
+        groups.setdefault((one.joint, one.like), []).append(one.kind)
+    return [
+        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
+        for (joint, like), kinds in groups.items()
+    ]
+
+
+def _off(held_out: ArmModel, estimate: ArmEstimate) -> float:
+    """RMS distance of the target in held-out profiles, in metres."""
+    found = held_out.linearise(estimate.T_f_s, estimate.deviations, estimate.target)
+    lengths = found.residuals[found.is_length]
+    return float(np.sqrt(lengths @ lengths / held_out.profiles))
