@@ -46,6 +46,21 @@ class WrongVehicle:
         return self._change(self._vehicle.next_state())
 
 
+class WrongLaser:
+    """A laser whose profiles are changed on their way, by what it gave so far."""
+
+    def __init__(self, laser: Any, change: Callable[[list[Profile]], Profile]) -> None:
+        self._laser, self._change = laser, change
+        self.given: list[Profile] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._laser, name)
+
+    def capture(self) -> Profile:
+        self.given.append(self._laser.capture())
+        return self._change(self.given)
+
+
 def context(tmp_path: Path) -> CrawlContext:
     file = tmp_path / "short.toml"
     # As short as it goes: the joint at once, no way out, no run-up.
@@ -80,6 +95,46 @@ def test_a_fault_under_the_arc_ends_arc_and_motion(
     assert caught.value.guard == guard
     assert "return" not in notes.events  # nothing is told to be welded
     assert sum(cycle.arc for cycle in notes.cycles) < 130
+
+
+def blind(profiles: list[Profile]) -> Profile:
+    return replace(profiles[-1], z_s=profiles[-1].z_s * nan)
+
+
+def frozen(profiles: list[Profile]) -> Profile:
+    return replace(profiles[100], time=profiles[-1].time)
+
+
+def in_turn(profiles: list[Profile]) -> Profile:
+    return replace(profiles[100 + len(profiles) % 2], time=profiles[-1].time)
+
+
+def late(profiles: list[Profile]) -> Profile:
+    return profiles[-12]
+
+
+def of_tomorrow(profiles: list[Profile]) -> Profile:
+    return replace(profiles[-1], time=profiles[-1].time + 86400)
+
+
+@pytest.mark.parametrize("wrong", [blind, frozen, in_turn, late, of_tomorrow])
+def test_what_is_no_profile_of_now_never_steers(
+    tmp_path: Path, wrong: Callable[[list[Profile]], Profile]
+) -> None:
+    found, notes = context(tmp_path), Notes()
+    cell = make_crawl_cell(found.job)
+
+    def change_under_arc(profiles: list[Profile]) -> Profile:
+        return wrong(profiles) if "arc on" in notes.events else profiles[-1]
+
+    devices = replace(cell, laser=WrongLaser(cell.laser, change_under_arc))
+    with cell, pytest.raises(CrawlStopped) as caught:
+        make_crawler(found, devices, found.make_method(), notes).run()
+    assert caught.value.guard == "joint lost"
+    burning = [cycle for cycle in notes.cycles if cycle.arc]
+    assert not any(cycle.was_read for cycle in burning[1:])
+    assert burning[-1].travel - burning[0].travel < found.job.guards.blind_travel + 1e-3
+    assert ("old profile" in notes.events) == (wrong in (late, of_tomorrow))
 
 
 def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:

@@ -240,7 +240,7 @@ def test_refused_start_leaves_nothing_behind() -> None:
 
 
 def test_frozen_profile_is_no_reading() -> None:
-    tracker, rng = started(), np.random.default_rng(0)
+    tracker, rng = started(), np.random.default_rng(1)
     profile = see(EMPTY, rng)
     tracker.read(profile)
     for time in (0.0, 0.01):
@@ -249,9 +249,22 @@ def test_frozen_profile_is_no_reading() -> None:
     tracker.read(see(EMPTY, rng))
 
 
+@pytest.mark.parametrize("ring", [2, 3, 64])
+def test_profiles_that_come_round_again_are_no_readings(ring: int) -> None:
+    """As of a sensor that stopped, and whose driver gives out its buffers over and over."""
+    tracker, rng = started(), np.random.default_rng(1)
+    buffers = [see(EMPTY, rng) for _ in range(ring)]
+    for profile in buffers:
+        tracker.read(profile)
+    for profile in buffers * 2:
+        with pytest.raises(GrooveNotFound, match="frozen"):
+            tracker.read(profile)
+    tracker.read(see(EMPTY, rng))
+
+
 @pytest.mark.parametrize("share", [0.8, 1.0])
 def test_profile_without_points_is_no_reading(share: float) -> None:
-    tracker, rng = started(), np.random.default_rng(0)
+    tracker, rng = started(), np.random.default_rng(1)
     for k in count():
         profile = see(EMPTY, rng)
         z = np.where(np.arange(len(profile)) < share * len(profile), np.nan, profile.z_s)

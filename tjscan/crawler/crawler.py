@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import cos, nan, pi
 from typing import Final, Protocol
 
-from tjscan.core.errors import CrawlStopped, GrooveNotFound
+from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_sensor import JointReader, JointSensor
 from tjscan.crawler.journal import CrawlCycle, CrawlJournal
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
@@ -17,7 +18,6 @@ from tjscan.crawler.plan import AlignmentSettings, WeldSettings
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.crawler.torch_path import PassSettings
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 TURN_BACK: Final = 0.5
@@ -42,40 +42,6 @@ LONGEST_PERIOD: Final = 2.0
 """Seconds from one state of the vehicle to the next, beyond which nobody knows where it went."""
 
 
-class JointReading(Protocol):
-    """Where a profile shows the joint."""
-
-    @property
-    def centre(self) -> float:
-        """Of the joint in the profile, along x_s, metres."""
-        ...
-
-    @property
-    def centre_sigma(self) -> float:
-        """Standard deviation of that, metres."""
-        ...
-
-
-class JointReader(Protocol):
-    """Finds the joint in profiles, one after another."""
-
-    def read(self, profile: Profile, travel: float) -> JointReading:
-        """Find the joint in a profile.
-
-        Parameters
-        ----------
-        profile : Profile
-        travel : float
-            Where the torch is along the joint, metres.
-
-        Raises
-        ------
-        GrooveNotFound
-            If it does not show it.
-        """
-        ...
-
-
 class WeldOperator(Protocol):
     """Who says that a pass may be welded."""
 
@@ -94,12 +60,15 @@ class CrawlDevices:
     laser : LineLaser
     torch : TorchAxes
     reader : JointReader
+    clock : callable, optional
+        Gives the seconds on the clock that the laser's profiles are dated by.
     """
 
     vehicle: Vehicle
     laser: LineLaser
     torch: TorchAxes
     reader: JointReader
+    clock: Callable[[], float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +133,7 @@ class Crawler:
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._journal = guards, operator, journal
+        self._joint = JointSensor(devices.laser, devices.reader, devices.clock, journal)
         self._phase, self._all_welded = Phase.MANUAL, False
         self._number, self._travel, self._arc = 0, 0.0, False
         self._time: float | None = None
@@ -365,13 +335,9 @@ class Crawler:
             method.move(state.odometry, period, twist)
         self._travel += state.odometry.speed * period
 
-        profile = devices.laser.capture()
+        profile, reading = self._joint.look(self._travel)
         d = d_sigma = None
-        try:
-            reading = devices.reader.read(profile, self._travel)
-        except GrooveNotFound:
-            pass
-        else:
+        if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
             method.read(d, d_sigma)
         torch = method.torch

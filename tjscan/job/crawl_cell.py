@@ -134,12 +134,15 @@ class CrawlCell:
     torch : TorchAxes
     world : SimulatedWeld or None
         The truth of a simulation, which no algorithm sees.
+    clock : callable
+        Gives the seconds on the clock that the laser's profiles are dated by.
     """
 
     vehicle: Vehicle
     laser: LineLaser
     torch: TorchAxes
     world: SimulatedWeld | None = None
+    clock: Callable[[], float] = monotonic
 
     @property
     def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
@@ -208,10 +211,22 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
     )
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         return CrawlCell(vehicle, _make_laser(job), torch, weld)
+    clock = _clock_of(vehicle)
     laser = SimulatedSectionLaser(
-        weld.view, weld.laser_model, rng=np.random.default_rng([world.seed, RANDOM_STREAM])
+        weld.view,
+        weld.laser_model,
+        clock,
+        rng=np.random.default_rng([world.seed, RANDOM_STREAM]),
     )
-    return CrawlCell(vehicle, laser, torch, weld)
+    return CrawlCell(vehicle, laser, torch, weld, clock)
+
+
+def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
+    """The clock of a simulated laser: its vehicle's, where that is simulated too."""
+    if isinstance(vehicle, SimulatedVehicle):
+        body = vehicle.body
+        return lambda: body.time
+    return monotonic
 
 
 def _make_torch(job: CrawlJob) -> TorchAxes:

@@ -27,6 +27,8 @@ class SimulatedSectionLaser(DeviceBase):
         Gives the section below the laser at this moment, shape (n, 2), and its pose over it.
     model : callable
         Gives its optics and faults at this moment: an arc blinds columns while it burns.
+    time : callable
+        Gives the time in seconds.
     rng : numpy.random.Generator
         Source of all randomness.
     """
@@ -35,10 +37,11 @@ class SimulatedSectionLaser(DeviceBase):
         self,
         view: Callable[[], tuple[Array, SectionLaserPose]],
         model: Callable[[], SectionLaserModel],
+        time: Callable[[], float],
         *,
         rng: np.random.Generator,
     ) -> None:
-        self._view, self._model, self._rng = view, model, rng
+        self._view, self._model, self._time, self._rng = view, model, time, rng
         self._connected = False
 
     def __enter__(self) -> Self:
@@ -59,4 +62,4 @@ class SimulatedSectionLaser(DeviceBase):
         if not self._connected:
             raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
         section, pose = self._view()
-        return simulate_section_profile(section, pose, self._model(), self._rng)
+        return simulate_section_profile(section, pose, self._model(), self._rng, self._time())

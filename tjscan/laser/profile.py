@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,11 @@ class Profile:
     def valid(self) -> NDArray[np.bool_]:
         """Which columns hold a point, shape (n,)."""
         return np.asarray(np.isfinite(self.x_s) & np.isfinite(self.z_s))
+
+    @property
+    def digest(self) -> bytes:
+        """Of its coordinates, to the last bit: profiles that measured other noise differ in it."""
+        return sha256(self.z_s.tobytes() + self.x_s.tobytes()).digest()
 
     @property
     def points_s(self) -> Array:

@@ -17,11 +17,11 @@ from tjscan.crawler.crawler import (
     Crawler,
     CrawlPlan,
     CrawlStart,
-    JointReader,
     WeldOperator,
 )
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.journal import (
     CombinedCrawlJournal,
     CrawlJournal,
@@ -126,7 +126,9 @@ def make_crawler(
     job = context.job
     corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
     return Crawler(
-        CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader or RememberingTracker()),
+        CrawlDevices(
+            cell.vehicle, cell.laser, cell.torch, reader or RememberingTracker(), cell.clock
+        ),
         CrawlPlan(job.alignment, job.weld, job.passes),
         method,
         Guards(job.guards, ProximityFilter(job.proximity), corners),

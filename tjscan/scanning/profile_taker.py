@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from typing import Final
 
 import numpy as np
@@ -195,7 +194,7 @@ class FrozenProfileCheck:
     def remember_view(self, view: ProfileView) -> None:
         """Remember a profile and where it was taken; all profiles without a point are alike."""
         if view.profile.valid.any():
-            self._places.setdefault(_digest(view.profile), view.T_b_f)
+            self._places.setdefault(view.profile.digest, view.T_b_f)
 
     def check_profile(self, profile: Profile, state: ArmState) -> None:
         """Refuse a profile that is late or frozen.
@@ -219,10 +218,6 @@ class FrozenProfileCheck:
                 f"the profile is late: it was taken {1e3 * (state.time - profile.time):.0f} ms "
                 "before the arm came to rest"
             )
-        place = self._places.get(_digest(profile))
+        place = self._places.get(profile.digest)
         if place is not None and np.abs(state.T_b_f - place).max() > MOVED:
             raise LaserFault("the profile is frozen: it is one of a place before")
-
-
-def _digest(profile: Profile) -> bytes:
-    return sha256(profile.z_s.tobytes() + profile.x_s.tobytes()).digest()

@@ -28,6 +28,7 @@ from tjscan.groove.noise import estimate_correlation
 from tjscan.groove.refinement import FittedProfile
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
+from tjscan.laser.repeats import ProfileRepeats
 
 HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
 """A crawler's joint and its sensor's noise."""
@@ -146,7 +147,7 @@ class JointTracker:
         self._lines: EdgeLines | None = None
         self._angles = np.zeros(2)
         self._width = 0.0
-        self._last: Profile | None = None
+        self._repeats = ProfileRepeats()
         self._reading: ButtJointReading | None = None
         self._lost = 0
         self._depths: deque[float] = deque(maxlen=DEPTHS)
@@ -170,10 +171,12 @@ class JointTracker:
         Raises
         ------
         GrooveNotFound
-            If there are too few points, the profile is the last one once more, or the joint is
-            not to be seen.
+            If there are too few points, the profile came before, or the joint is not to be seen.
         """
-        self._refuse_frozen(profile)
+        if self._repeats.is_repeat(profile):
+            raise GrooveNotFound(
+                "frozen", "the profile came before, to the last bit: is the sensor still measuring?"
+            )
         row = _Row(profile, self._settings.minimum_points)
         try:
             reading = self._track(row, reference)
@@ -185,18 +188,6 @@ class JointTracker:
         self._lost = 0
         self._reading = reading
         return reading
-
-    def _refuse_frozen(self, profile: Profile) -> None:
-        """Refuse a profile that is the last one once more."""
-        last, self._last = self._last, profile
-        if (
-            last is not None
-            and np.array_equal(last.z_s, profile.z_s, equal_nan=True)
-            and np.array_equal(last.x_s, profile.x_s, equal_nan=True)
-        ):
-            raise GrooveNotFound(
-                "frozen", "the profile is the last one once more: is the sensor still measuring?"
-            )
 
     def _track(self, row: _Row, reference: ReferenceProfile | None) -> ButtJointReading:
         """Read from where the joint was last: by its edges, or else by the reference."""

@@ -1,0 +1,107 @@
+"""The laser and who reads its profiles: where the joint is now, or that nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from tjscan.core.errors import GrooveNotFound
+from tjscan.crawler.journal import CrawlJournal
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+
+OLDEST: Final = 0.1
+"""Seconds before now, or after it by a clock gone wrong, of which a profile is not read: ten of a
+sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
+
+
+class JointReading(Protocol):
+    """Where a profile shows the joint."""
+
+    @property
+    def centre(self) -> float:
+        """Of the joint in the profile, along x_s, metres."""
+        ...
+
+    @property
+    def centre_sigma(self) -> float:
+        """Standard deviation of that, metres."""
+        ...
+
+
+class JointReader(Protocol):
+    """Finds the joint in profiles, one after another."""
+
+    def read(self, profile: Profile, travel: float) -> JointReading:
+        """Find the joint in a profile.
+
+        Parameters
+        ----------
+        profile : Profile
+        travel : float
+            Where the torch is along the joint, metres.
+
+        Raises
+        ------
+        GrooveNotFound
+            If it does not show it.
+        """
+        ...
+
+
+class JointSensor:
+    """A laser with its reader, which believes no profile of another time.
+
+    Parameters
+    ----------
+    laser : LineLaser
+    reader : JointReader
+    clock : callable or None
+        Gives the seconds on the clock that the profiles are dated by; None where they are not.
+    journal : CrawlJournal
+        Is told of profiles that are not read for their age.
+    """
+
+    def __init__(
+        self,
+        laser: LineLaser,
+        reader: JointReader,
+        clock: Callable[[], float] | None,
+        journal: CrawlJournal,
+    ) -> None:
+        self._laser, self._reader, self._clock = laser, reader, clock
+        self._journal, self._late = journal, False
+
+    def look(self, travel: float) -> tuple[Profile, JointReading | None]:
+        """Take a profile, and find the joint in it, if it shows it and is of now.
+
+        Parameters
+        ----------
+        travel : float
+            Where the torch is along the joint, metres.
+
+        Raises
+        ------
+        LaserFault
+            If no profile comes.
+        """
+        profile = self._laser.capture()
+        off = self._seconds_off(profile)
+        was_late, self._late = self._late, off > OLDEST
+        if self._late:
+            if not was_late:
+                self._journal.record_event(
+                    "old profile",
+                    f"a profile of the laser is dated {off:.2f} s off the clock, and not read",
+                )
+            return profile, None
+        try:
+            return profile, self._reader.read(profile, travel)
+        except GrooveNotFound:
+            return profile, None
+
+    def _seconds_off(self, profile: Profile) -> float:
+        """Seconds between a profile and now, at the least; none where the laser dates nothing."""
+        if self._clock is None or profile.time == 0.0:
+            return 0.0
+        return abs(self._clock() - profile.time) - profile.time_uncertainty
