@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
+from zlib import crc32
 
 import tomli_w
 
@@ -291,13 +292,13 @@ def _message(dice: random.Random, data: bytes) -> bytes:
 
 
 def _chunk(dice: random.Random, data: bytes) -> bytes:
-    """A chunk that is whole and without a checksum, whose records are not what they should be."""
+    """A chunk that is whole, its checksum too, whose records are not what they should be."""
     chunks = [one for one in _records(data) if one[1] == 6 and len(one[2]) > CHUNK_HEAD]
     if not chunks:
         return data
     at, _, content = dice.choice(chunks)
     change = dice.choice((_message, _message, _length, _flip, _drop))
     inner = change(dice, bytes(8) + content[CHUNK_HEAD:])[8:]
-    head = content[:16] + struct.pack("<QIIQ", len(inner), 0, 0, len(inner))
+    head = content[:16] + struct.pack("<QIIQ", len(inner), crc32(inner), 0, len(inner))
     record = struct.pack("<BQ", 6, len(head) + len(inner)) + head + inner
     return data[:at] + record + data[at + 9 + len(content) :]

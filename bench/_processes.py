@@ -19,7 +19,7 @@ from _corpus import EXAMPLES
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB
 from tjscan.scanning.reader import read_recorded_scan
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from cells import PAPER, calibration_file
 from command import tjscan
 from written import content
 
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 
 SECTIONS = 6
 MOVED = 0.05
@@ -79,6 +80,27 @@ def test_a_cut_run_is_read_as_far_as_it_goes(run: Path, tmp_path: Path) -> None:
     told = json.loads((out / "summary.json").read_text())
     assert told["stopped_because"] == "recording ends"
     assert not told["complete"]
+
+
+def test_of_a_damaged_recording_what_is_left_is_read_and_the_rest_named(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoilt, out = tmp_path / "spoilt", tmp_path / "again"
+    shutil.copytree(run, spoilt)
+    data = (spoilt / "scan.mcap").read_bytes()
+    (spoilt / "scan.mcap").write_bytes(data.replace(b"tjscan.View", b"tjscan.Viev", 2))
+    assert tjscan("reprocess", spoilt, "--out", out) == 1  # no message is known any more
+    assert not out.exists()
+    place = data.index(b'{"index": 3, "T_s_t"')
+    (spoilt / "scan.mcap").write_bytes(data[:place] + b"[" + data[place + 1 :])
+    capsys.readouterr()
+    assert tjscan("reprocess", spoilt, "--out", out) == 1
+    assert "3 messages are missing" in " ".join(capsys.readouterr().err.split())
+    left = [i for i in range(SECTIONS) if i != 3]
+    np.testing.assert_allclose(corners(out), corners(run)[left], atol=MOVED)
+    told = json.loads((out / "summary.json").read_text())
+    assert told["detail"].endswith("its recording is damaged in 1 place")
+    assert "messages are missing" in (out / "report.html").read_text()
 
 
 def test_a_resumed_run_is_read_whole(run: Path, tmp_path: Path) -> None:

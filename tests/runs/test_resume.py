@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _fuzz import section_ends
 from cells import FAULTLESS, PAPER, calibration_file
 from command import tjscan
 from mcap.writer import CompressionType, Writer
@@ -20,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.job import read_scan_job
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import scan_in_cell
@@ -87,6 +88,38 @@ def test_the_smooth_case_and_adaptive_steps_go_on_as_if_nothing_had_happened(
     run = cut(whole, tmp_path / "cut", 0.55)
     assert tjscan("scan", "--resume", run) == 0
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
+
+
+def spoil(recording: Path, place: int) -> None:
+    """Flip a bit of a recording."""
+    data = bytearray(recording.read_bytes())
+    data[place] ^= 1
+    recording.write_bytes(data)
+
+
+def test_a_scan_goes_on_where_the_end_of_its_recording_is_damaged(
+    whole: Path, tmp_path: Path
+) -> None:
+    run = cut(whole, tmp_path / "cut", 1.0)
+    end = section_ends((run / "scan.mcap").read_bytes())[7]
+    os.truncate(run / "scan.mcap", end)
+    spoil(run / "scan.mcap", end - 20)
+    assert tjscan("scan", "--resume", run) == 0
+    np.testing.assert_allclose(corners(run), corners(whole), atol=1.1e-4)  # four decimals
+    (damaged,) = (one for one in read_recorded_scan(run).events if one.name == "damaged")
+    assert "checksum" in damaged.detail
+
+
+def test_a_scan_does_not_go_on_over_a_hole(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = cut(whole, tmp_path / "cut", 0.5)
+    spoil(run / "scan.mcap", (run / "scan.mcap").stat().st_size // 2)
+    assert tjscan("scan", "--resume", run) == 1
+    told = " ".join(capsys.readouterr().err.split())
+    assert "messages are missing" in told
+    assert f"tjscan reprocess {run}" in told
+    assert recording_files(run) == [run / "scan.mcap"]
 
 
 def test_a_scan_may_be_cut_twice_and_go_on_further(whole: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from tjscan.calibration.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array, pose
 from tjscan.groove.find import find_groove
 from tjscan.job import read_scan_job
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import (
     CorrectionCriterion,

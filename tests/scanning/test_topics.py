@@ -30,6 +30,8 @@ from tjscan.scanning.topics import PROFILE, TOPICS, record_scan
 ROUNDING = 1e-12
 """Of a pose that is written as a quaternion, and multiplied a few times."""
 
+T_F_S = pose_from_euler_zyx(np.array([0.3, 0.2, 0.1]), np.array([0.01, 0.02, 0.12]))
+
 MESSAGES = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (FrameTransforms, JointStates, Log, PointCloud, SceneUpdate)
@@ -40,11 +42,12 @@ def view(index: int, intensity: bool = True) -> ProfileView:
     rng = np.random.default_rng(index)
     x, z = rng.normal(size=(2, 640))
     x[7] = z[7] = np.nan
+    T_b_f = pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3))
     return ProfileView(
         index=index,
         substep=Substep.PREDICTION,
-        T_b_f=pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
-        T_b_s=pose_from_euler_zyx(rng.normal(size=3), rng.normal(size=3)),
+        T_b_f=T_b_f,
+        T_b_s=T_b_f @ T_F_S,
         profile=Profile(x, z, rng.uniform(size=640) if intensity else None, time=1.5 * index),
         time=1.5 * index,
         q=rng.normal(size=6),

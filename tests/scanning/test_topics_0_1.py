@@ -11,6 +11,7 @@ from command import tjscan
 from tjscan.core.frames import inverse_pose, transform_points
 from tjscan.groove.find import find_groove
 from tjscan.job import read_scan_job
+from tjscan.recording.header import FORMAT_VERSION
 from tjscan.recording.reader import read_header
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -69,7 +70,7 @@ def test_it_is_replayed(old: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(corners(tmp_path / "again"), corners(old), atol=READERS_MM)
     head = read_header(tmp_path / "again" / "scan.mcap")
     assert head is not None
-    assert head.format == 2
+    assert head.format == FORMAT_VERSION
 
 
 def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
@@ -82,4 +83,4 @@ def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
     assert tjscan("scan", "--resume", old) == 0
     assert len(read_recorded_scan(old).sections) == 4
     formats = [read_header(old / name) for name in ("scan.mcap", "scan-2.mcap")]
-    assert [head.format for head in formats if head is not None] == [1, 2]
+    assert [head.format for head in formats if head is not None] == [1, FORMAT_VERSION]

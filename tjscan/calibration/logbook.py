@@ -25,7 +25,8 @@ from tjscan.calibration.topics import (
 )
 from tjscan.core.frames import Array
 from tjscan.recording.foxglove import frame_transforms_message
-from tjscan.recording.writer import RecordingWriter, next_recording_file
+from tjscan.recording.parts import next_recording_file
+from tjscan.recording.writer import RecordingWriter
 
 
 @dataclass(frozen=True, slots=True)

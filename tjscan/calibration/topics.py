@@ -22,6 +22,7 @@ from tjscan.recording.foxglove import (
     profile_to_cloud_message,
 )
 from tjscan.recording.json_numbers import pose_from_list, pose_to_list
+from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import (
     BOOLEAN_SCHEMA,
@@ -32,7 +33,6 @@ from tjscan.recording.topic import (
     make_json_topic,
     make_protobuf_topic,
 )
-from tjscan.recording.writer import recording_files
 
 CALIBRATION_RECORDING: Final = "measured"
 """Kind of the recording: it is in ``measured.mcap``, and in a further part for each resume."""

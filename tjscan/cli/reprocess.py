@@ -39,10 +39,12 @@ def reprocess(
     for one in done.stations:
         for index, error in one.lost.items():
             print_message(f"section {index}: {error}")
+        for damage in one.damages:
+            print_message(str(damage))
     if done.stitched is not None:
         print_stitched_groove(done.stitched, done.directory, json=json)
         return
     for one in done.stations:
         print_scan_summary(one.summary, one.directory, json=json)
-    if any(one.lost for one in done.stations):
+    if not all(one.is_whole for one in done.stations):
         raise SystemExit(1)

@@ -28,6 +28,7 @@ from tjscan.recording.foxglove import (
 )
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.json_numbers import to_finite_floats
+from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import (
     BOOLEAN_SCHEMA,
@@ -39,7 +40,7 @@ from tjscan.recording.topic import (
     make_json_topic,
     make_protobuf_topic,
 )
-from tjscan.recording.writer import RecordingWriter, recording_files
+from tjscan.recording.writer import RecordingWriter
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 CRAWL_RECORDING: Final = "crawl"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, Self
@@ -15,12 +16,21 @@ from tjscan.core.version import VERSION
 PROGRAM_NAME: Final = "tjscan"
 """MCAP profile of every recording."""
 
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 3
 """Number of the format that is written: one more whenever an older version can't read it."""
 
 HEADER_RECORD: Final = "tjscan.recording"
 JOB_RECORD: Final = "tjscan.origin"
 """Names of the two metadata records at the head of a recording."""
+
+COUNTED_SINCE: Final = 3
+"""The first format whose messages are counted and whose metadata have a checksum."""
+
+CHECKSUM: Final = "sha256"
+"""Key of a metadata record: the SHA-256 of all others."""
+
+LIBRARY_OF_VERSION_0_1: Final = "mcap-python/"
+"""How the name of the library begins that recordings of version 0.1.0 state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +43,13 @@ class RecordingHeader:
         Of the program.
     format : int
         How it is written; 1 is that of version 0.1.0, which names neither.
+    messages_before : int
+        Messages in the earlier parts of the recording.
     """
 
     version: str = VERSION
     format: int = FORMAT_VERSION
+    messages_before: int = 0
 
     @classmethod
     def default_for_version_0_1(cls) -> Self:
@@ -45,13 +58,32 @@ class RecordingHeader:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """Header from a recording's metadata; raises ValueError where it is none."""
-        return cls(metadata.get("version", ""), int(metadata.get("format", "")))
+        """Header from a recording's metadata; raises ValueError where it is none.
+
+        That of a newer format is not checked any further: its reader knows how.
+        """
+        header = cls(metadata.get("version", ""), int(metadata.get("format", "")))
+        if not COUNTED_SINCE <= header.format <= FORMAT_VERSION:
+            return header
+        _check_metadata(metadata)
+        return replace(header, messages_before=int(metadata.get("messages_before", "")))
 
     @property
     def to_metadata(self) -> dict[str, str]:
         """The header as metadata of a recording: names and texts."""
-        return {"program": PROGRAM_NAME, "version": self.version, "format": str(self.format)}
+        return _with_checksum(
+            {
+                "program": PROGRAM_NAME,
+                "version": self.version,
+                "format": str(self.format),
+                "messages_before": str(self.messages_before),
+            }
+        )
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether its messages are counted, and its metadata have a checksum."""
+        return self.format >= COUNTED_SINCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +105,29 @@ class JobSnapshot:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """Snapshot from a recording's metadata."""
+        """Snapshot from a recording's metadata; raises ValueError where it was changed since."""
+        if CHECKSUM in metadata or not metadata.keys() <= {*cls.__slots__}:
+            _check_metadata(metadata)
         return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
 
     @property
     def to_metadata(self) -> dict[str, str]:
         """The snapshot as metadata of a recording: names and texts."""
-        return asdict(self)
+        return _with_checksum(asdict(self))
+
+
+def _with_checksum(fields: Mapping[str, str]) -> dict[str, str]:
+    return {**fields, CHECKSUM: _checksum(fields)}
+
+
+def _check_metadata(metadata: Mapping[str, str]) -> None:
+    fields = {name: text for name, text in metadata.items() if name != CHECKSUM}
+    if metadata.get(CHECKSUM) != _checksum(fields):
+        raise ValueError("the checksum of its head is another")
+
+
+def _checksum(fields: Mapping[str, str]) -> str:
+    return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
 
 
 def file_sha256(file: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,24 @@ from mcap.records import Header as McapHeader
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size
+from tjscan.recording.damage import (
+    MessageCount,
+    RecordingDamage,
+    ReportDamage,
+    refuse_damage,
+)
 from tjscan.recording.header import (
     FORMAT_VERSION,
     HEADER_RECORD,
     JOB_RECORD,
+    LIBRARY_OF_VERSION_0_1,
     PROGRAM_NAME,
     JobSnapshot,
     RecordingHeader,
 )
 from tjscan.recording.mcap_records import MAX_FILE_BYTES, read_mcap_records
+from tjscan.recording.parts import SCAN_RECORDING, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import SCAN_RECORDING, recording_files
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,9 @@ class RecordedMessage:
     message: Any
 
 
-def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[RecordedMessage]:
+def read_messages(
+    file: Path, topics: Iterable[Topic[Any]], report_damage: ReportDamage = refuse_damage
+) -> Iterator[RecordedMessage]:
     """Yield every whole message of the topics asked for, in the order they were written.
 
     Parameters
@@ -53,6 +62,9 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Recorded
         The recording; one that was cut off ends where it was cut.
     topics : iterable of Topic
         What to read; the others are passed over.
+    report_damage : callable
+        Is called with each damage that took messages with it; where it returns, those behind it
+        are read. Without it the first damage is refused.
 
     Raises
     ------
@@ -64,8 +76,11 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Recorded
     asked = {topic.name: topic for topic in topics}
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
-    for record in _records(file):
-        if isinstance(record, Schema):
+    count = MessageCount(file, report_damage)
+    for record in _records(file, count.notice):
+        if isinstance(record, RecordingHeader):
+            count.begin(record)
+        elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
             topic = asked.get(record.topic)
@@ -80,9 +95,29 @@ def read_messages(file: Path, topics: Iterable[Topic[Any]]) -> Iterator[Recorded
         elif isinstance(record, Message):
             if record.channel_id not in channels:
                 raise _damaged(file, f"a message on channel {record.channel_id}, which is none")
+            count.count(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
                 yield RecordedMessage(topic, record.log_time, _decoded(file, topic, record.data))
+    _, following = neighbouring_parts(file)
+    count.end(None if following is None else read_header(following))
+
+
+def count_messages(file: Path) -> int:
+    """How many messages a recording holds in a file and in the parts before it.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does; damages are passed over.
+    """
+    count = 0
+    for record in _records(file, lambda _: None):
+        if isinstance(record, RecordingHeader):
+            count, is_counted = record.messages_before, record.is_counted
+        elif isinstance(record, Message):
+            count = record.sequence + 1 if is_counted else count + 1
+    return count
 
 
 def read_header(file: Path) -> RecordingHeader | None:
@@ -93,12 +128,7 @@ def read_header(file: Path) -> RecordingHeader | None:
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    made = False
-    for record in _before_messages(file):
-        made = made or isinstance(record, McapHeader)
-        if isinstance(record, Metadata) and record.name == HEADER_RECORD:
-            return RecordingHeader.from_metadata(record.metadata)
-    return RecordingHeader.default_for_version_0_1() if made else None
+    return next((r for r in _before_messages(file) if isinstance(r, RecordingHeader)), None)
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
@@ -119,8 +149,8 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapsho
     found = None
     for file in recording_files(directory, kind):
         for record in _before_messages(file):
-            if isinstance(record, Metadata) and record.name == JOB_RECORD:
-                found = JobSnapshot.from_metadata(record.metadata)
+            if isinstance(record, JobSnapshot):
+                found = record
     return found
 
 
@@ -131,23 +161,40 @@ def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
         raise _damaged(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _before_messages(file: Path) -> Iterator[McapRecord]:
-    for record in _records(file):
+def _before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+    def refuse(reason: str) -> None:
+        raise _damaged(file, reason)
+
+    for record in _records(file, refuse):
         if isinstance(record, Message):
             return
         yield record
 
 
-def _records(file: Path) -> Iterator[McapRecord]:
-    """The records of a recording of this program, none newer than it can read."""
+def _records(
+    file: Path, report_damage: Callable[[str], object]
+) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+    """The records of a recording of this program, its header before all others but MCAP's own."""
     try:
         check_file_size(file, MAX_FILE_BYTES, "a recording")
         with file.open("rb") as stream:
-            for record in read_mcap_records(stream):
+            header = None
+            for record in read_mcap_records(stream, report_damage):
                 if isinstance(record, McapHeader):
                     _check_program(file, record)
-                elif isinstance(record, Metadata) and record.name == HEADER_RECORD:
-                    _check_format(file, RecordingHeader.from_metadata(record.metadata))
+                    if record.library.startswith(LIBRARY_OF_VERSION_0_1):
+                        header = RecordingHeader.default_for_version_0_1()
+                        yield header
+                elif header is None:
+                    if not isinstance(record, Metadata) or record.name != HEADER_RECORD:
+                        raise ValueError("its head is missing")
+                    header = RecordingHeader.from_metadata(record.metadata)
+                    _check_format(file, header)
+                    yield header
+                elif isinstance(record, Metadata):
+                    if record.name != JOB_RECORD:
+                        raise ValueError(f"its head holds {record.name!r}, which nobody writes")
+                    yield JobSnapshot.from_metadata(record.metadata)
                 yield record
     except FileNotFoundError:
         raise ConfigurationError(
@@ -180,4 +227,4 @@ def _check_format(file: Path, head: RecordingHeader) -> None:
 
 
 def _damaged(file: Path, why: object) -> RecordingError:
-    return RecordingError(f"{file}: is no recording, or is damaged: {why}")
+    return RecordingError(str(RecordingDamage(file, str(why), is_at_end=False)))

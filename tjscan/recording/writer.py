@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from itertools import count, takewhile
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Self
@@ -12,7 +11,6 @@ from typing import Any, Final, Self
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.files import refuse_links_outside
 from tjscan.recording.header import (
     HEADER_RECORD,
     JOB_RECORD,
@@ -20,39 +18,11 @@ from tjscan.recording.header import (
     JobSnapshot,
     RecordingHeader,
 )
+from tjscan.recording.parts import neighbouring_parts
+from tjscan.recording.reader import count_messages
 from tjscan.recording.topic import Topic
 
-SCAN_RECORDING: Final = "scan"
-"""Kind of recording that a run directory holds where nothing else is said."""
-
 NO_ATTACHMENTS: Final[Mapping[str, bytes]] = MappingProxyType({})
-
-
-def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
-    """Files of a run's recording: ``scan.mcap``, and a further part for each time it was resumed.
-
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    kind : str
-        What the names of its files begin with.
-
-    Raises
-    ------
-    ConfigurationError
-        If a part is a link that leads out of the directory.
-    """
-    others = (directory / f"{kind}-{number}.mcap" for number in count(2))
-    found = [directory / f"{kind}.mcap", *takewhile(os.path.lexists, others)]
-    refuse_links_outside(directory, *(file.name for file in found))
-    return found
-
-
-def next_recording_file(directory: Path, kind: str = SCAN_RECORDING) -> Path:
-    """File to record into next; one that is on disk is never written again."""
-    found = recording_files(directory, kind)
-    return directory / f"{kind}-{len(found) + 1}.mcap" if found[0].exists() else found[0]
 
 
 class RecordingWriter:
@@ -72,12 +42,15 @@ class RecordingWriter:
     Raises
     ------
     RecordingError
-        On entering or writing, if the file can't be written.
+        On entering or writing, if the file can't be written; on entering, if the part before it
+        can't be read.
 
     Notes
     -----
     The file is chunked, as viewers demand, and each chunk is one call of `write`: a reader finds
-    the messages that were written together all there, or none of them.
+    the messages that were written together all there, or none of them. A chunk has a checksum,
+    and messages are numbered through all parts of a recording, so that none can be missing or
+    changed without being noticed.
     """
 
     def __init__(
@@ -131,8 +104,10 @@ class RecordingWriter:
                 self._channels[topic.name],
                 log_time=time,
                 publish_time=time,
+                sequence=self._count,
                 data=topic.encode(message),
             )
+            self._count += 1
         try:
             self._writer.flush()
         except OSError as error:
@@ -148,8 +123,10 @@ class RecordingWriter:
 
     def _begin(self) -> None:
         """Write everything that stands before the first message."""
-        self._writer = Writer(self._stream, compression=CompressionType.NONE)
-        head = RecordingHeader()
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, enable_data_crcs=True)
+        before, _ = neighbouring_parts(self._file)
+        self._count = 0 if before is None else count_messages(before)
+        head = RecordingHeader(messages_before=self._count)
         self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
         self._writer.add_metadata(HEADER_RECORD, head.to_metadata)
         if self._origin is not None:

@@ -18,7 +18,7 @@ from tjscan.job.cell import Cell, SensorMount, make_scan_cell, sensor_mount_of_j
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.writer import next_recording_file
+from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.robot.arm import ArmState

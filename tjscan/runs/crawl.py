@@ -40,7 +40,7 @@ from tjscan.crawler.topics import (
 from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.writer import next_recording_file
+from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl_results import write_crawl_results

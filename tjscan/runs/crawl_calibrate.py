@@ -12,7 +12,7 @@ from tjscan.crawler.slip_calibration import SlipCalibration, write_slip_calibrat
 from tjscan.crawler.topics import CRAWL_RECORDING, record_crawl
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.writer import next_recording_file
+from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.runs.crawl import CrawlContext, check_size, make_crawl_directory, make_crawler
 

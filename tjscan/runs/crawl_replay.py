@@ -28,9 +28,10 @@ from tjscan.crawler.topics import (
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter, recording_files
+from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl import CrawlContext, make_crawl_directory

@@ -22,7 +22,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlEvent, CrawlProfile, read_crawl
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
 
 PASSES: Final = "passes.csv"

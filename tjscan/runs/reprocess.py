@@ -18,7 +18,8 @@ from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.cell import SensorMount
-from tjscan.recording.writer import recording_files
+from tjscan.recording.damage import RecordingDamage
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
@@ -54,11 +55,19 @@ class ReprocessedStation:
         The new one.
     lost : dict of int to GrooveNotFound
         Sections that these settings don't find, and why.
+    damages : tuple of RecordingDamage
+        What is missing from the recording.
     """
 
     directory: Path
     summary: ScanSummary
     lost: dict[int, GrooveNotFound]
+    damages: tuple[RecordingDamage, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every section that was scanned is there again."""
+        return not self.lost and not self.damages
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +99,7 @@ def reprocess_run(
 
     The profiles are those recorded; where a calibration is replaced, they stand where it puts
     them. A run that was cut short or resumed counts as far as it goes. The new directory is a
-    whole one, its recording included.
+    whole one, its recording included. Of a damaged recording the sections that are left are read.
 
     Parameters
     ----------
@@ -145,7 +154,7 @@ def reprocess_run(
         for run in (directory / station.name for station in job.station)
         if (run / JOB).is_file()
     )
-    whole = len(stations) == len(job.station) and not any(one.lost for one in stations)
+    whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     return ReprocessedRun(
         out, stations, stitch_run_directories([out], out, finished=finished) if whole else None
     )
@@ -159,7 +168,8 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)
         T_f_s = mount.T_f_s
-    recorded = read_recorded_scan(directory)
+    damages: list[RecordingDamage] = []
+    recorded = read_recorded_scan(directory, damages.append)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
     if len(sections) < FEWEST:
@@ -172,9 +182,10 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
         for file in recording_files(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(_seen(view, T_f_s) for view in recorded.views)
-    stop, detail = _end(recorded, len(sections))
+    stop, detail = _end(recorded, len(sections), len(damages))
     result = ScanResult(sections, views, stop, detail, recorded.retry_counts)
-    return ReprocessedStation(out, write_job_results(context, out, result), lost)
+    summary = write_job_results(context, out, result)
+    return ReprocessedStation(out, summary, lost, tuple(damages))
 
 
 def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
@@ -230,7 +241,9 @@ def _seen(view: ProfileView, T_f_s: Array) -> ProfileView:
     return replace(view, T_b_s=view.T_b_f @ T_f_s)
 
 
-def _end(recorded: RecordedScan, found: int) -> tuple[StopReason, str]:
+def _end(recorded: RecordedScan, found: int, damages: int) -> tuple[StopReason, str]:
     """Why the scan ended, and that this is another reading of it."""
     again = f"{found} of {len(recorded.sections)} sections read again"
+    if damages:
+        again += f"; its recording is damaged in {damages} place{'s' if damages > 1 else ''}"
     return recorded.stop, f"{recorded.stop_reason or StopReason.CUT.value}; {again}"

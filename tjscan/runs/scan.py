@@ -18,7 +18,9 @@ from tjscan.core.errors import (
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
+from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
+from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
@@ -159,9 +161,10 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = replace(context, job=context.job.job_at_station())
-        changed, done = [], None
+        changed, done, damages = [], None, list[RecordingDamage]()
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
-            done = read_recorded_scan(directory)
+            done = read_recorded_scan(directory, damages.append)
+            check_can_go_on_from(directory, damages)
             changed = changes_since_recording(directory, done, context.job_snapshot(directory))
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             context.journal.record_event(
@@ -175,10 +178,29 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             return write_job_results(context, directory, result)
         cell = context.make_cell(left=done.views[-1] if done and done.views else None)
         with context.open_recording(directory) as journal:
+            for damage in damages:
+                journal.record_event(ScanEvent.DAMAGED, str(damage))
             for key, what in changed:
                 journal.record_event("changed", f"{key} {what}")
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
         return write_job_results(context, directory, result)
+
+
+def check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) -> None:
+    """Check that a damaged recording is whole up to where the scan goes on.
+
+    Raises
+    ------
+    RecordingError
+        If something is missing in its middle.
+    """
+    last = recording_files(directory)[-1]
+    for damage in damages:
+        if damage.file != last or not damage.is_at_end:
+            raise RecordingError(
+                f"{damage}. A scan can't go on from a recording with a hole in it; the sections "
+                f"that are left are read by: tjscan reprocess {directory}"
+            )
 
 
 def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tjscan.core.devices import DriverKind
 from tjscan.job import ScanJob, read_scan_job
+from tjscan.recording.damage import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB, RECORDING, SUMMARY
 from tjscan.result.summary import check_recording_complete, read_summary
@@ -29,13 +30,15 @@ def scan_chapter(directory: Path) -> ReportChapter:
     """Make a scan's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / RECORDING).is_file():
         return ReportChapter()
-    job, log = read_scan_job(directory / JOB), read_recorded_scan(directory)
+    damages: list[RecordingDamage] = []
+    job = read_scan_job(directory / JOB)
+    log = read_recorded_scan(directory, damages.append)
     check_recording_complete(directory, read_summary(directory / SUMMARY), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
     return ReportChapter(
         facts=(("scanned", started), ("devices", _devices(job)), ("job", _job(job))),
-        findings=tuple(_findings(job, events)),
+        findings=(*map(str, damages), *_findings(job, events)),
         charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
         events=events,
         profiles=MappingProxyType({i: one.view.profile for i, one in log.sections.items()}),

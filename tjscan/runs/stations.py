@@ -15,6 +15,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob, read_scan_job
+from tjscan.recording.damage import RecordingDamage
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.context import RunContext, do_nothing_when_finished
@@ -226,7 +227,8 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
     file = station.directory / JOB
     if file.is_file():
         begun = not nothing_recorded_yet(station.directory)
-        if begun and len(read_recorded_scan(station.directory).sections) >= 2:
+        damages: list[RecordingDamage] = []  # which the resume reports
+        if begun and len(read_recorded_scan(station.directory, damages.append).sections) >= 2:
             refuse_links_outside(station.directory, JOB)
             job = read_scan_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)

@@ -19,7 +19,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.recording.writer import recording_files
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
     JOB,
     JOINT,

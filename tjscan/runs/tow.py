@@ -14,7 +14,7 @@ from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
 from tjscan.job.tow_job import TowJob
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.writer import next_recording_file
+from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import empty_run_directory, write_job_copy

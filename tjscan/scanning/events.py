@@ -18,6 +18,7 @@ class ScanEvent(StrEnum):
     STRAIGHT = "straight"
     TACK = "tack"
     RESUMED = "resumed"
+    DAMAGED = "damaged"
     STOP_REQUESTED = "stop requested"
     STOP = "stop"
     COMPLETE = "complete"

@@ -26,6 +26,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.laser.profile import Profile
+from tjscan.recording.damage import RecordingDamage, ReportDamage, refuse_damage
 from tjscan.recording.foxglove import (
     event_log_message,
     frame_transforms_message,
@@ -304,9 +305,11 @@ def record_scan(
 
 
 def read_file_entries(
-    file: Path,
+    file: Path, report_damage: ReportDamage = refuse_damage
 ) -> Iterator[tuple[datetime, ProfileView | RecordedSection | RecordedEvent]]:
     """Yield time and content of each view, section and event of one file.
+
+    A section whose own view is damaged is so, too.
 
     Raises
     ------
@@ -315,7 +318,13 @@ def read_file_entries(
     """
     view: ProfileView | None = None
     pending: ProfileView | None = None
-    for entry in read_messages(file, READ):
+
+    def forget_view(damage: RecordingDamage) -> None:
+        nonlocal view, pending
+        view = pending = None
+        report_damage(damage)
+
+    for entry in read_messages(file, READ, forget_view):
         when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
         try:
             if entry.topic is VIEW:
@@ -331,7 +340,9 @@ def read_file_entries(
                 yield when, view
             elif entry.topic is SECTION:
                 if view is None or view.index != message.index:
-                    raise ValueError("a section on /section has no view of its number before it")
+                    lost = f"section {message.index} has no view of its number before it"
+                    report_damage(RecordingDamage(file, lost, is_at_end=False))
+                    continue
                 yield (
                     when,
                     RecordedSection(

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.laser.profile import Profile
+from tjscan.recording.damage import ReportDamage, refuse_damage
 from tjscan.recording.json_numbers import to_finite_floats
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
@@ -36,7 +37,7 @@ EVENT: Final = _old("/event", "tjscan.Event")
 
 
 def read_file_entries_0_1(
-    file: Path,
+    file: Path, report_damage: ReportDamage = refuse_damage
 ) -> Iterator[tuple[datetime, ProfileView | RecordedSection | RecordedEvent]]:
     """Yield time and content of each view, section and event of a file of version 0.1.0.
 
@@ -47,7 +48,7 @@ def read_file_entries_0_1(
     """
     flange: dict[str, Any] = {}
     view: ProfileView | None = None
-    for entry in read_messages(file, (FLANGE, PROFILE, SECTION, EVENT)):
+    for entry in read_messages(file, (FLANGE, PROFILE, SECTION, EVENT), report_damage):
         when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
         try:
             if entry.topic is FLANGE:

@@ -17,6 +17,7 @@ from tjscan.core.frames import Array, readonly_copy
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.json_numbers import to_finite_floats
+from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import (
     INTEGER_SCHEMA,
@@ -28,7 +29,7 @@ from tjscan.recording.topic import (
     make_json_topic,
     make_protobuf_topic,
 )
-from tjscan.recording.writer import RecordingWriter, recording_files
+from tjscan.recording.writer import RecordingWriter
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
 
