@@ -19,8 +19,9 @@ from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import boxminus, boxplus
-from tjscan.robot.deviations import PlacementTolerance, with_deviations
+from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.tolerance import PlacementTolerance
 
 TOLERANCE = PlacementTolerance()
 SIGMAS = np.tile(TOLERANCE.sigmas, (6, 1))

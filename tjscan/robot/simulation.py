@@ -9,7 +9,7 @@ from typing import Annotated
 from annotated_types import Ge, Le
 
 from tjscan.core.units import DEG, MM, SECONDS, SettingsTable
-from tjscan.robot.deviations import PlacementTolerance
+from tjscan.robot.tolerance import PlacementTolerance
 
 JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], DEG]
 

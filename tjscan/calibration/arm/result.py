@@ -13,7 +13,7 @@ from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.robot.deviations import PlacementTolerance
+from tjscan.robot.tolerance import PlacementTolerance
 
 MIN_PROFILES: Final = 20
 """Fewer say less than the maker does; forty are good."""
