@@ -109,6 +109,19 @@ def test_it_drives_as_told_and_reports_states(
         assert np.array(sampled).max() < 0.04
 
 
+def test_after_a_pause_it_reads_where_the_vehicle_is_now(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.3)
+        time.sleep(0.5)  # somebody is asked something
+        began, first = time.monotonic(), vehicle.next_state()
+        while vehicle.next_state().time - first.time < 0.15:
+            pass
+        # States that had waited would come all at once.
+        assert time.monotonic() - began > 0.08
+
+
 def test_the_dead_man_is_of_whoever_commands(
     broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
 ) -> None:

@@ -24,7 +24,7 @@ from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.slip_plant import SlipSettings
 from tjscan.vehicle.steel import ProximitySettings
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState
+from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState, latest_state
 
 
 def vehicle(seed: int = 0, **settings: object) -> SimulatedVehicle:
@@ -201,3 +201,16 @@ def test_a_recording_is_replayed_in_its_order_whatever_is_commanded() -> None:
             replayed.command(REST)
     with pytest.raises(VehicleFault), ReplayedVehicle([]):
         pass
+
+
+def test_of_states_that_nobody_read_the_last_is_given_with_the_way_of_all() -> None:
+    simulated = vehicle(slip=SlipSettings(ratio=0.0), encoder_noise=0.01)
+    with simulated:
+        states = run(simulated, 0.3, Twist(0.05, 0.02))
+    read = [latest_state(states[k : k + 5]) for k in range(0, len(states), 5)]
+    assert [state.time for state in read] == [state.time for state in states[4::5]]
+    way = sum(state.odometry.speed for state in states) * PERIOD
+    assert sum(state.odometry.speed for state in read) * 5 * PERIOD == pytest.approx(way)
+    sampled = [state.proximity for state in states if state.proximity]
+    assert [state.proximity for state in read if state.proximity] == sampled
+    assert latest_state(states[:1]) == states[0]

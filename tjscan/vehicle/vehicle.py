@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import isfinite
+from statistics import fmean
 from types import TracebackType
 from typing import Final, Protocol, Self
 
@@ -68,6 +70,22 @@ class VehicleState:
     fault: str = ""
 
 
+def latest_state(states: Sequence[VehicleState]) -> VehicleState:
+    """The last of some states that came since one was read.
+
+    Its odometry is their mean, so that the way over the time since then comes out right, and it
+    has the last proximity sample that any of them brought.
+    """
+    last = states[-1]
+    motions = [(s.odometry.speed, s.odometry.turn_rate, s.odometry.sideways) for s in states]
+    samples = [s.proximity for s in states if s.proximity]
+    return replace(
+        last,
+        odometry=Twist(*(fmean(values) for values in zip(*motions, strict=True))),
+        proximity=samples[-1] if samples else (),
+    )
+
+
 def check_twist(twist: Twist) -> None:
     """Refuse a twist that is not made of numbers.
 
@@ -126,6 +144,8 @@ class Vehicle(Protocol):
 
     def next_state(self) -> VehicleState:
         """Wait for the next state, and return it; some 100 come each second.
+
+        Of several that came since the last call it is the newest; see `latest_state`.
 
         A simulated vehicle goes on by one period instead of waiting, so simulated time runs as
         fast as the computer does. A fault of the drives stands in the state.

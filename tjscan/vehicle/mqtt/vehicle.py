@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Final, Self
 from uuid import uuid4
@@ -35,7 +36,7 @@ from tjscan.vehicle.mqtt.wire import (
     PresenceMessage,
     StateMessage,
 )
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist, latest_state
 
 REPEAT: Final = 0.05
 """Seconds after which the last order is sent again."""
@@ -164,12 +165,16 @@ class MqttVehicle:
         if not self._connected:
             self._need_link()
         try:
-            state = self._states.get(timeout=self.settings.silence_limit)
+            waiting = [self._states.get(timeout=self.settings.silence_limit)]
         except Empty:
             raise self._link_lost() from None
-        if state is None:
+        with suppress(Empty):
+            while True:
+                waiting.append(self._states.get_nowait())
+        states = [state for state in waiting if state is not None]
+        if len(states) < len(waiting):
             raise self._link_lost()
-        return state
+        return latest_state(states)
 
     def true_pose(self) -> Array:
         """True pose T_w_v, shape (4, 4), of a stand-in that sends it; no real vehicle does.
