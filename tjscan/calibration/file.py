@@ -134,6 +134,7 @@ def to_calibration_file(
     laser: str,
     date: datetime,
     verification: Verification | None = None,
+    kinematics: ArmKinematicsEntry | None = None,
 ) -> CalibrationFile:
     """Convert a calibration to the content of its file.
 
@@ -149,6 +150,8 @@ def to_calibration_file(
         When the lines were taken.
     verification : Verification, optional
         What a fresh line said.
+    kinematics : ArmKinematicsEntry, optional
+        What was found of the arm with it.
     """
     sure = result.uncertainty
     data = {
@@ -165,6 +168,7 @@ def to_calibration_file(
         "excess": result.sigma_scale,
         "noise": noise,
         "verification": verification and _verification(verification),
+        "kinematics": kinematics,
         "residuals": [_residual(residual) for residual in result.residuals],
     }
     return validate_table(CalibrationFile, data)

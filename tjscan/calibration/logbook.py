@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +15,7 @@ from tjscan.calibration.topics import (
     ALL_TOPICS,
     CALIBRATION_RECORDING,
     TRANSFORMS_TOPIC,
+    ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
@@ -47,6 +48,8 @@ class MeasurementsSoFar:
         Poses passed over since the last line, or since somebody went on.
     verification_profile : PosedProfile or None
         The line that verifies.
+    arm_poses : dict of int to ArmPoseTaken
+        Postures of the arm from which the ball was looked at, by their number in the plan.
     """
 
     started_at: datetime
@@ -55,6 +58,7 @@ class MeasurementsSoFar:
     skipped_poses: tuple[SkippedPose, ...] = ()
     skipped_in_a_row: int = 0
     verification_profile: PosedProfile | None = None
+    arm_poses: dict[int, ArmPoseTaken] = field(default_factory=dict)
 
     def with_entry(self, entry: CalibrationEntry) -> MeasurementsSoFar:
         """The same measurements with one entry more."""
@@ -67,6 +71,8 @@ class MeasurementsSoFar:
                 return replace(self, verification_profile=shot)
             case LaserLineTaken(shot):
                 return replace(self, line_profiles=(*self.line_profiles, shot), skipped_in_a_row=0)
+            case ArmPoseTaken():
+                return replace(self, arm_poses={**self.arm_poses, entry.number: entry})
             case SkippedPose():
                 return replace(
                     self,

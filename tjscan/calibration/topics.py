@@ -79,7 +79,26 @@ class SkippedPose:
     reason: str
 
 
-CalibrationEntry = StartOrResumeEntry | BoardTouch | LaserLineTaken | SkippedPose
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmPoseTaken:
+    """Entry of a calibration's recording: the arm looked at the ball from a posture.
+
+    Parameters
+    ----------
+    number : int
+        Of the posture in the plan.
+    q : ndarray, shape (joints,)
+        Joint angles, radians.
+    posed_profile : PosedProfile
+        What was seen; without points where the arm did not get there.
+    """
+
+    number: int
+    q: Array
+    posed_profile: PosedProfile
+
+
+CalibrationEntry = StartOrResumeEntry | BoardTouch | LaserLineTaken | SkippedPose | ArmPoseTaken
 
 
 def _to_touch(fields: dict[str, Any]) -> BoardTouch:
@@ -90,6 +109,11 @@ def _to_touch(fields: dict[str, Any]) -> BoardTouch:
 def _to_line(fields: dict[str, Any]) -> LaserLineTaken:
     shot = PosedProfile(str(fields["name"]), pose_from_list(fields["T_b_f"]), _NO_PROFILE)
     return LaserLineTaken(shot, bool(fields["fresh"]))
+
+
+def _to_arm_pose(fields: dict[str, Any]) -> ArmPoseTaken:
+    shot = PosedProfile(str(fields["name"]), pose_from_list(fields["T_b_f"]), _NO_PROFILE)
+    return ArmPoseTaken(int(fields["number"]), np.array(fields["q"], dtype=float), shot)
 
 
 STARTED_TOPIC: Final = make_json_topic(
@@ -122,6 +146,20 @@ LINE_TOPIC: Final = make_json_topic(
 )
 """A line without its profile, which follows on `PROFILE_TOPIC`."""
 
+ARM_POSE_TOPIC: Final = make_json_topic(
+    "/arm_pose",
+    "tjscan.CalibrationArmPose",
+    {"number": INTEGER_SCHEMA, "name": TEXT_SCHEMA, "q": NUMBERS_SCHEMA, "T_b_f": NUMBERS_SCHEMA},
+    lambda taken: {
+        "number": taken.number,
+        "name": taken.posed_profile.name,
+        "q": taken.q.tolist(),
+        "T_b_f": pose_to_list(taken.posed_profile.T_b_f),
+    },
+    _to_arm_pose,
+)
+"""A posture without its profile, which follows on `PROFILE_TOPIC`."""
+
 SKIPPED_TOPIC: Final = make_json_topic(
     "/passed_over",
     "tjscan.PosePassedOver",
@@ -137,6 +175,7 @@ READ_TOPICS: Final[tuple[Topic[Any], ...]] = (
     TOUCH_TOPIC,
     LINE_TOPIC,
     SKIPPED_TOPIC,
+    ARM_POSE_TOPIC,
     PROFILE_TOPIC,
 )
 """What is read again; the rest is for viewers."""
@@ -166,6 +205,9 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[A
         case LaserLineTaken(shot):
             cloud = profile_to_cloud_message(time, shot.profile)
             return ((LINE_TOPIC, entry), (PROFILE_TOPIC, cloud), _flange(time, shot.T_b_f))
+        case ArmPoseTaken(_, _, shot):
+            cloud = profile_to_cloud_message(time, shot.profile)
+            return ((ARM_POSE_TOPIC, entry), (PROFILE_TOPIC, cloud), _flange(time, shot.T_b_f))
 
 
 def _flange(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
@@ -184,9 +226,9 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
     for file in recording_files(directory, CALIBRATION_RECORDING):
         if not file.exists():
             return
-        line: LaserLineTaken | None = None
+        line: LaserLineTaken | ArmPoseTaken | None = None
         for entry in read_messages(file, READ_TOPICS):
-            if entry.topic is LINE_TOPIC:
+            if entry.topic in (LINE_TOPIC, ARM_POSE_TOPIC):
                 line = entry.message
             elif entry.topic is PROFILE_TOPIC:
                 yield _complete(file, line, entry.message)
@@ -194,8 +236,10 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
                 yield entry.message
 
 
-def _complete(file: Path, line: LaserLineTaken | None, cloud: PointCloud) -> LaserLineTaken:
-    """A line with its profile."""
+def _complete(
+    file: Path, line: LaserLineTaken | ArmPoseTaken | None, cloud: PointCloud
+) -> LaserLineTaken | ArmPoseTaken:
+    """A line or a posture with its profile."""
     try:
         if line is None:
             raise ValueError("a profile without a line")

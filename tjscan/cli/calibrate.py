@@ -17,6 +17,7 @@ def calibrate(
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     station: str | None = None,
     out: Path | None = None,
+    arm: bool = False,
     unattended: bool = False,
     resume: Path | None = None,
     json: bool = False,
@@ -34,6 +35,9 @@ def calibrate(
         Where the arm stands, of a job with several stations.
     out
         The directory to make; ``runs/JOB-DATE`` where left out.
+    arm
+        Calibrate the arm's kinematics with the sensor, on the ball that the job states. A scan that
+        takes the file corrects the arm's poses with them.
     unattended
         Ask nothing; for a simulated cell.
     resume
@@ -55,11 +59,13 @@ def calibrate(
 
         calibrate_recorded(recorded, out, json=json)
     elif resume is not None:
+        if arm:
+            raise ConfigurationError("--resume goes on as it was begun: --arm has no meaning")
         if out is not None:
             raise ConfigurationError("--resume goes on where it was: --out has no meaning")
         _resume(resume, unattended=unattended, json=json)
     elif job is not None:
-        _start(job, overrides, station, out, unattended=unattended, json=json)
+        _start(job, overrides, station, out, arm=arm, unattended=unattended, json=json)
 
 
 def _start(
@@ -68,6 +74,7 @@ def _start(
     station: str | None,
     out: Path | None,
     *,
+    arm: bool,
     unattended: bool,
     json: bool,
 ) -> None:
@@ -87,7 +94,7 @@ def _start(
 
     operator = choose_operator(unattended=unattended)
     directory = out or default_run_directory(file)
-    print_calibration(start_calibration(job, file, directory, operator), json=json)
+    print_calibration(start_calibration(job, file, directory, operator, arm=arm), json=json)
 
 
 def _resume(directory: Path, *, unattended: bool, json: bool) -> None:

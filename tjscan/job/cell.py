@@ -124,10 +124,11 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     if found.kinematics is None:
         return SensorMount(found.T_f_s, file)
-    if found.kinematics.model != job.arm.model:
+    name = kinematics_of_job(job).name
+    if found.kinematics.model != name:
         raise ConfigurationError(
             f"holds the kinematics of a {found.kinematics.model!r}, but this cell has a "
-            f"{job.arm.model!r}: calibrate this arm",
+            f"{name!r}: calibrate this arm",
             file=file,
             key="kinematics.model",
         )

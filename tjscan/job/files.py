@@ -19,7 +19,7 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.simulation import SimulationSettings
 from tjscan.job.station import StationSettings, casefolded_name
-from tjscan.job.surroundings import BoardSettings, ClearanceSettings, JointSettings
+from tjscan.job.surroundings import BallSettings, BoardSettings, ClearanceSettings, JointSettings
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -30,6 +30,7 @@ class CellJob(StrictFileModel):
     laser: LaserSettings = LaserSettings()
     calibration: CalibrationSettings
     board: BoardSettings | None = None
+    ball: BallSettings | None = None
     joint: JointSettings | None = None
     station: Annotated[tuple[StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
     clearance: ClearanceSettings = ClearanceSettings()

@@ -9,7 +9,14 @@ from annotated_types import Ge, Le
 from pydantic import Field
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, PoseRows, PoseSettings
+from tjscan.core.units import (
+    LIST_OR_WORD_IN_FILE,
+    MM,
+    PoseRows,
+    PoseSettings,
+    Position,
+    SettingsTable,
+)
 from tjscan.job.station import StationPoseSettings
 from tjscan.laser.model import LaserModel
 from tjscan.robot.simulation import ArmSimulationSettings, JointAngles
@@ -29,6 +36,14 @@ class SimulatedBoardSettings(PoseSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedBallSettings(SettingsTable):
+    """The table [simulation.ball]: where the ball truly is, frame b, and its radius, metres."""
+
+    position: Position
+    radius: Annotated[float, Ge(10), Le(200), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedStationSettings(StationPoseSettings):
     """The table [[simulation.station]]: where a station's base truly stands in frame w.
 
@@ -44,13 +59,14 @@ class SimulatedStationSettings(StationPoseSettings):
 class SimulationSettings(StrictFileModel):
     """The table [simulation]: the simulated world.
 
-    `T_f_s_mm` is where the laser truly sits, `board` where the board truly is, `station` where
-    stations truly are; where left out, they are where the job believes them to be.
+    `T_f_s_mm` is where the laser truly sits, `board` and `ball` where these truly are, `station`
+    where stations truly are; where left out, they are where the job believes them to be.
     """
 
     seed: int = Field(default=1, ge=0)
     T_f_s_mm: PoseRows | None = None
     board: SimulatedBoardSettings | None = None
+    ball: SimulatedBallSettings | None = None
     station: Annotated[tuple[SimulatedStationSettings, ...], LIST_OR_WORD_IN_FILE] = ()
     arm: ArmSimulationSettings | None = None
     laser: LaserModel = LaserModel()

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import radians
 from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, EulerAngles, PoseSettings, Position
+from tjscan.core.units import (
+    LIST_OR_WORD_IN_FILE,
+    MM,
+    EulerAngles,
+    PoseSettings,
+    Position,
+    SettingsTable,
+)
 from tjscan.job.fields import LengthMm
 from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
+from tjscan.robot.tolerance import PlacementTolerance
 
 MOST: Final = 300
 """Solids of a cell: each is held against every link of the arm, at every step of a path."""
@@ -129,6 +138,35 @@ class BoardSettings(PoseSettings):
     def __post_init__(self) -> None:
         if min(self.size) < SMALLEST_BOARD:
             raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD:g} mm wide or wider")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BallSettings(SettingsTable):
+    """The table [ball]: the ball to calibrate the arm on, about where it is, and what to take.
+
+    Parameters
+    ----------
+    position : tuple of float
+        About where its centre is, frame b, metres.
+    radius : float
+        About its radius, metres; it is found too.
+    poses, held_out : int
+        From how many postures the arm is calibrated, and from how many it is checked.
+    tolerance : PlacementTolerance
+        What the arm's maker leaves of deviations.
+    noise : NoiseModel
+        What profiles and poses err by; of poses, what the arm does not repeat: an assumption,
+        after the ±0.05 mm the maker states for a UR10e.
+    """
+
+    position: Position
+    radius: Annotated[float, Ge(10), Le(200), MM]
+    poses: Annotated[int, Ge(20), Le(500)] = 44
+    held_out: Annotated[int, Ge(5), Le(200)] = 12
+    tolerance: PlacementTolerance = field(default_factory=PlacementTolerance)
+    noise: NoiseModel = field(
+        default_factory=lambda: NoiseModel(position=3e-5, rotation=radians(0.004))
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

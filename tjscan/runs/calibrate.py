@@ -8,7 +8,13 @@ from typing import Final, NoReturn
 import numpy as np
 import trimesh
 
-from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
+from tjscan.calibration.file import (
+    CalibrationFile,
+    SavedCalibration,
+    to_calibration_file,
+    write_calibration,
+)
+from tjscan.calibration.hand_eye import HandEyeCalibration
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
@@ -34,6 +40,7 @@ from tjscan.job.cell import Cell, laser_model_of_job, make_cell, sensor_mount_of
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.runs.calibrate_arm import ball_mesh, calibrate_arm_in_cell
 from tjscan.runs.directory import make_run_directory
 
 OLD: Final = "measured.jsonl"
@@ -47,9 +54,22 @@ PROBE_STREAM: Final = 2
 
 
 def start_calibration(
-    job: CalibrationJob, job_file: Path, directory: Path, operator: Operator
+    job: CalibrationJob, job_file: Path, directory: Path, operator: Operator, *, arm: bool = False
 ) -> SavedCalibration:
     """Calibrate as a job says, in a new directory that can be resumed.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job.
+    job_file : Path
+        Where it was read from.
+    directory : Path
+        To make.
+    operator : Operator
+        Is asked before every move.
+    arm : bool
+        Whether the arm's kinematics are calibrated with the sensor, on the job's ball.
 
     Raises
     ------
@@ -61,9 +81,12 @@ def start_calibration(
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
+    if arm and job.ball is None:
+        raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
     # The directory keeps the guess itself: the file it may come from is not its own result.
     guess = CalibrationSettings(T_f_s_mm=pose_to_rows_mm(sensor_mount_of_job(job, job_file).T_f_s))
-    alone = job.model_copy(update={"calibration": guess, "joint": None, "scan": None})
+    ball = job.ball if arm else None
+    alone = job.model_copy(update={"calibration": guess, "joint": None, "scan": None, "ball": ball})
     make_run_directory(directory, alone, job_file)
     return resume_calibration(directory, operator)
 
@@ -88,22 +111,33 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     cell, probe = make_calibration_cell(job, T_f_s)
     with lock_and_clean_directory(directory), Logbook(directory, T_f_s) as logbook, cell:
         task = calibration_plan_of_job(job, T_f_s)
-        outcome = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook).run()
-        begun = logbook.measured.started_at
+        wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
+        if job.ball is None:
+            result, found = _of_sensor(job, wizard)
+        else:
+            about = wizard.take_lines(*wizard.touch_board()).T_f_s
+            result, found = calibrate_arm_in_cell(job, cell, operator, logbook, about, task.window)
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
-    found = to_calibration_file(
+    write_calibration(
+        file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
+    )
+    return SavedCalibration(file, found, result.caveats)
+
+
+def _of_sensor(
+    job: CalibrationJob, wizard: CalibrationWizard
+) -> tuple[HandEyeCalibration, CalibrationFile]:
+    """Calibrate the sensor's pose alone, on the board."""
+    outcome = wizard.run()
+    return outcome.result, to_calibration_file(
         outcome.result,
         job.board.noise,
         arm=job.arm.device_id,
         laser=job.laser.device_id,
-        date=begun,
+        date=wizard.logbook.measured.started_at,
         verification=outcome.verification,
     )
-    write_calibration(
-        file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
-    )
-    return SavedCalibration(file, found, outcome.result.caveats)
 
 
 def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
@@ -138,7 +172,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     truth = simulation.board or SimulatedBoardSettings(
         position=board.position, euler_zyx=board.euler_zyx
     )
-    cell = make_cell(job, T_f_s, lambda: SimulatedScene(_board_surface(board.size), truth.T))
+    cell = make_cell(job, T_f_s, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
     probe = SimulatedTouchProbe(
         cell.arm,
         np.array(board.probe_tip),
@@ -155,10 +189,18 @@ def _refuse_board_without_simulation() -> NoReturn:
     raise ConfigurationError("a simulated board needs the table [simulation]")
 
 
-def _board_surface(size: tuple[float, float]) -> RaycastSurface:
-    """A plate whose upper face is the plane z = 0 of its frame."""
-    plate = trimesh.creation.box((*size, BOARD_THICKNESS))
-    return RaycastSurface(plate.vertices - (0.0, 0.0, 0.5 * BOARD_THICKNESS), plate.faces)
+def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
+    """The board, whose upper face is the plane z = 0 of its frame, and the ball; frame b."""
+    plate = trimesh.creation.box((*job.board.size, BOARD_THICKNESS))
+    plate.apply_translation((0.0, 0.0, -0.5 * BOARD_THICKNESS))
+    plate.apply_transform(T_b_board)
+    bodies = [plate]
+    if job.ball is not None:
+        truth = None if job.simulation is None else job.simulation.ball
+        ball = truth or job.ball
+        bodies.append(ball_mesh(np.array(ball.position), ball.radius))
+    whole = trimesh.util.concatenate(bodies)
+    return RaycastSurface(whole.vertices, whole.faces)
 
 
 def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:

@@ -1,0 +1,215 @@
+"""From which postures an arm should look at a ball, so that its deviations show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tjscan.calibration.arm.model import ArmModel, SeenTarget
+from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.targets import SphereTarget
+from tjscan.core.errors import CalibrationRefused, PoseUnreachable
+from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, rot_z, transform_points
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.tolerance import PlacementTolerance
+
+SENSOR_POSES: Final = 100
+"""Ways to look at the ball from which postures are chosen; each has up to eight."""
+
+WIDEST_LEAN: Final = float(np.radians(60.0))
+"""Radians from straight above the ball: below, its stand is in the way."""
+
+OFF_CENTRE: Final = 0.6
+"""Of the ball's radius: so far, at most, the laser plane passes its centre."""
+
+RANGE_MARGIN: Final = 5e-3
+"""Metres that the ball keeps from the ends of the sensor's range: it stands about where stated."""
+
+ARC_SIGMA: Final = 20e-6
+"""Metres; of an arc's centre and radius, for the choice of postures alone."""
+
+MOUNT_SIGMAS: Final = (1e-3, float(np.radians(0.2)))
+"""Metres and radians; how well the sensor's pose is known before, for that choice."""
+
+BALL_SIGMAS: Final = (1e-2, 1e-3)
+"""Metres; how well the ball's place and radius are known before, for that choice."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedView:
+    """A posture from which to look at the ball.
+
+    Parameters
+    ----------
+    q : ndarray, shape (joints,)
+        Joint angles, radians.
+    T_b_f : ndarray, shape (4, 4)
+        Where the arm's model has the flange.
+    held_out : bool
+        Whether what is seen only checks the result.
+    """
+
+    q: Array
+    T_b_f: Array
+    held_out: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", readonly_copy(self.q))
+        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BallPlan:
+    """Where a ball is, what looks at it, and how often.
+
+    Parameters
+    ----------
+    centre_b : ndarray, shape (3,)
+        About where its centre is, in metres.
+    radius : float
+        About its radius, in metres.
+    T_f_s : ndarray, shape (4, 4)
+        How the sensor sits on the flange.
+    window : MeasuringRange
+        What the sensor sees.
+    noise : NoiseModel
+        What profiles and poses err by; of poses, what the arm does not repeat.
+    tolerance : PlacementTolerance
+        What the maker leaves of deviations.
+    poses, held_out : int
+        How many postures to find the deviations from, and to check them with.
+    """
+
+    centre_b: Array
+    radius: float
+    T_f_s: Array
+    window: MeasuringRange
+    noise: NoiseModel
+    tolerance: PlacementTolerance
+    poses: int
+    held_out: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre_b", readonly_copy(self.centre_b))
+        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
+
+
+def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...]:
+    """Plan all postures that are worth looking from, in the order in which they tell most.
+
+    More than `plan` asks for: the arm may not reach some of them. Each next one is that whose
+    profile says most of all that is unknown (D-optimal); every so often, one that only checks.
+
+    Parameters
+    ----------
+    plan : BallPlan
+        Where the ball is and what looks at it.
+    kinematics : Kinematics
+        The arm's model.
+
+    Raises
+    ------
+    CalibrationRefused
+        If too few postures see the ball.
+    """
+    q = _candidates(plan, kinematics)
+    wanted = plan.poses + plan.held_out
+    if len(q) < wanted:
+        raise CalibrationRefused(
+            "no postures to look from",
+            f"{len(q)} postures see the ball, {wanted} are wanted; put it where the arm gets "
+            "round it, half its reach from its base",
+        )
+    T_b_f = np.array([kinematics.forward(one) for one in q])
+    order = _most_informative_first(plan, _predicted(plan, kinematics, q, T_b_f), len(q))
+    every = wanted / plan.held_out
+    checks = {int(every * (k + 0.5)) for k in range(plan.held_out)}
+    # What checks is not chosen to tell much: it is taken from the other end.
+    views, first, last = [], 0, len(order) - 1
+    for place in range(len(order)):
+        held_out = place % wanted in checks
+        at = order[last] if held_out else order[first]
+        first, last = first + (not held_out), last - held_out
+        views.append(PlannedView(q[at], T_b_f[at], held_out))
+    return tuple(views)
+
+
+def _candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
+    """Joint angles from which the sensor sees the ball, in every configuration, shape (n, joints).
+
+    They are always the same, so that a calibration can be gone on with; each joint is in the turn
+    nearest to zero.
+    """
+    rng, middle = np.random.default_rng(0), np.zeros(len(kinematics.lower))
+    near, far = plan.window.near + plan.radius, plan.window.far - RANGE_MARGIN
+    wide = 0.5 * plan.window.near * np.tan(plan.window.half_angle)
+    off = OFF_CENTRE * plan.radius
+    found: list[Array] = []
+    for _ in range(SENSOR_POSES):
+        azimuth, yaw = rng.uniform(-np.pi, np.pi, 2)
+        axis = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
+        z = -Rotation.from_rotvec(rng.uniform(0, WIDEST_LEAN) * axis).as_matrix()[:, 2]
+        x = np.linalg.svd(z[None])[2][1]
+        R = np.column_stack((x, np.cross(z, x), z)) @ rot_z(yaw)
+        seen_s = rng.uniform((-wide, -off, near + RANGE_MARGIN), (wide, off, far))
+        T_b_f = pose(R, plan.centre_b - R @ seen_s) @ inverse_pose(plan.T_f_s)
+        try:
+            found.extend(kinematics.all_inverse_solutions(T_b_f, middle))
+        except PoseUnreachable:
+            continue
+    return np.array(found).reshape(-1, len(middle))
+
+
+def _predicted(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -> Array:
+    """Derivatives of the arcs to expect, over their errors, shape (n, 3, unknowns)."""
+    seen_s = np.array(
+        [transform_points(inverse_pose(T @ plan.T_f_s), plan.centre_b) for T in T_b_f]
+    )
+    radii = np.sqrt(plan.radius**2 - seen_s[:, 1] ** 2)
+    arcs = SphereModel(
+        T_b_f,
+        seen_s * (1, 0, 1),
+        radii,
+        np.tile(ARC_SIGMA**2 * np.eye(3), (len(q), 1, 1)),
+        SphereTarget(),
+        plan.noise,
+    )
+    start = np.append(plan.centre_b, plan.radius)
+    model = ArmModel(kinematics, (SeenTarget(arcs, q, T_b_f, start),))
+    stacked = model.linearise(plan.T_f_s, np.zeros((model.joints, 6)), start)
+    J = stacked.jacobian.reshape(len(q), 3, -1)
+    blocks = stacked.covariance.reshape(len(q), 3, len(q), 3)
+    own = blocks[np.arange(len(q)), :, np.arange(len(q))]
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(own), J))
+
+
+def _most_informative_first(plan: BallPlan, rows: Array, count: int) -> NDArray[np.intp]:
+    """Indices of candidates, each next one the D-optimal addition to those before it."""
+    joints = (rows.shape[2] - 10) // 6
+    sigmas = np.concatenate(
+        (
+            np.repeat(MOUNT_SIGMAS, 3),
+            np.tile(plan.tolerance.sigmas, joints),
+            np.array((BALL_SIGMAS[0],) * 3 + (BALL_SIGMAS[1],)),
+        )
+    )
+    A = rows * sigmas
+    C = np.eye(A.shape[2])
+    left = np.ones(len(A), dtype=bool)
+    order = []
+    chosen = min(count, 2 * (plan.poses + plan.held_out))
+    for _ in range(chosen):
+        S = np.eye(3) + A @ C @ A.transpose(0, 2, 1)
+        gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
+        k = int(gain.argmax())
+        order.append(k)
+        left[k] = False
+        AC = A[k] @ C
+        C = C - AC.T @ np.linalg.solve(S[k], AC)
+    return np.concatenate((np.array(order, dtype=np.intp), np.flatnonzero(left)))
