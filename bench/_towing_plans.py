@@ -189,24 +189,30 @@ def _to_walls(points: Array) -> Array:
 
 
 def size_rows() -> list[Row]:
-    """Other numbers of vehicles, other lengths of cable; yards grow with the cable."""
+    """Other numbers of vehicles, other lengths of cable.
+
+    Yards grow with the cable; the last is a hall in which 60 m lie in a meander.
+    """
     rows = []
-    for vehicles, links, length, least_hz in (
-        (2, 60, 0.1, 0),
-        (6, 60, 0.1, 0),
-        (6, 100, 0.2, 0),
-        (20, 100, 0.2, 0),
-        (20, 120, 0.5, 10),
+    for vehicles, links, length, least_hz, width, height in (
+        (2, 60, 0.1, 0, 2.6, 10),
+        (6, 60, 0.1, 0, 2.6, 10),
+        (6, 100, 0.2, 0, 8.7, 33),
+        (20, 100, 0.2, 0, 8.7, 33),
+        (20, 120, 0.5, 10, 26, 100),
+        (20, 120, 0.5, 10, 12, 24),
     ):
-        scale = links * length / 6
+        low, high = -height / 2, height / 2
         cable = Cable(links=links, link_length=length, least_bend_radius=1.33 * length)
         team = TowingTeam(equal_links(links, vehicles), top_speed=0.1)
-        yard = Area(YARD.outline * scale)
+        yard = Area([(0, low), (width, low), (width, high), (0, high)])
         free_ends = TowingLimits(free_at_root=3 * length, free_at_welder=3 * length)
         planner = TowingPlanner(cable, team, yard, PlannerSettings(limits=free_ends))
-        tow = Tow(planner, x=2.6 * scale, y=-1.5 * scale)
+        tow = Tow(planner, x=width, y=-0.15 * height)
         watch, plans = tow.timed(40)
-        name = f"{vehicles} vehicles, {links * length:g} m in {links} links"
+        name = (
+            f"{vehicles} vehicles, {links * length:g} m in {links} links, {width:g} × {height:g} m"
+        )
         rows += [
             rate_row(f"{name}: plan, mean of 40", watch, least_hz),
             Row(f"{name}: plans halted", sum(bool(p.halt) for p in plans), 0),

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Area, Obstacles
+from tjscan.towing.arcs import bent_once, meanders
+from tjscan.towing.area import Area
 from tjscan.towing.cable import Cable
-from tjscan.towing.distance import obstacle_distances
-from tjscan.towing.estimate import MOST, newton_estimate
-from tjscan.towing.limited import optimise_limited
+from tjscan.towing.limited import SLACK, optimise_limited
 from tjscan.towing.limits import KEPT, HardLimits
 from tjscan.towing.optimise import newton_shape
 from tjscan.towing.shape_problem import ShapeProblem
 
-GRID: Final = 5
-"""Places along either side of the area through which a search's first shape leads."""
+SEARCHES: Final = 12
+"""First shapes from which the best one is looked for, of the many that are made."""
 
-ALIKE: Final = 0.05
-"""Metres of mean distance between links, within which two shapes are the same."""
+BENDS: Final = 4
+"""Of a meander at most, tried where shapes with fewer end nowhere."""
+
+ALIKE: Final = 0.01
+"""Share of the cable's length that links of two shapes are apart in the mean, below which they are
+the same."""
+
+NEWTON_STEPS: Final = 150
+"""Of a search, at most."""
+
+CLOSING: Final = 10
+"""Steps that bring a shape to the welder's pose; three or four are usual."""
+
+PROGRAMS: Final = 60
+"""Of a search for a shape that a limit is in the way of, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,64 +68,92 @@ def start_shapes(
     area : Area
     welder_pose : ndarray, shape (3,)
     """
+    for shapes in first_shapes(problem.cable, area, welder_pose):
+        found = _search(problem, limits, area, shapes)
+        if found:
+            return found
+    return []
+
+
+def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[Array]]:
+    """Shapes of arcs and straight pieces from root to welder: bent once, then in more lanes."""
+    root, middles = np.array(cable.root), (np.arange(cable.links) + 0.5) * cable.link_length
+    given = root, welder_pose, cable.length, cable.least_bend_radius
+    low, high = area.outline.min(axis=0), area.outline.max(axis=0)
+    share = np.array((0.25, 0.5, 0.75))
+    centres = np.stack(np.meshgrid(*(low + (high - low) * share[:, None]).T), -1).reshape(-1, 2)
+    for bends in range(1, 1 + BENDS):
+        paths = bent_once(*given) if bends == 1 else meanders(*given, bends, centres)
+        headings = (np.interp(middles, path[:, 0], path[:, 1]) for path in paths)
+        yield [cable.angles(along) for along in headings]
+
+
+def _search(
+    problem: ShapeProblem, limits: HardLimits, area: Area, shapes: list[Array]
+) -> list[StartShape]:
+    """What searches from the most promising of some shapes end with."""
+    cable = problem.cable
+    costs = [problem.terms(angles).total - SLACK * _margin(limits, angles) for angles in shapes]
+    ranked = [shapes[k] for k in np.argsort(costs, kind="stable")]
+    centres = [
+        *(pillar.mean(axis=0) for pillar in area.pillars),
+        *(disc[:2] for disc in limits.obstacles.discs),
+    ]
     found: list[StartShape] = []
-    for guess in first_shapes(problem.cable, area, welder_pose):
+    for guess in _distinct(cable, ranked, centres, SEARCHES):
         angles = guess.copy()
-        iterations, _, off = newton_shape(angles, 10 * MOST, 1e-4, *problem.arguments)
-        if off > 1e-6 or limits.rows(angles)[:, 0].min(initial=0.0) < KEPT:
-            shape = optimise_limited(problem, limits, guess, most=5 * MOST)
-            angles, off = shape.angles, shape.constraint
+        iterations, _, _ = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.arguments)
+        if not _close(problem, angles) or _margin(limits, angles) < KEPT:
+            shape = optimise_limited(problem, limits, guess, most=PROGRAMS)
+            angles = shape.angles.copy()
             iterations += shape.iterations
-            if off > 1e-6 or limits.rows(angles)[:, 0].min(initial=0.0) < KEPT:
+            if not _close(problem, angles) or _margin(limits, angles) < KEPT:
                 continue
         found.append(StartShape(angles, problem.terms(angles).total, iterations))
     found.sort(key=lambda shape: shape.f)
-    return _distinct(problem.cable, found)
+    kept = _distinct(cable, [shape.angles for shape in found], centres, SEARCHES)
+    return [shape for shape in found if any(shape.angles is angles for angles in kept)]
 
 
-def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> list[Array]:
-    """Shapes of least energy from root to welder, led over places all over the area."""
-    free = Obstacles.of_area(area)
-    low, high = area.outline.min(axis=0), area.outline.max(axis=0)
-    share = (np.arange(GRID) + 0.5) / GRID
-    places = np.stack(np.meshgrid(*(low + (high - low) * share[:, None]).T), -1).reshape(-1, 2)
-    places = places[obstacle_distances(places, *free.arrays)[0].min(axis=1) > 0]
-    root = np.array(cable.root, dtype=float)
-    shapes: list[Array] = []
-    for place in places:
-        from_root, to_welder = (np.hypot(*(place - end[:2])) for end in (root, welder_pose))
-        if from_root + to_welder > cable.length:
-            continue
-        there = round(cable.links * from_root / (from_root + to_welder))
-        held = np.array((min(max(there, 1), cable.links - 2), cable.links - 1), dtype=np.int64)
-        poses = np.array(((*place, 0.0), welder_pose))
-        for bend in (-1.0, 1.0):
-            angles = np.full(cable.links, bend * 0.5 * np.pi / cable.links)
-            newton_estimate(
-                angles,
-                root,
-                cable.link_length,
-                held,
-                poses,
-                STIFF,
-                np.zeros((cable.links, 2)),
-                np.zeros(cable.links),
-                10 * MOST,
-            )
-            if all(np.abs(angles - other).max() > 0.1 for other in shapes):
-                shapes.append(angles)
-    return shapes
+def _close(problem: ShapeProblem, angles: Array) -> bool:
+    """Take a shape to the welder's pose by least changes, in place; whether it gets there.
+
+    A search that ends at its last step is still a little off.
+    """
+    for _ in range(CLOSING):
+        off, rows = problem.constraint(angles)
+        if np.abs(off).max() < 1e-9:
+            return True
+        angles -= np.linalg.lstsq(rows, off)[0]
+    return False
 
 
-STIFF: Final = np.array(((1e2, 0.0), (1e6, 1e6)))
-"""The place may give way, the tip may not; the heading at the place is free."""
+def _margin(limits: HardLimits, angles: Array) -> float:
+    """Of the limit that is broken worst; 0 if none is."""
+    return float(limits.rows(angles)[:, 0].min(initial=0.0))
 
 
-def _distinct(cable: Cable, shapes: list[StartShape]) -> list[StartShape]:
-    kept: list[StartShape] = []
-    for shape in shapes:
-        lies = cable.poses(shape.angles)[:, :2]
-        apart = (np.hypot(*(cable.poses(k.angles)[:, :2] - lies).T).mean() for k in kept)
-        if all(distance > ALIKE for distance in apart):
-            kept.append(shape)
+def _distinct(cable: Cable, shapes: list[Array], centres: list[Array], most: int) -> list[Array]:
+    """The first shapes of which none lies like one before it, on the same side of everything."""
+    kept: list[Array] = []
+    seen: list[tuple[Array, list[int]]] = []
+    for angles in shapes:
+        line = cable.line(angles)
+        turns = [_turns(line, centre) for centre in centres]
+        apart = (
+            np.hypot(*(line - other).T).mean() if turns == same else np.inf for other, same in seen
+        )
+        if all(distance > ALIKE * cable.length for distance in apart):
+            kept.append(angles)
+            seen.append((line, turns))
+            if len(kept) == most:
+                break
     return kept
+
+
+def _turns(line: Array, centre: Array) -> int:
+    """How often a line goes round a place: no cable on a floor gets from one number to another."""
+    x, y = (line - centre).T
+    sight = np.unwrap(np.arctan2(y, x))
+    straight = np.arctan2(y[-1], x[-1]) - np.arctan2(y[0], x[0])
+    return round(float(sight[-1] - sight[0] - straight) / (2 * np.pi))

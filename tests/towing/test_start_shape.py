@@ -1,0 +1,73 @@
+"""First shapes: what they keep, and what is found on either side of what stands there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tjscan.core.frames import Array
+from tjscan.towing.area import Area
+from tjscan.towing.cable import Cable
+from tjscan.towing.planner import NO_HASTE, PlannerSettings, TowingPlanner
+from tjscan.towing.start_shape import StartShape, start_shapes
+from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
+
+OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
+
+
+def found(planner: TowingPlanner, pose: Array) -> list[StartShape]:
+    """All that `TowingPlanner.start` chooses from."""
+    resting = np.zeros(planner.cable.links)
+    problem, limits = planner.problem(resting, pose, 1.0)
+    weights = replace(planner.settings.weights, change=0.0, pace=0.0)
+    free = replace(problem, weights=weights)
+    return start_shapes(free, replace(limits, period=NO_HASTE), planner.area, pose)
+
+
+@pytest.mark.parametrize(("links", "length", "vehicles"), [(100, 0.2, 20), (120, 0.5, 20)])
+def test_a_long_cable_has_a_shape_in_a_yard_of_its_size(
+    links: int, length: float, vehicles: int
+) -> None:
+    """20 and 60 m: at the welder's pose, within every limit, from root to tip."""
+    scale = links * length / 6
+    ends = TowingLimits(free_at_root=3 * length, free_at_welder=3 * length)
+    planner = TowingPlanner(
+        Cable(links=links, link_length=length, least_bend_radius=1.33 * length),
+        TowingTeam(equal_links(links, vehicles)),
+        Area(scale * OUTLINE),
+        PlannerSettings(limits=ends),
+    )
+    pose = np.array((2.6 * scale, -1.5 * scale, np.pi / 2))
+
+    plan = planner.start(pose)
+
+    assert not plan.halt
+    np.testing.assert_allclose(plan.held_poses[-1], pose, atol=1e-6)
+    assert np.abs(plan.angles).max() <= planner.cable.joint_limit
+    assert not planner.plan(plan.held_poses, pose, dt=0.1, last=plan).halt
+
+
+def test_a_pillar_is_passed_on_either_side() -> None:
+    """Two shapes at least, one north and one south of it, and the best one first."""
+    pillar = np.array([(1.0, -0.9), (1.2, -0.9), (1.2, -0.7), (1.0, -0.7)])
+    planner = TowingPlanner(Cable(), TowingTeam(), Area(OUTLINE, [pillar]))
+
+    shapes = found(planner, np.array((2.6, 0.0, np.pi / 2)))
+
+    sides = set()
+    for shape in shapes:
+        line = planner.cable.line(shape.angles)
+        x, y = (line - pillar.mean(axis=0)).T
+        sight = np.unwrap(np.arctan2(y, x))
+        sides.add(round((sight[-1] - sight[0]) / (2 * np.pi), 1))
+    assert len(sides) >= 2
+    costs = [shape.f for shape in shapes]
+    assert costs == sorted(costs)
+
+
+def test_the_search_finds_the_same_twice() -> None:
+    """To the last bit."""
+    planner = TowingPlanner(Cable(), TowingTeam(), Area(OUTLINE))
+    pose = np.array((2.6, 3.0, np.pi / 2))
+    first, second = planner.start(pose), planner.start(pose)
+    np.testing.assert_array_equal(first.angles, second.angles)
