@@ -89,7 +89,12 @@ class RowPlanner:
     halt: Callable[[Array], str] = lambda tip: ""
     asked: list[Collection[int]] = field(default_factory=list)
 
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+    def starts(
+        self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
+    ) -> list[TowingPlan]:
+        return [self.start(welder_pose)]
+
+    def start(self, welder_pose: Array) -> TowingPlan:
         angles = np.zeros(self.links)
         behind = self.spacing * np.arange(self.vehicles - 1, -1, -1.0)
         heading = np.array((np.cos(welder_pose[2]), np.sin(welder_pose[2])))

@@ -14,11 +14,11 @@ from tjscan.cli.console import add_text_row, print_message, stderr
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow_cell import make_planner
 from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_sweep import sweep_seam
 from tjscan.report.write import write_run_report
 from tjscan.runs.tow import TowContext
 from tjscan.runs.tow_figures import UNITS
 from tjscan.runs.tow_results import FIGURES, read_tow_figures
-from tjscan.runs.tow_sweep import sweep_seam
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.seam import Seam
 
@@ -79,10 +79,21 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
-        found = {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)}
+        found = {
+            "feasible": True,
+            "length_mm": 1e3 * sweep.length,
+            "bend_rad": float(bend),
+            "first_shape": sweep.chosen,
+            "first_shapes": sweep.shapes,
+        }
         print(to_json(found, indent=2).decode())
         return
     limit = job.chain.joint_limit
+    if sweep.chosen > 1:
+        print_message(
+            f"{file}: shape {sweep.chosen} of {sweep.shapes} to begin with is taken: from the "
+            "better ones the cable gets stuck"
+        )
     print_message(
         f"{file}: the cable can follow along the whole seam, {1e3 * sweep.length:.0f} mm; joints "
         f"bend by {57.2958 * bend:.0f}° at most, and {57.2958 * limit:.0f}° are allowed"

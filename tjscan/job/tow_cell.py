@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
 import numpy as np
@@ -14,21 +13,17 @@ from tjscan.core.devices import DriverKind, EventListener
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
 from tjscan.job.tow_simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
 from tjscan.towing.plan import ShapePlanner
-from tjscan.towing.seam import Seam
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.cable.model import TowingWorldModel
     from tjscan.vehicle.cable.world import TowingWorld
-    from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 LONGEST_GUESS: Final = 1.0
 """Seconds for which what moves is taken to go on as it was last seen."""
@@ -233,35 +228,6 @@ def _missing(error: ModuleNotFoundError, key: str) -> ConfigurationError:
         f"pip install 'tjscan[{EXTRA}]'",
         key=key,
     )
-
-
-def read_towing_world(
-    file: Path,
-) -> tuple[TowingWorldModel, Array, LocalisationSimulationSettings]:
-    """Read the world that a tow job simulates, with the cable as it lies at the beginning.
-
-    Parameters
-    ----------
-    file : Path
-        The job.
-
-    Returns
-    -------
-    model : TowingWorldModel
-    angles : ndarray, shape (N,)
-        Of the cable's joints, radians.
-    localisation : LocalisationSimulationSettings
-
-    Raises
-    ------
-    ConfigurationError
-        If the job is wrong, or the cable has no shape where the seam begins.
-    """
-    job = read_tow_job(file)
-    start = make_planner(job).start(Seam(job.seam).pose_at(0.0), standing_obstacles(job))
-    if start.halt:
-        raise ConfigurationError(start.halt, file=file, key="seam.points_mm")
-    return towing_world_of_job(job), start.angles, job.simulation.localisation
 
 
 def standing_obstacles(job: TowJob) -> list[DiscObstacle]:

@@ -13,13 +13,13 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
 from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import empty_run_directory, write_job_copy
 from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
-from tjscan.runs.tow_sweep import sweep_seam
 from tjscan.towing.journal import CombinedTowJournal, TowJournal
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.plan import ShapePlanner, TowingPlan

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as host
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.core.frames import Array
 from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.recording.header import JobSnapshot
@@ -69,7 +71,9 @@ def replay_tow(
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
     seam = Seam(context.job.seam)
-    last = planner.start(seam.pose_at(0.0), standing_obstacles(context.job))  # as the tow began
+    starts = planner.starts(seam.pose_at(0.0), standing_obstacles(context.job))
+    began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
+    last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
@@ -82,6 +86,11 @@ def replay_tow(
                     journal.record_event(entry.name, entry.detail)
         write_tow_results(out, context.job)
     finished(out)
+
+
+def _apart(poses: Array, start: TowingPlan) -> float:
+    """How far vehicles are from those of a shape to begin with, in the mean, metres."""
+    return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
 
 
 def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:

@@ -51,9 +51,11 @@ class PaperPlanner:
         self._planner = TowingPlanner(cable, team, area, self.settings)
         self._floor = Obstacles.of_area(area)
 
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+    def starts(
+        self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
+    ) -> list[TowingPlan]:
         """The planner's: the paper does not say how a tow begins."""
-        return self._planner.start(welder_pose, obstacles)
+        return self._planner.starts(welder_pose, obstacles)
 
     def plan(
         self,

@@ -86,8 +86,12 @@ class TowingPlan:
 class ShapePlanner(Protocol):
     """What plans the cable's shape: `planner.TowingPlanner`, and the paper's, to compare."""
 
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
-        """Shape to begin with, of many tried; there is none to stay near to.
+    def starts(
+        self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
+    ) -> list[TowingPlan]:
+        """Shapes to begin with, best first; there is none to stay near to.
+
+        If there is none within the limits, one plan that says so by its halt.
 
         Parameters
         ----------

@@ -141,18 +141,26 @@ class TowingPlanner:
             return CableEstimate.unpulled(self.cable, plan.estimate)
         return CableEstimate(plan.estimate, plan.rest)
 
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
-        """Best shape of many searches. See `plan.ShapePlanner`."""
+    def starts(
+        self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
+    ) -> list[TowingPlan]:
+        """Best shapes of many searches. See `plan.ShapePlanner`."""
         resting = np.zeros(self.cable.links)
         problem, limits = self.problem(resting, welder_pose, 1.0, None, obstacles)
         problem = replace(problem, weights=replace(self.settings.weights, change=0.0, pace=0.0))
         limits = replace(limits, period=NO_HASTE)
+        plans = []
         for found in start_shapes(problem, limits, self.area, welder_pose):
             begun = replace(problem, estimate=found.angles)
             shape = CheckedShape(begun, limits, found.angles)
             if shape.keeps_all:
-                return shape.plan(self._held, found.iterations)
-        return CheckedShape(problem, limits, resting).plan(self._held, 0, (), NOWHERE)
+                plans.append(shape.plan(self._held, found.iterations))
+        nowhere = CheckedShape(problem, limits, resting)
+        return plans or [nowhere.plan(self._held, 0, (), NOWHERE)]
+
+    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
+        """The best of `starts`."""
+        return self.starts(welder_pose, obstacles)[0]
 
     def problem(
         self,

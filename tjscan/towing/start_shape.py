@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -100,7 +101,7 @@ def _search(
         *(disc[:2] for disc in limits.obstacles.discs),
     ]
     found: list[StartShape] = []
-    for guess in _distinct(cable, ranked, centres, SEARCHES):
+    for guess in _distinct(cable, ranked, centres)[:SEARCHES]:
         angles = guess.copy()
         iterations, _, _ = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.arguments)
         if not _close(problem, angles) or _margin(limits, angles) < KEPT:
@@ -111,7 +112,7 @@ def _search(
                 continue
         found.append(StartShape(angles, problem.terms(angles).total, iterations))
     found.sort(key=lambda shape: shape.f)
-    kept = _distinct(cable, [shape.angles for shape in found], centres, SEARCHES)
+    kept = _distinct(cable, [shape.angles for shape in found], centres)
     return [shape for shape in found if any(shape.angles is angles for angles in kept)]
 
 
@@ -133,22 +134,17 @@ def _margin(limits: HardLimits, angles: Array) -> float:
     return float(limits.rows(angles)[:, 0].min(initial=0.0))
 
 
-def _distinct(cable: Cable, shapes: list[Array], centres: list[Array], most: int) -> list[Array]:
-    """The first shapes of which none lies like one before it, on the same side of everything."""
-    kept: list[Array] = []
-    seen: list[tuple[Array, list[int]]] = []
+def _distinct(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[Array]:
+    """Shapes of which none lies like one before it; the first on each side of everything first."""
+    sides: dict[tuple[int, ...], list[tuple[Array, Array]]] = {}
     for angles in shapes:
         line = cable.line(angles)
-        turns = [_turns(line, centre) for centre in centres]
-        apart = (
-            np.hypot(*(line - other).T).mean() if turns == same else np.inf for other, same in seen
-        )
-        if all(distance > ALIKE * cable.length for distance in apart):
-            kept.append(angles)
-            seen.append((line, turns))
-            if len(kept) == most:
-                break
-    return kept
+        kept = sides.setdefault(tuple(_turns(line, centre) for centre in centres), [])
+        if len(kept) < SEARCHES and all(
+            np.hypot(*(line - other).T).mean() > ALIKE * cable.length for _, other in kept
+        ):
+            kept.append((angles, line))
+    return [angles for each in zip_longest(*sides.values()) for angles, _ in filter(None, each)]
 
 
 def _turns(line: Array, centre: Array) -> int:

@@ -9,10 +9,10 @@ from typing import Final
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.job.tow_cell import make_planner, make_tow_cell
 from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_sweep import sweep_seam
 from tjscan.runs.tow import make_tow
 from tjscan.runs.tow_figures import figures_of_tow
 from tjscan.runs.tow_study.outcome import TowOutcome
-from tjscan.runs.tow_sweep import sweep_seam
 from tjscan.towing.journal import TowCycle, TowTruth
 
 COMPLETE: Final = "Complete"
