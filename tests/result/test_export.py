@@ -121,7 +121,7 @@ def test_the_document_keeps_to_its_schema_and_says_what_it_holds(run: Path) -> N
     document = json.loads(text)
     again = DOCUMENT.model_validate_json(text).model_dump_json()
     assert json.loads(again) == document
-    assert (document["schema_name"], document["version"]) == ("tjscan.groove", 2)
+    assert (document["schema_name"], document["version"]) == ("tjscan.groove", 3)
     stated = document["provenance"]
     assert (stated["length"], stated["angle"], stated["frame"]) == ("mm", "deg", "j")
     assert stated["job"] == job_label_of_run(run)

@@ -26,6 +26,8 @@ def registration(first: int, second: int, T: Array, sigma: float) -> StationRegi
         nothing,
         flags,
         flags,
+        np.zeros(1, dtype=np.intp),
+        np.zeros((1, 6, 6)),
     )
 
 

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, progress_bars, stderr
 from tjscan.result.summary import ScanSummary, summary_to_json
+from tjscan.result.uncertainty import budget_in_words
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection
@@ -83,3 +84,12 @@ def _lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
     yield "motion time", f"{summary.motion_time_s:.1f} s"
     if error is not None:
         yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
+    yield from uncertainty_lines(summary)
+
+
+def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
+    """How sure the corners are, and what is not counted; nothing for older runs."""
+    if (budget := summary.uncertainty) is not None:
+        yield "uncertainty", budget_in_words(budget)
+        for words in budget.left_out:
+            yield "not counted", words

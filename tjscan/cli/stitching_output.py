@@ -9,6 +9,7 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.cli.scan_output import uncertainty_lines
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.stitch import StitchedRun
@@ -74,3 +75,4 @@ def _lines(summary: ScanSummary, report: StitchingReport) -> Iterator[tuple[str,
         )
     if (error := summary.corner_error_mm) is not None:
         yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
+    yield from uncertainty_lines(summary)

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
+from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.groove.section import GrooveSection
+
+_ARRAYS: Final = (
+    "T_r_g",
+    "points",
+    "covariances",
+    "measures",
+    "measure_covariance",
+    "shared_sigmas",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +39,7 @@ class MeasuredSection:
     points : ndarray, shape (5, 3)
         p1 to p5, metres.
     covariances : ndarray, shape (3, 3, 3)
-        Of p2, p3 and p4, m².
+        Of p2, p3 and p4, m²: all components of their uncertainty together.
     measures : ndarray, shape (4,)
         Groove angle (radians), root width, depth (metres) and area (m²).
     measure_covariance : ndarray, shape (4, 4)
@@ -48,6 +58,9 @@ class MeasuredSection:
         Corners, of ``p2``, ``p3`` and ``p4``, that are buried, not there or not seen.
     root_opening : float
         Distance of an open root's edge from the leg, metres; NaN where the root is not open.
+    shared_sigmas : ndarray, shape (3,)
+        Standard deviations of p2, p3 and p4, all directions together, by causes that move all
+        sections of a scan; they are part of `covariances`. Metres; NaN where this is not known.
     """
 
     index: int
@@ -65,15 +78,27 @@ class MeasuredSection:
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     root_opening: float = nan
+    shared_sigmas: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        for name in ("T_r_g", "points", "covariances", "measures", "measure_covariance"):
+        for name in _ARRAYS:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def sigmas(self) -> Array:
         """Standard deviations of the measures, shape (4,)."""
         return np.sqrt(np.diag(self.measure_covariance))
+
+    @property
+    def corner_sigmas(self) -> Array:
+        """Standard deviations of p2, p3 and p4, all directions together, shape (3,), metres."""
+        return np.asarray(np.sqrt(np.trace(self.covariances, axis1=1, axis2=2)))
+
+    @property
+    def own_corner_sigmas(self) -> Array:
+        """The same by what is the section's own alone; all where nothing else is known."""
+        shared = np.nan_to_num(self.shared_sigmas)
+        return np.asarray(np.sqrt(np.maximum(self.corner_sigmas**2 - shared**2, 0.0)))
 
 
 def section_to_result_frame(

@@ -93,11 +93,15 @@ class SensorMount:
         The calibration it comes from; none where the job itself holds it.
     deviations : ndarray, shape (joints, 6), or None
         Of the arm's joints from its model, where they were calibrated with it.
+    covariance : ndarray, shape (6, 6) or (6 + 6 joints, 6 + 6 joints), or None
+        Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
+        SI. None where nobody states it.
     """
 
     T_f_s: Array
     file: Path | None = None
     deviations: Array | None = None
+    covariance: Array | None = None
 
 
 def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
@@ -117,13 +121,13 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     """
     T_f_s = job.calibration.T_f_s
     if T_f_s is not None:
-        return SensorMount(T_f_s)
+        return SensorMount(T_f_s, covariance=job.calibration.covariance)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not say which laser made it, unless the job does.
     laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     if found.kinematics is None:
-        return SensorMount(found.T_f_s, file)
+        return SensorMount(found.T_f_s, file, covariance=found.covariance_si)
     name = kinematics_of_job(job).name
     if found.kinematics.model != name:
         raise ConfigurationError(
@@ -132,7 +136,8 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
             file=file,
             key="kinematics.model",
         )
-    return SensorMount(found.T_f_s, file, found.kinematics.deviations_si)
+    arm = found.kinematics
+    return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si)
 
 
 def make_scan_cell(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import radians
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
+import numpy as np
 from annotated_types import Ge, Le, MinLen, MultipleOf
 from pydantic_core import core_schema
 
@@ -25,6 +26,7 @@ from tjscan.core.units import (
     SettingsTable,
     pose_from_rows_mm,
 )
+from tjscan.job.uncertainty import ArmUncertaintySettings, LaserUncertaintySettings
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 
@@ -145,6 +147,8 @@ class ArmSettings(DeviceSettings):
         A model that is known by name, or the path of a URDF.
     speed, acceleration : float
         Of the flange, m/s and m/s².
+    uncertainty : ArmUncertaintySettings
+        How far it may stand from where it reports.
     """
 
     registry: ClassVar[Registry[Any]] = ARMS
@@ -152,6 +156,7 @@ class ArmSettings(DeviceSettings):
     model: str = "ur10e"
     speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25
     acceleration: Annotated[float, Ge(10), Le(50_000), MM_S2] = 1.2
+    uncertainty: ArmUncertaintySettings = field(default_factory=ArmUncertaintySettings)
 
     @property
     def device_id(self) -> str:
@@ -174,6 +179,8 @@ class LaserSettings(DeviceSettings):
         Points of a profile.
     near, far : float
         Limits of z in frame s, metres.
+    uncertainty : LaserUncertaintySettings
+        How far its profiles may be from the truth.
     """
 
     registry: ClassVar[Registry[Any]] = LASER_DRIVERS
@@ -186,6 +193,7 @@ class LaserSettings(DeviceSettings):
     points: Annotated[int, Ge(160), Le(640), MultipleOf(80)] = 640
     near: Annotated[float, Ge(1), Le(5000), MM] = 0.190
     far: Annotated[float, Ge(1), Le(5000), MM] = 0.290
+    uncertainty: LaserUncertaintySettings = field(default_factory=LaserUncertaintySettings)
 
     def __post_init__(self) -> None:
         if self.near >= self.far:
@@ -203,16 +211,40 @@ class LaserSettings(DeviceSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationSettings(SettingsTable):
-    """Pose of the laser on the flange: rows of T_f_s, or the calibration file that holds it."""
+    """Pose of the laser on the flange: rows of T_f_s, or the calibration file that holds it.
+
+    Parameters
+    ----------
+    T_f_s_mm : tuple of tuple of float, optional
+        Its rows, millimetres.
+    file : str, optional
+        A calibration, sought from the job's folder.
+    sigma_position, sigma_rotation : float, optional
+        Standard deviations of `T_f_s_mm`, all directions together, metres and radians. A file
+        brings its own.
+    """
 
     T_f_s_mm: PoseRows | None = None
     file: str | None = None
+    sigma_position: Annotated[float | None, Ge(0), Le(50), MM] = None
+    sigma_rotation: Annotated[float | None, Ge(0), Le(20), DEG] = None
 
     def __post_init__(self) -> None:
         if (self.T_f_s_mm is None) == (self.file is None):
             raise ValueError("needs either T_f_s_mm or file, and not both")
+        if (self.sigma_position is None) != (self.sigma_rotation is None):
+            raise ValueError("sigma_position_mm and sigma_rotation_deg belong together")
+        if self.file is not None and self.sigma_position is not None:
+            raise ValueError("sigma_position_mm is that of T_f_s_mm: a file holds its own")
 
     @property
     def T_f_s(self) -> Array | None:
         """Pose of the sensor in the flange frame, shape (4, 4), metres, where it stands here."""
         return None if self.T_f_s_mm is None else pose_from_rows_mm(self.T_f_s_mm)
+
+    @property
+    def covariance(self) -> Array | None:
+        """Covariance of `T_f_s_mm`, shape (6, 6), metres and radians in axes of f, if stated."""
+        if self.sigma_position is None or self.sigma_rotation is None:
+            return None
+        return np.diag(np.repeat(np.square((self.sigma_position, self.sigma_rotation)) / 3, 3))

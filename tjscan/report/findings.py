@@ -14,7 +14,7 @@ GAP: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
 
 UNSURE: Final = 0.2
-"""Standard deviation of a corner in mm above which a finding says so."""
+"""Standard deviation of a corner's reading in mm above which a finding says so."""
 
 
 def report_findings(data: ReportData) -> Iterator[str]:
@@ -120,10 +120,10 @@ def _gaps(data: ReportData) -> Iterator[str]:
 
 
 def _unsure(data: ReportData) -> Iterator[str]:
-    traces = np.array([np.trace(s.covariances, axis1=1, axis2=2).max() for s in data.sections])
-    sigma = 1e3 * np.sqrt(traces)
+    # What all sections share has a chapter of its own.
+    sigma = 1e3 * np.array([section.own_corner_sigmas.max() for section in data.sections])
     if (bad := int((sigma > UNSURE).sum())) > 0:
         yield (
-            f"In {bad} of {len(sigma)} sections a corner is known to worse than {UNSURE:g} mm (one "
+            f"In {bad} of {len(sigma)} sections a corner is read to worse than {UNSURE:g} mm (one "
             f"standard deviation); the worst to {sigma.max():.2f} mm."
         )

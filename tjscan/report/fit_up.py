@@ -39,7 +39,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
     closed = np.isnan(opening) & ~absent[:, 1:].any(axis=1)
     # An opening ends at p3, the edge of the bevel.
-    edges = 1e3 * np.sqrt([np.trace(section.covariances[1]) for section in sections])
+    edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
     for name, y, sigma, colour in (
         ("root opening", opening, edges, ROOT),

@@ -23,7 +23,13 @@ from tjscan.report.stations import (
     station_folders,
     station_rows,
 )
-from tjscan.report.tables import event_rows, measure_rows, scan_fact_rows, scan_statistics_rows
+from tjscan.report.tables import (
+    event_rows,
+    measure_rows,
+    scan_fact_rows,
+    scan_statistics_rows,
+    uncertainty_rows,
+)
 from tjscan.report.template import load_template
 from tjscan.result.directory import JOINT, job_label_of_run
 
@@ -76,6 +82,7 @@ def render_report_page(data: ReportData) -> str:
         stations=[] if stitching is None else station_rows(stitching),
         overlaps=[] if stitching is None else overlap_rows(stitching),
         measures=measure_rows(data),
+        uncertainty=uncertainty_rows(data),
         provenance=Provenance.for_file_written_now(
             job_label_of_run(*folders), data.summary.frame
         ).header_entries,

@@ -56,6 +56,40 @@ def measure_rows(data: ReportData) -> list[tuple[str, ...]]:
     return table
 
 
+def uncertainty_rows(data: ReportData) -> list[tuple[str, ...]]:
+    """A row for each component of the uncertainty, one for all combined, and one expanded.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run; one of an earlier version has no rows.
+    """
+    budget = data.summary.uncertainty
+    if budget is None:
+        return []
+    rows = [
+        *(
+            (one, "shared by all sections" if one.shared else "each section its own")
+            for one in budget.components
+        ),
+        (budget.combined, ""),
+        (budget.expanded, ""),
+    ]
+    return [
+        (
+            one.name,
+            one.evidence,
+            shared,
+            f"{one.corner_mm:.3f}",
+            f"{one.groove_angle_deg:.3f}",
+            f"{one.root_width_mm:.3f}",
+            f"{one.depth_mm:.3f}",
+            f"{one.area_mm2:.2f}",
+        )
+        for one, shared in rows
+    ]
+
+
 def scan_statistics_rows(data: ReportData) -> list[tuple[str, ...]]:
     """How the scan went: a row for each station, and one for all."""
     summary = data.summary

@@ -18,6 +18,7 @@ CLOUD: Final = "groove.ply"
 SUMMARY: Final = "summary.json"
 PICTURE: Final = "scan.png"
 STATIONS: Final = "stations.json"
+BUDGET: Final = "uncertainty.json"
 STATIONS_PICTURE: Final = "stitch.png"
 
 

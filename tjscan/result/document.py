@@ -39,7 +39,7 @@ _VALUES: Final[dict[str, Any]] = {
 _SECTION: Final[Any] = create_model("Section", __base__=StrictFileModel, **_VALUES)
 _HEAD: Final[dict[str, Any]] = {
     "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
-    "version": (Literal[2], 2),
+    "version": (Literal[3], 3),
     "run": (str, Described(description="name of the run directory")),
     "calibration": (str, Described(description="where the sensor's pose on the flange comes from")),
     "provenance": (Provenance, ...),
@@ -109,5 +109,7 @@ def _values(
     if not field.shape:
         kind = int if field.name == "index" else float
         return [kind(row[0]) if row[0] else None for row in cells]
-    found: list[Any] = np.reshape(np.array(cells, dtype=float), (-1, *field.shape)).tolist()
-    return found
+    return [
+        np.reshape(np.array(row, dtype=float), field.shape).tolist() if all(row) else None
+        for row in cells
+    ]

@@ -182,6 +182,7 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         conditions=_words(values["conditions"]),
         absent=_words(values["absent"]),
         root_opening=float(values["root_opening"]),
+        shared_sigmas=np.broadcast_to(values["shared_sigmas"], 3),
     )
 
 
@@ -212,11 +213,6 @@ def _correlations(sections: Sequence[MeasuredSection]) -> Array:
     zeros = np.zeros_like(covariances)
     ratios = np.divide(covariances, scales, out=zeros, where=scales > 0)
     return np.asarray(np.clip(ratios, -1, 1))
-
-
-def _corner_sigmas(sections: Sequence[MeasuredSection]) -> Array:
-    covariances = np.array([section.covariances for section in sections])
-    return np.asarray(np.sqrt(np.trace(covariances, axis1=2, axis2=3)))
 
 
 def _direction(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
@@ -345,7 +341,7 @@ FIELDS: Final = (
     ),
     SectionQuantity(
         "covariances",
-        "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz",
+        "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz; all components of uncertainty together",
         MM2,
         lambda sections: np.array([section.covariances[:, *_UPPER] for section in sections]),
         tuple(
@@ -358,7 +354,7 @@ FIELDS: Final = (
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,
-        _corner_sigmas,
+        _each("corner_sigmas"),
         tuple(f"sigma_p{i}" for i in CORNERS),
         (3,),
         None,
@@ -414,6 +410,19 @@ FIELDS: Final = (
         "standard deviation is sigma_root_width",
         MM,
         _each("root_opening"),
+        least=0,
+        blank=True,
+        later=True,
+    ),
+    SectionQuantity(
+        "shared_sigmas",
+        "part of corner_sigmas that all sections of a scan share: they err alike by it; see "
+        "uncertainty.json",
+        MM,
+        _each("shared_sigmas"),
+        tuple(f"sigma_shared_p{i}" for i in CORNERS),
+        (3,),
+        None,
         least=0,
         blank=True,
         later=True,

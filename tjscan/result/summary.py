@@ -18,6 +18,7 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
+from tjscan.result.uncertainty import BudgetSummary
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -123,6 +124,8 @@ class ScanSummary:
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
         How often each remedy was tried, see `tjscan.scanning.events.RetryCounts`.
+    uncertainty : BudgetSummary or None
+        Where the uncertainty of its corners and measures comes from; None in older files.
     provenance : Provenance or None
         Of the file that it stands in; None before it is written, and in files of version 0.1.0.
     """
@@ -148,6 +151,7 @@ class ScanSummary:
     merged: int = 0
     nudges: int = 0
     retreats: int = 0
+    uncertainty: BudgetSummary | None = None
     provenance: Provenance | None = None
 
 
@@ -158,6 +162,7 @@ def summarise_stations(
     corner_error: Array | None = None,
     *,
     closed: bool = False,
+    uncertainty: BudgetSummary | None = None,
 ) -> ScanSummary:
     """Summarise a stitched groove from the summaries of its stations.
 
@@ -173,6 +178,8 @@ def summarise_stations(
         As of `summarise_scan`.
     closed : bool
         Whether the way round closes: a step leads from the last section to the first, too.
+    uncertainty : BudgetSummary, optional
+        Where their uncertainty comes from.
     """
     steps = np.diff(1e3 * lengths_along_groove([*sections, *sections[:1]] if closed else sections))
     all_parts = list(parts.values())
@@ -190,6 +197,7 @@ def summarise_stations(
         calibration=_each_once(part.calibration for part in all_parts),
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
+        uncertainty=uncertainty,
         **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
     )
 

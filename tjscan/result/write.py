@@ -11,11 +11,13 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import CLOUD, PICTURE, SECTIONS, SUMMARY
+from tjscan.result.directory import BUDGET, CLOUD, PICTURE, SECTIONS, SUMMARY
 from tjscan.result.picture import write_png
 from tjscan.result.ply import write_cloud_ply
 from tjscan.result.summary import ScanSummary, write_summary
 from tjscan.result.table import write_sections_csv
+from tjscan.result.uncertainty import write_budget
+from tjscan.uncertainty.budget import UncertaintyBudget
 
 
 def write_run_results(
@@ -25,8 +27,9 @@ def write_run_results(
     summary: ScanSummary,
     picture: Any,
     job: str,
+    budget: UncertaintyBudget,
 ) -> ScanSummary:
-    """Write ``sections.csv``, ``groove.ply``, ``scan.png`` and ``summary.json``, all or none.
+    """Write sections, cloud, picture, uncertainty budget and summary of a run, all or none.
 
     Parameters
     ----------
@@ -42,6 +45,8 @@ def write_run_results(
         See `draw_groove_overview`.
     job : str
         The job that all of it comes from, see `job_label_of_run`.
+    budget : UncertaintyBudget
+        Of the sections.
 
     Returns
     -------
@@ -59,5 +64,6 @@ def write_run_results(
         write_sections_csv(draft / SECTIONS, sections, provenance)
         write_cloud_ply(draft / CLOUD, points, provenance)
         write_png(draft / PICTURE, picture, provenance)
+        write_budget(draft / BUDGET, budget, provenance)
         write_summary(draft / SUMMARY, summary)
     return summary

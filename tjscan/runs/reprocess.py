@@ -33,7 +33,13 @@ from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 
-REPROCESSABLE: Final = ("groove.", "calibration.", "joint.")
+REPROCESSABLE: Final = (
+    "groove.",
+    "calibration.",
+    "joint.",
+    "arm.uncertainty.",
+    "laser.uncertainty.",
+)
 """Keys that say how recorded profiles are read and reported, not how they were taken."""
 
 FEWEST: Final = 2

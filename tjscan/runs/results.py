@@ -20,12 +20,15 @@ from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics
+from tjscan.result.uncertainty import BudgetSummary, summarise_budget
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
+from tjscan.runs.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, Substep
+from tjscan.uncertainty.causes import budget_of_causes
 
 
 def calibration_label(directory: Path) -> str:
@@ -75,6 +78,7 @@ def summarise_scan(
     frame: JointOrBaseFrame,
     corner_error: Array | None,
     calibration: str = "",
+    uncertainty: BudgetSummary | None = None,
 ) -> ScanSummary:
     """Summarise what a scan found in a few numbers.
 
@@ -86,6 +90,8 @@ def summarise_scan(
         Raw distances of the corners from the joint's edges, metres, any shape.
     calibration : str
         Where the sensor's pose on the flange comes from.
+    uncertainty : BudgetSummary, optional
+        Where the uncertainty of its corners comes from.
     """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
@@ -116,6 +122,7 @@ def summarise_scan(
         merged=result.counts.merged,
         nudges=result.counts.nudges,
         retreats=result.counts.retreats,
+        uncertainty=uncertainty,
     )
 
 
@@ -132,6 +139,7 @@ def write_scan_results(
     plan: ScanPlan,
     frame: JointOrBaseFrame,
     joint: JointDefinition | None,
+    causes: StatedCauses,
     *,
     station: str = "1",
 ) -> ScanSummary:
@@ -145,16 +153,20 @@ def write_scan_results(
         What was found, what was asked, and the frame of the result.
     joint : JointDefinition, optional
         What to compare the corners with.
+    causes : StatedCauses
+        What makes the sections err.
     station : str
         Where it was scanned from.
     """
-    sections = sections_in_result_frame(result.sections, frame, station)
+    budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
+    sections = budget.stated_in(sections_in_result_frame(result.sections, frame, station))
     points = all_profile_points(result.sections, frame)
     corners = np.array([section.points for section in sections])
     error = None
     if joint is not None:
         error = corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
-    summary = summarise_scan(result, plan, frame, error, calibration_label(directory))
+    uncertainty = summarise_budget(budget, sections, causes.left_out)
+    summary = summarise_scan(result, plan, frame, error, calibration_label(directory), uncertainty)
     middle = result.sections[len(result.sections) // 2]
     picture = draw_groove_overview(
         sections,
@@ -171,5 +183,5 @@ def write_scan_results(
         ),
     )
     return write_run_results(
-        directory, sections, points, summary, picture, job_label_of_run(directory)
+        directory, sections, points, summary, picture, job_label_of_run(directory), budget
     )

@@ -26,6 +26,7 @@ from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.directory import COPIES, nothing_recorded_yet
 from tjscan.runs.results import write_scan_results
+from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup
@@ -45,9 +46,11 @@ RESUMABLE: Final = (
     "scan.resume_tolerance_mm",
     "scan.skip.",
     "scan.adaptive.",
+    "arm.uncertainty.",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
     "arm.ur.",
+    "laser.uncertainty.",
     "clearance.",
     "simulation.",
 )
@@ -273,6 +276,7 @@ def write_job_results(context: RunContext, directory: Path, result: ScanResult) 
         job.scan,
         frame,
         None if frame.T_b_j is None else context.joint,
+        causes_of_job(job, context.sensor_mount, result.sections),
         station=job.station[0].name if job.station else "1",
     )
     context.finished(directory)

@@ -38,11 +38,13 @@ from tjscan.result.summary import (
     read_summary,
     summarise_stations,
 )
+from tjscan.result.uncertainty import summarise_budget
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.results import all_profile_points
 from tjscan.runs.stitching_report import build_stitching_report
+from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
@@ -65,12 +67,15 @@ class StationRun:
         Its scan in a few numbers.
     joint : JointDefinition or None
         The joint that its job names, for the comparison alone.
+    left_out : tuple of str
+        What may err by an amount that nobody states.
     """
 
     directory: Path
     station: Station
     summary: ScanSummary
     joint: JointDefinition | None
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,18 +178,19 @@ def read_station_run(directory: Path) -> StationRun:
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
-        joint = RunContext(job, job_file).joint
+        context = RunContext(job, job_file)
+        joint = context.joint
     if not (directory / SUMMARY).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
     summary = read_summary(directory / SUMMARY)
     check_recording_complete(directory, summary, len(sections))
+    station = station_from_recording(name, job.T_w_b, sections, done.views, read)
+    with add_file_to_errors(job_file):
+        causes = causes_of_job(job, context.sensor_mount, station.all_sections)
     return StationRun(
-        directory,
-        station_from_recording(name, job.T_w_b, sections, done.views, read),
-        summary,
-        joint,
+        directory, replace(station, causes=causes.shared), summary, joint, causes.left_out
     )
 
 
@@ -239,6 +245,11 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
             corners, feature_edges(joint), absent_corners(stitched.sections)
         ),
         closed=stitched.is_closed,
+        uncertainty=summarise_budget(
+            stitched.budget,
+            stitched.sections,
+            list(dict.fromkeys(words for one in read for words in one.left_out)),
+        ),
     )
     report = build_stitching_report(
         stitched, {one.station.name: _folder(directory, one) for one in read}
@@ -270,5 +281,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
     with write_files_atomically(directory) as draft:
         write_stitching_report(draft / STATIONS, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
-    summary = write_run_results(directory, stitched.sections, points, summary, picture, job)
+    summary = write_run_results(
+        directory, stitched.sections, points, summary, picture, job, stitched.budget
+    )
     return StitchedRun(summary, report, stitched)

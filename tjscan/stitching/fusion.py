@@ -19,6 +19,7 @@ from tjscan.stitching.overlaps import TURN
 from tjscan.stitching.registration import SMOOTH, point_covariance_from_pose
 from tjscan.stitching.stations import Station
 from tjscan.stitching.unrolled_views import WIDEST
+from tjscan.uncertainty.budget import SectionShare
 
 ONE_PLACE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
@@ -85,9 +86,25 @@ def sections_in_joint_frame(
     return tuple(sections)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedSection:
+    """A section made of one or several, and how each of these counts in it.
+
+    Parameters
+    ----------
+    section : MeasuredSection
+        In frame j.
+    shares : tuple of SectionShare
+        Of the sections that it is made of, by their numbers among those of all stations.
+    """
+
+    section: MeasuredSection
+    shares: tuple[SectionShare, ...]
+
+
 def fuse_sections(
     stations: Sequence[Sequence[MeasuredSection]], shape: TubeDimensions
-) -> tuple[MeasuredSection, ...]:
+) -> tuple[FusedSection, ...]:
     """Fuse the sections of all stations by azimuth; those of one place become one.
 
     Parameters
@@ -106,12 +123,16 @@ def fuse_sections(
         for k, sections in enumerate(stations)
         for i, section in enumerate(sections)
     )
+    first = np.cumsum([0, *(len(sections) for sections in stations)])
     fused = []
     for group in _groups(places, near):
         members = [(azimuth, unrolled[k][i]) for azimuth, k, i in group]
-        alone = stations[group[0][1]][group[0][2]]
-        fused.append(_one(members, curves, shape) if len(group) > 1 else alone)
-    return tuple(sorted(fused, key=lambda section: section.azimuth))
+        numbers = [int(first[k]) + i for _, k, i in group]
+        alone = FusedSection(
+            stations[group[0][1]][group[0][2]], (SectionShare.whole_section(numbers[0]),)
+        )
+        fused.append(_one(members, numbers, curves, shape) if len(group) > 1 else alone)
+    return tuple(sorted(fused, key=lambda one: one.section.azimuth))
 
 
 Place = tuple[float, int, int]
@@ -184,14 +205,15 @@ def _height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
 
 def _one(
     members: Sequence[tuple[float, UnrolledSection]],
+    numbers: Sequence[int],
     curves: Sequence[SimpleKriging],
     shape: TubeDimensions,
-) -> MeasuredSection:
+) -> FusedSection:
     """One section of several, each carried along the groove to their middle."""
     middle = float(np.mean([azimuth for azimuth, _ in members]))
     # Each point to the middle of its own kind: apart along the groove, they would not be one.
     places = np.mean([one.azimuth + azimuth - one.section.azimuth for azimuth, one in members], 0)
-    points, frames, corner_info, measure_info, values = [], [], [], [], []
+    points, frames, corner_info, measure_info, values, turns = [], [], [], [], [], []
     for azimuth, one in members:
         start = one.azimuth + azimuth - one.section.azimuth  # in this group's turn
         by = places - start
@@ -205,6 +227,7 @@ def _one(
         up[CORNERS] += grown[3:6]
         carried = cylindrical_to_j(places, out, _height(places, out, shape) + up)
         turn = rot_z(middle - azimuth)
+        turns.append(turn)
         points.append(carried[:5])
         frames.append(pose(turn @ one.section.T_r_g[:3, :3], carried[5]))
         corner_info.append(np.linalg.inv(turn @ one.section.covariances @ turn.T))
@@ -217,10 +240,17 @@ def _one(
     )
     measure_covariance = np.linalg.inv(np.sum(measure_info, axis=0))
     measures = measure_covariance @ np.einsum("mij,mj->i", np.array(measure_info), np.array(values))
+    shares = []
+    for k, number in enumerate(numbers):
+        weights = np.tile(np.eye(3) / len(numbers), (5, 1, 1))
+        weights[CORNERS] = covariances @ corner_info[k]
+        shares.append(
+            SectionShare(number, weights @ turns[k], measure_covariance @ measure_info[k])
+        )
     R = Rotation.from_matrix([T[:3, :3] for T in frames]).mean().as_matrix()
     sections = [one.section for _, one in members]
     first = min(sections, key=lambda section: section.station)
-    return replace(
+    fused_section = replace(
         first,
         station="+".join(sorted(section.station for section in sections)),
         azimuth=float(np.angle(np.exp(1j * middle))),
@@ -232,3 +262,4 @@ def _one(
         work_angle=float(np.mean([section.work_angle for section in sections])),
         rms=float(np.sqrt(np.mean([section.rms**2 for section in sections]))),
     )
+    return FusedSection(fused_section, tuple(shares))

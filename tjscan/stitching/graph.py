@@ -30,8 +30,11 @@ class StationPoses:
     ----------
     T : ndarray, shape (k, 4, 4)
         Maps each station's own frame j into the common one.
-    covariance : ndarray, shape (k, 6, 6)
-        Of each: translation and rotation vector in the common j.
+    whole_covariance : ndarray, shape (6 k, 6 k)
+        Of all of them together: translation and rotation vector of each in the common j.
+    by_shapes, by_overlaps : ndarray, shape (6 k + 4, 4 k) and (6 k + 4, 6 e)
+        How the poses and the shape change with the shape that each station found, and with the
+        poses of the e overlaps.
     shape : TubeDimensions
         Of the joint.
     shape_covariance : ndarray, shape (4, 4)
@@ -41,14 +44,23 @@ class StationPoses:
     """
 
     T: Array
-    covariance: Array
+    whole_covariance: Array
+    by_shapes: Array
+    by_overlaps: Array
     shape: TubeDimensions
     shape_covariance: Array
     reduced_chi2: float
 
     def __post_init__(self) -> None:
-        for name in ("T", "covariance", "shape_covariance"):
+        for name in ("T", "whole_covariance", "by_shapes", "by_overlaps", "shape_covariance"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of each pose, shape (k, 6, 6): translation and rotation vector in j."""
+        k = len(self.T)
+        parts = self.whole_covariance.reshape(k, 6, k, 6)
+        return np.array([parts[i, :, i] for i in range(k)])
 
 
 def solve_station_poses(
@@ -93,10 +105,16 @@ def solve_station_poses(
     )
     jacobian: Array = np.array(found.jac)
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
-    blocks = [covariance[i : i + 6, i : i + 6] for i in range(0, 6 * k, 6)]
+    # Residuals are whitened: what was observed enters with the whitener, and a minus.
+    rows = jacobian[: 10 * k].reshape(k, 10, -1)
+    by_shapes = [covariance @ r.T @ W[:, 6:] for r, W in zip(rows, by_frame, strict=True)]
+    rows = jacobian[10 * k :].reshape(len(by_overlap), 6, -1)
+    by_overlaps = [covariance @ r.T @ W for r, W in zip(rows, by_overlap, strict=True)]
     return StationPoses(
         np.array([pose_vector.pose_from_vector(v) for v in found.x[: 6 * k].reshape(k, 6)]),
-        np.array(blocks),
+        covariance[: 6 * k, : 6 * k],
+        np.concatenate(by_shapes, axis=1),
+        np.concatenate(by_overlaps, axis=1) if by_overlaps else np.zeros((6 * k + 4, 0)),
         TubeDimensions(*(found.x[6 * k :] + origin).tolist()),
         covariance[6 * k :, 6 * k :],
         2 * float(found.cost) / (len(found.fun) - found.x.size),

@@ -67,6 +67,11 @@ class StationRegistration:
         What is left of its corners' outward and upward places, metres.
     of_second, counted : ndarray, shape (n,)
         Which views are the second station's, and to which the robust kernel gave weight.
+    number : ndarray, shape (n,)
+        Which of its station's views each is.
+    by_view : ndarray, shape (n, 6, 6)
+        How `T` changes with a motion of each view: translation and rotation vector in the first
+        station's j, about its origin.
     """
 
     overlap: StationOverlap
@@ -79,9 +84,11 @@ class StationRegistration:
     residual: Array
     of_second: NDArray[np.bool_]
     counted: NDArray[np.bool_]
+    number: NDArray[np.intp]
+    by_view: Array
 
     def __post_init__(self) -> None:
-        for name in ("T", "covariance", "centre", "along", "azimuth", "residual"):
+        for name in ("T", "covariance", "centre", "along", "azimuth", "residual", "by_view"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
@@ -152,15 +159,17 @@ def align_second_to_first(
         noise = views.covariance / weights[:, None, None]
         factor = cho_factor(_total(kernel, noise), lower=True)
         # Moved points are compared with the groove at their new azimuth.
-        design = views.by_pose - slope[:, :, None] * views.azimuth_by_pose
-        design = (design * of_second[:, None, None]).reshape(-1, 6)
+        by_motion = views.by_pose - slope[:, :, None] * views.azimuth_by_pose
+        design = (by_motion * of_second[:, None, None]).reshape(-1, 6)
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
         if not np.linalg.cond(information / _scale(information)) < MOST_CONDITION:
             spread, motion = FREE * np.eye(6), np.zeros(6)
+            by_value = np.zeros((len(value), 6, VALUES))
             break
         spread = np.asarray(np.linalg.inv(information), dtype=float)
         motion = -spread @ (design.T @ solved[:, 6])
+        by_value = -spread @ solved[:, :6].T.reshape(6, *shape).transpose(1, 0, 2)
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
@@ -181,6 +190,9 @@ def align_second_to_first(
         residual[:, :CORNER_VALUES],
         of_second,
         counted,
+        views.number.astype(np.intp),
+        # Values count from their mean over the views.
+        (by_value - by_value.mean(axis=0)) @ by_motion,
     )
 
 

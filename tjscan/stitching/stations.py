@@ -19,6 +19,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import wall_points_of_views
+from tjscan.uncertainty.causes import ViewCause
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
@@ -47,14 +48,18 @@ class Station:
     sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
     all_sections : tuple of ScannedSection
-        One for each view in which a groove was read, the finished ones included: every view has
+        One for each view in which a groove was read, the finished ones first: every view has
         an error of its own.
+    causes : tuple of ViewCause
+        What errs alike in all of these views. Causes of one name are one and the same cause in
+        all stations that have it.
     """
 
     name: str
     T_w_b: Array
     sections: tuple[ScannedSection, ...]
     all_sections: tuple[ScannedSection, ...]
+    causes: tuple[ViewCause, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_w_b", readonly_copy(self.T_w_b))

@@ -16,6 +16,7 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import TubeDimensions
+from tjscan.stitching.budget import stitching_budget
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
@@ -41,6 +42,7 @@ from tjscan.stitching.stations import (
     widen_for_out_of_round,
 )
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
+from tjscan.uncertainty.budget import UncertaintyBudget
 
 ROUNDS = 6
 """Times that a station is laid on another anew where it began far off."""
@@ -113,6 +115,8 @@ class StitchedGroove:
         Azimuth without a gap, radians.
     sections : tuple of MeasuredSection
         In frame j by azimuth; those that several stations saw are fused.
+    budget : UncertaintyBudget
+        Where the sections' uncertainty comes from.
     """
 
     stations: tuple[PlacedStation, ...]
@@ -125,6 +129,7 @@ class StitchedGroove:
     gap_after: float | None
     covered: float
     sections: tuple[MeasuredSection, ...]
+    budget: UncertaintyBudget
     draft: StitchingDraft
 
     def __post_init__(self) -> None:
@@ -173,27 +178,32 @@ def stitch_stations(
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
+    uncertain = stitching_budget(fits, registrations, placement, settings.repeatability)
     placed = [
-        _placed(fit, placement, k, azimuth)
+        _placed(fit, placement.T[k], uncertain.station_covariances[k], azimuth)
         for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
+    # Weighed by what is each station's own: what they share would not make one of them worse.
     single = [
-        sections_in_joint_frame(one.station, one.T_j_b, one.covariance, settings.repeatability)
-        for one in placed
+        sections_in_joint_frame(one.station, one.T_j_b, covariance, settings.repeatability)
+        for one, covariance in zip(placed, placement.covariance, strict=True)
     ]
+    fused = fuse_sections(single, placement.shape)
+    budget = uncertain.sections.made_of([one.shares for one in fused])
     gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
     chain, closing = spanning_tree_poses(len(stations), registrations)
     return StitchedGroove(
         tuple(placed),
         placement.shape,
-        np.sqrt(np.diag(placement.shape_covariance)),
+        np.sqrt(np.diag(uncertain.shape_covariance)),
         tuple(registrations),
         gaps,
         out_of_round,
         max((overlap_gap(edge, chain) for edge in closing), default=None),
         max(gaps) if closing else None,
         azimuth_coverage(azimuths)[0],
-        fuse_sections(single, placement.shape),
+        budget.stated_in([one.section for one in fused]),
+        budget,
         draft,
     )
 
@@ -370,11 +380,11 @@ def _check_placement(
         )
 
 
-def _placed(fit: StationTubeFit, placement: StationPoses, k: int, azimuths: Array) -> PlacedStation:
+def _placed(fit: StationTubeFit, T: Array, covariance: Array, azimuths: Array) -> PlacedStation:
     return PlacedStation(
         fit.station,
-        placement.T[k] @ inverse_pose(fit.frame.T),
-        placement.covariance[k],
+        T @ inverse_pose(fit.frame.T),
+        covariance,
         AzimuthArc(float(azimuths.min()), float(azimuths.max())),
         len(fit.station.all_sections),
         fit.tubes.reduced_chi2,

@@ -55,6 +55,8 @@ class UnrolledViews:
         Azimuth of the view as a whole.
     middle : ndarray, shape (n, 3)
         Its root, in j.
+    number : ndarray, shape (n,)
+        Which of the station's views it is.
     """
 
     azimuth: Array
@@ -64,6 +66,7 @@ class UnrolledViews:
     covariance: Array
     place: Array
     middle: Array
+    number: Array
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -109,7 +112,7 @@ def unroll_views(
         If no view shows both walls.
     """
     unrolled = [_unroll(section, T_j_b, shape, repeatability) for section in sections]
-    rows = [row for row in unrolled if row is not None]
+    rows = [(*row, float(k)) for k, row in enumerate(unrolled) if row is not None]
     if not rows:
         raise StitchingRefused("too little seen", "no view of a station shows both walls")
     return UnrolledViews(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -118,7 +121,7 @@ def unroll_views(
 def _unroll(
     section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> tuple[Array, Array, Array, Array, Array, float, Array] | None:
-    """The attributes of `UnrolledViews` of one view; None where a wall shows too little."""
+    """The attributes of `UnrolledViews` but the number; None where a wall shows too little."""
     sides = side_nodes(section)
     if min(len(sigma) for _, sigma in sides) < 2:
         return None

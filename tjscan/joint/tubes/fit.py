@@ -7,7 +7,7 @@ with their common covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -43,6 +43,9 @@ class FittedTubes:
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
+    by_view : ndarray, shape (m, 10, 6)
+        How these numbers change with a motion of all points of each view: translation and
+        rotation vector about the origin of their frame. Empty where points have no views.
     """
 
     brace: Cylinder
@@ -50,9 +53,11 @@ class FittedTubes:
     covariance: Array
     reduced_chi2: float
     rms: float
+    by_view: Array = field(default_factory=lambda: np.zeros((0, 10, 6)))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
+        for name in ("covariance", "by_view"):
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def fit_tubes_to_walls(
@@ -87,9 +92,9 @@ def fit_tubes_to_walls(
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
             weights = _robust_weights(residuals / np.sqrt(own))
-        white = _whitened(
-            np.column_stack((jacobian, residuals)), shared, walls.sigma**2 / weights, common, views
-        )
+        own_variance = walls.sigma**2 / weights
+        rows = np.column_stack((jacobian, residuals))
+        white = _whitened(rows, shared, own_variance, common, views)
         solved, _, rank, _ = np.linalg.lstsq(white[:, :-1], -white[:, -1], rcond=1e-10)
         step = np.asarray(solved, dtype=float)
         if rank < 10 or not np.abs(step).max() < 1.0:
@@ -103,7 +108,15 @@ def fit_tubes_to_walls(
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
     spread = np.asarray(np.linalg.inv(white[:, :-1].T @ white[:, :-1]), dtype=float)
     rms = float(np.sqrt(np.mean(residuals[counted] ** 2)))
-    return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms)
+    # A motion about the frame's origin, of which `shared` has that about the flange.
+    normals = shared[:, :3]
+    by_motion = np.column_stack((normals, np.cross(walls.points, normals)))
+    answers = _whitened(by_motion, shared, own_variance, common, views)
+    by_view = np.zeros((len(walls.pivots), 10, 6))
+    for chosen in views:
+        by_view[walls.view[chosen[0]]] = -spread @ white[chosen, :-1].T @ answers[chosen]
+    covariance = max(1.0, reduced_chi2) * spread
+    return FittedTubes(brace, leg, covariance, reduced_chi2, rms, by_view)
 
 
 def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import radians
 from typing import Final
 
@@ -59,14 +59,17 @@ class JointFrame:
     covariance : ndarray, shape (10, 10)
         Of the pose, as translation and rotation vector in j (metres, radians), then of the
         shape's four numbers.
+    by_view : ndarray, shape (m, 10, 6)
+        How these change with a motion of all points of each of m views, see `FittedTubes`.
     """
 
     T: Array
     shape: TubeDimensions
     covariance: Array
+    by_view: Array = field(default_factory=lambda: np.zeros((0, 10, 6)))
 
     def __post_init__(self) -> None:
-        for name in ("T", "covariance"):
+        for name in ("T", "covariance", "by_view"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
@@ -100,7 +103,7 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
         )
 
     jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
-    return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T)
+    return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T, jacobian @ tubes.by_view)
 
 
 def joint_pose_from_cylinders(

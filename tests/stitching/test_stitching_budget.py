@@ -1,0 +1,105 @@
+"""What stations share, against stitching them again with that error put in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exact_stations import exact_station
+from free_stations import joint_named
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.scanning.section import ScannedSection
+from tjscan.stitching.settings import StitchSettings
+from tjscan.stitching.stations import Station
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.uncertainty.causes import HAND_EYE, ViewCause, hand_eye_cause, motion_cause
+
+T_F_S = inverse_pose(pose(p=(0.1, 0.0, -0.15)))
+"""How `exact_stations` mounts its sensor."""
+
+SMALL = StitchSettings(out_of_round=1e-5)
+
+LINEAR = 0.03
+"""Of what an error does: the rest is its square, and what neighbours are carried by."""
+
+
+def two(oval: float = 0.0) -> list[Station]:
+    azimuths = [np.radians(np.arange(a, b, 10.0)) for a, b in ((-15.0, 196.0), (167.0, 378.0))]
+    return [
+        exact_station(joint_named("tjoint-600x457"), name, arc, oval=oval)[0]
+        for name, arc in zip(("left", "right"), azimuths, strict=True)
+    ]
+
+
+def with_cause(station: Station, make: Callable[[Station], ViewCause]) -> Station:
+    return replace(station, causes=(make(station),))
+
+
+def moved(station: Station, change: Callable[[ScannedSection], Array]) -> Station:
+    """A station whose views are believed to stand elsewhere: at `change` of each."""
+    sections = tuple(
+        replace(one, view=replace(one.view, T_b_s=change(one))) for one in station.sections
+    )
+    return replace(station, sections=sections, all_sections=sections)
+
+
+def stepped(T: Array, step: Array) -> Array:
+    turn = Rotation.from_rotvec(step[3:]).as_matrix()
+    return pose(turn @ T[:3, :3], T[:3, 3] + step[:3])
+
+
+def component_of(stitched: StitchedGroove, name: str) -> Array:
+    """How all points move with each draw of a cause, shape (n, 5, 3, m)."""
+    return next(one.points for one in stitched.budget.components if one.name == name)
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_wrong_calibration_moves_stitched_sections_as_stated(axis: int) -> None:
+    size = np.repeat((3e-5, 5e-5), 3)[axis]  # about the arm's own: no robust weight changes
+    step = size * np.eye(6)[axis]
+    stations = [
+        with_cause(s, lambda s: hand_eye_cause(s.sections, T_F_S, np.outer(step, step), "stated"))
+        for s in two()
+    ]
+    stated = stitch_stations(stations, SMALL)
+    truth = np.array([section.points for section in stated.sections])
+    wrong = [moved(s, lambda one: one.view.T_b_f @ stepped(T_F_S, step)) for s in stations]
+    found = stitch_stations(wrong, SMALL)
+    off = np.array([section.points for section in found.sections]) - truth
+    (by,) = np.moveaxis(component_of(stated, HAND_EYE), -1, 0)
+    sign = np.sign(np.sum(off * by))
+    corners = slice(1, 4)
+    size_off = np.linalg.norm(off[:, corners])
+    assert np.linalg.norm(off[:, corners] - sign * by[:, corners]) < LINEAR * size_off + 1e-7 + 1e-7
+    for one, other in zip(stated.stations, found.stations, strict=True):
+        turned = other.T_j_b @ inverse_pose(one.T_j_b)
+        assert np.linalg.norm(turned[:3, 3]) > 0
+
+
+def test_an_error_that_moves_all_views_alike_is_taken_up_by_the_stations_place() -> None:
+    """A base that is not where it was believed to be moves no section of a stitched groove."""
+    twists = np.repeat((1e-3, 1e-3), 3)[:, None] * np.eye(6)
+
+    def base_moves(station: Station) -> ViewCause:
+        all_alike = np.tile(twists, (len(station.sections), 1, 1))
+        return motion_cause("base", "stated", station.sections, all_alike, is_shared=True)
+
+    stitched = stitch_stations([with_cause(s, base_moves) for s in two()], SMALL)
+    by = component_of(stitched, "base")
+    assert np.abs(by[:, 1:4]).max() < 1e-3 * 1e-3
+
+
+def test_without_shared_causes_the_budget_is_of_reading_arm_and_places_alone() -> None:
+    stitched = stitch_stations(two())
+    names = [one.name for one in stitched.budget.components]
+    assert names == ["reading of the profile", "arm's repeatability", "stations' places"]
+    assert all(
+        np.allclose(section.covariances, covariance)
+        for section, covariance in zip(
+            stitched.sections, stitched.budget.corner_covariances, strict=True
+        )
+    )

@@ -1,0 +1,232 @@
+"""First-order answers to causes against draws of them through the geometry itself."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from rings import GROOVE
+from scipy.spatial.transform import Rotation
+from views_on_arm import T_F_S, ur10e, views
+
+from tjscan.core.frames import Array, transform_points
+from tjscan.groove.section import GrooveSection, section_from_points
+from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget
+from tjscan.uncertainty.causes import (
+    ViewCause,
+    arm_geometry_cause,
+    budget_of_causes,
+    hand_eye_cause,
+    points_moved_by_twist,
+    reading_cause,
+    repeatability_cause,
+)
+from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
+
+SECTIONS = views(4)
+DRAWS = 4000
+AGREE = 0.1
+"""Of covariances from so many draws: each is good to 2 %, and small entries to less."""
+
+
+def stacked(cause: ViewCause) -> Array:
+    """Covariance of all points of all sections, shape (15 n, 15 n)."""
+    by = cause.points.reshape(-1, cause.points.shape[-1])
+    if cause.is_shared:
+        return by @ by.T
+    n = len(cause.points)
+    whole = np.zeros((n, 15, n, 15))
+    for k in range(n):
+        own = cause.points[k].reshape(15, -1)
+        whole[k, :, k] = own @ own.T
+    return whole.reshape(15 * n, 15 * n)
+
+
+def assert_drawn_alike(cause: ViewCause, drawn: Array) -> None:
+    """`drawn`, shape (draws, n, 5, 3): points of each draw."""
+    stated = stacked(cause)
+    found = np.cov(drawn.reshape(len(drawn), -1), rowvar=False)
+    assert np.linalg.norm(found - stated) < AGREE * np.linalg.norm(stated)
+
+
+def turned(T: Array, step: Array) -> Array:
+    """A pose moved by a step, written out: shifted, and turned about its own origin."""
+    moved = T.copy()
+    moved[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3]
+    moved[:3, 3] += step[:3]
+    return moved
+
+
+def test_a_calibrations_error_moves_all_views_as_its_covariance_says() -> None:
+    rng = np.random.default_rng(1)
+    half = rng.normal(size=(6, 6)) * np.repeat((1e-4, 3e-4), 3)[:, None]
+    covariance = half @ half.T
+    cause = hand_eye_cause(SECTIONS, T_F_S, covariance, "calibrated")
+    drawn = np.array(
+        [
+            [
+                transform_points(s.view.T_b_f @ turned(T_F_S, step), GROOVE.points_s)
+                for s in SECTIONS
+            ]
+            for step in rng.multivariate_normal(np.zeros(6), covariance, DRAWS)
+        ]
+    )
+    assert_drawn_alike(cause, drawn)
+
+
+def test_links_that_are_not_as_modelled_move_views_as_stated() -> None:
+    joints = np.array([ur10e().joint_poses(s.view.q) for s in SECTIONS])
+    cause = arm_geometry_cause(SECTIONS, joints, 4e-4, "stated")
+    flanges = np.array([s.view.T_b_f for s in SECTIONS])
+    # Size of a unit draw, from how the flanges move: the sensor and the groove are not in it.
+    moved = points_moved_by_twist(flanges[:, None, :3, 3], cause.twists)
+    assert np.sqrt(np.mean(np.sum(moved**2, axis=(1, 2, 3)))) == pytest.approx(4e-4)
+    # One joint at a time, by the chain of poses written out.
+    rng = np.random.default_rng(2)
+    size = np.linalg.norm(cause.twists[0, 3:, 3])  # a turn of the first link
+    shift = 0.5 * size
+    drawn = []
+    for _ in range(DRAWS // 4):
+        steps = rng.standard_normal((5, 6)) * np.repeat((shift, size), 3)
+        views_drawn = []
+        for chain, section in zip(joints, SECTIONS, strict=True):
+            T, before = np.eye(4), np.eye(4)
+            for k, T_b_joint in enumerate(chain):
+                T = T @ np.linalg.inv(before) @ T_b_joint
+                if k < 5:
+                    T = T @ turned(np.eye(4), steps[k])
+                before = T_b_joint
+            T_b_s = T @ np.linalg.inv(before) @ section.view.T_b_s
+            views_drawn.append(transform_points(T_b_s, GROOVE.points_s))
+        drawn.append(views_drawn)
+    stated = stacked(cause)
+    found = np.cov(np.array(drawn).reshape(len(drawn), -1), rowvar=False)
+    assert np.linalg.norm(found - stated) < 2 * AGREE * np.linalg.norm(stated)
+
+
+def test_what_an_arm_does_not_repeat_turns_each_view_about_its_flange() -> None:
+    rng, repeatability = np.random.default_rng(3), ArmRepeatability()
+    cause = repeatability_cause(SECTIONS, repeatability, "assumed")
+    drawn = []
+    for _ in range(DRAWS):
+        here = []
+        for section in SECTIONS:
+            step = rng.multivariate_normal(np.zeros(6), repeatability.covariance)
+            view = section.view
+            T_b_s = turned(view.T_b_f, step) @ T_F_S
+            here.append(transform_points(T_b_s, GROOVE.points_s))
+        drawn.append(here)
+    assert_drawn_alike(cause, np.array(drawn))
+
+
+def test_a_wrong_calibration_seen_from_one_pose_is_a_rigid_motion() -> None:
+    """It moves all points of one view as one body: no distance between them changes."""
+    one = [SECTIONS[0], SECTIONS[0]]
+    cause = hand_eye_cause(one, T_F_S, np.diag(np.repeat((1e-8, 1e-6), 3)), "calibrated")
+    assert np.allclose(cause.points[0], cause.points[1])
+    points = one[0].points_b
+    for m in range(6):
+        moved = cause.points[0, :, :, m]
+        for i in range(5):
+            for j in range(i):
+                along = points[i] - points[j]
+                assert abs(along @ (moved[i] - moved[j])) < 1e-15
+    assert not cause.measures.any()
+
+
+def smooth_field(xz: Array, size: float, which: int) -> Array:
+    """The deviations of a laser, written out: scale, tilt and lens of z, scale of x."""
+    x, z = xz[:, 0] / 0.05, (xz[:, 1] - 0.24) / 0.05
+    by = (np.sqrt(3) * z, np.sqrt(3) * x, np.sqrt(5) * 0.5 * (3 * x * x - 1), np.sqrt(3) * x)
+    moved = np.zeros_like(xz)
+    moved[:, 0 if which == 3 else 1] = size * by[which]
+    return xz + moved
+
+
+def bent(which: int, size: float) -> GrooveSection:
+    """The groove of `rings`, its straight sides sampled, bent, and their tangents taken again."""
+    p = GROOVE.points_s[:, [0, 2]]
+    moved = smooth_field(p, size, which)
+    near = 1e-5
+    wall, leg = (
+        np.diff(smooth_field(np.array((at, at + near * t)), size, which), axis=0)[0] / near
+        for at, t in ((p[1], GROOVE.wall_s[[0, 2]]), (p[3], GROOVE.leg_s[[0, 2]]))
+    )
+    return section_from_points(
+        np.insert(moved, 1, 0.0, axis=1),
+        wall_s=np.insert(wall, 1, 0.0),
+        leg_s=np.insert(leg, 1, 0.0),
+    )
+
+
+def test_a_bent_laser_changes_points_and_measures_as_stated() -> None:
+    limit = 6e-7  # so small that squares of it do not count
+    cause = linearity_cause(SECTIONS[:1], limit, (0.19, 0.29), "stated")
+    here = SECTIONS[0]
+    for which in range(4):
+        found, plain = bent(which, limit / 3), bent(which, 0.0)
+        moved = (found.points_s - plain.points_s) @ here.view.T_b_s[:3, :3].T
+        assert np.allclose(cause.points[0, :, :, which], moved, atol=1e-14)
+        for name, k in (("groove_angle", 0), ("root_width", 1), ("depth", 2), ("area", 3)):
+            change = getattr(found, name) - getattr(plain, name)
+            assert cause.measures[0, k, which] == pytest.approx(change, rel=0.01, abs=1e-12)
+
+
+def test_stated_limits_of_linearity_are_those_of_a_rectangular_distribution() -> None:
+    limit, rng = 6e-5, np.random.default_rng(4)
+    xz = rng.uniform((-0.05, 0.19), (0.05, 0.29), (20_000, 2))
+    of_z = [smooth_field(xz, limit / 3, which)[:, 1] - xz[:, 1] for which in range(3)]
+    assert np.sqrt(np.mean(np.sum(np.square(of_z), axis=0))) == pytest.approx(
+        limit / np.sqrt(3), rel=0.02
+    )
+
+
+def test_a_range_bias_moves_corners_to_where_the_moved_sides_meet() -> None:
+    bias = 2e-5
+    cause = range_bias_cause(SECTIONS[:1], bias, "assumed")
+    p = GROOVE.points_s[:, [0, 2]]
+    lines: list[list[tuple[Array, Array]]] = []
+    for a, b in pairwise(p):
+        # Near the corners alone, where the incidence is that of the corner.
+        along = (b - a) / np.linalg.norm(b - a)
+        lines.append([])
+        for at in (a, b):
+            ray = at / np.linalg.norm(at)
+            square = abs(ray[0] * along[1] - ray[1] * along[0])
+            away = bias * min(abs(ray @ along) / square, 5.0) * ray
+            lines[-1].append((at + away, along))
+    for i in (1, 2, 3):
+        (q, d), (r, e) = lines[i - 1][1], lines[i][0]
+        s, _ = np.linalg.solve(np.column_stack((d, -e)), r - q)
+        moved = SECTIONS[0].view.T_b_s[:3, [0, 2]] @ (q + s * d - p[i])
+        assert np.allclose(cause.points[0, i, :, 0], moved, atol=1e-10)
+
+
+def test_reading_states_what_the_groove_states() -> None:
+    budget = budget_of_causes([reading_cause(SECTIONS)], np.eye(4), len(SECTIONS))
+    for k, section in enumerate(SECTIONS):
+        in_plane = section.view.T_b_s[:3, [0, 2]]
+        stated = in_plane @ section.groove.corner_covariances_s @ in_plane.T
+        assert np.allclose(budget.corner_covariances[k], stated, atol=1e-18)
+        assert np.allclose(budget.measure_covariances[k], section.groove.measure_covariance)
+
+
+def test_a_shared_cause_compressed_says_the_same() -> None:
+    joints = np.array([ur10e().joint_poses(s.view.q) for s in SECTIONS])
+    cause = arm_geometry_cause(SECTIONS, joints, 4e-4, "stated")
+    whole = BudgetComponent("arm", "stated", True, cause.points, cause.measures)
+    less = whole.compressed()
+    assert less.points.shape[-1] < whole.points.shape[-1]
+    a, b = UncertaintyBudget((whole,)), UncertaintyBudget((less,))
+    for pair in (((0, 1), (3, 2)), ((2, 3), (2, 3))):
+        one, other = a.covariance_between(*pair), b.covariance_between(*pair)
+        assert np.allclose(one, other, atol=1e-6 * np.abs(one).max())
+
+
+def test_a_budget_turned_into_another_frame_turns_its_covariances() -> None:
+    R = Rotation.random(rng=5).as_matrix()
+    budget = budget_of_causes([reading_cause(SECTIONS)], np.eye(4), 4)
+    moved = budget.rotated(R)
+    assert np.allclose(moved.corner_covariances, R @ budget.corner_covariances @ R.T)

@@ -1,0 +1,189 @@
+"""The uncertainty of stitched sections: what stations share, and how sure their places are.
+
+Stitching finds the joint in the same data that err. What looks like another place of the joint
+from all of a station's views is taken up by that station's place, and does no harm; what looks
+like other tubes, or moves stations apart, is left. Both follow from how the fits answer to a
+motion of every view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.core import pose_vector
+from tjscan.core.frames import Array, inverse_pose, transform_points
+from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.stitching.graph import StationPoses
+from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.stations import StationTubeFit
+from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, covariance_factor
+from tjscan.uncertainty.causes import (
+    ViewCause,
+    points_moved_by_twist,
+    reading_cause,
+    repeatability_cause,
+)
+
+PLACES: Final = "stations' places"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StitchingBudget:
+    """Uncertainty of stations and of their sections, before these are fused.
+
+    Parameters
+    ----------
+    sections : UncertaintyBudget
+        Of the sections of all stations, one station after the other, in the common j.
+    station_covariances : ndarray, shape (k, 6, 6)
+        Of the stations' places: translation and rotation vector in j, about its origin.
+    shape_covariance : ndarray, shape (4, 4)
+        Of the tubes' dimensions.
+    """
+
+    sections: UncertaintyBudget
+    station_covariances: Array
+    shape_covariance: Array
+
+
+def stitching_budget(
+    fits: Sequence[StationTubeFit],
+    registrations: Sequence[StationRegistration],
+    placement: StationPoses,
+    repeatability: ArmRepeatability,
+) -> StitchingBudget:
+    """Budget of the sections of placed stations.
+
+    Parameters
+    ----------
+    fits : sequence of StationTubeFit
+        Of k stations.
+    registrations : sequence of StationRegistration
+        Of all overlaps.
+    placement : StationPoses
+        Where the stations stand.
+    repeatability : ArmRepeatability
+        Of their arms.
+    """
+    T_j_b = [T @ inverse_pose(fit.frame.T) for T, fit in zip(placement.T, fits, strict=True)]
+    scans = [fit.station.sections for fit in fits]
+    components = [
+        _joined(
+            [
+                cause.component(T[:3, :3], len(cause.points))
+                for cause, T in zip(own, T_j_b, strict=True)
+            ]
+        )
+        for own in (
+            [reading_cause(sections) for sections in scans],
+            [repeatability_cause(sections, repeatability, "assumed") for sections in scans],
+        )
+    ]
+    spread, shape = placement.whole_covariance, np.array(placement.shape_covariance)
+    k = len(fits)
+    places = np.split(covariance_factor(spread), k)
+    components.append(
+        _joined([_moved(f, T, L) for f, T, L in zip(fits, T_j_b, places, strict=True)])
+    )
+    stations = np.array(placement.covariance)
+    names = dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes)
+    for name in names:
+        answers = _answers(name, fits, registrations, placement)
+        parts = []
+        for i, (fit, T) in enumerate(zip(fits, T_j_b, strict=True)):
+            place = answers.stations[i]
+            stations[i] += place @ place.T
+            part = _moved(fit, T, place)
+            if (cause := answers.causes[i]) is not None:
+                direct = cause.component(T[:3, :3], len(fit.station.sections))
+                part = _sum(direct, part)
+            parts.append(part)
+        components.append(_joined(parts).compressed())
+        shape += answers.shape @ answers.shape.T
+    return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answers:
+    """How stations and shape answer to the m draws of one cause.
+
+    Parameters
+    ----------
+    causes : list of ViewCause or None
+        The cause as each station has it; None where it has not.
+    stations : ndarray, shape (k, 6, m)
+        How each station's place moves, in j.
+    shape : ndarray, shape (4, m)
+        How the tubes' dimensions change.
+    """
+
+    causes: list[ViewCause | None]
+    stations: Array
+    shape: Array
+
+
+def _answers(
+    name: str,
+    fits: Sequence[StationTubeFit],
+    registrations: Sequence[StationRegistration],
+    placement: StationPoses,
+) -> _Answers:
+    """How all that is fitted answers to one cause."""
+    causes = [
+        next((cause for cause in fit.station.causes if cause.name == name), None) for fit in fits
+    ]
+    m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
+    k = len(fits)
+    frames, twists = np.zeros((k, 10, m)), []
+    for i, (fit, cause) in enumerate(zip(fits, causes, strict=True)):
+        in_b = np.zeros((len(fit.station.all_sections), 6, m)) if cause is None else cause.twists
+        frames[i] = np.einsum("vij,vjm->im", fit.frame.by_view, in_b)
+        # Seen in the station's own j, which moves with what the station saw.
+        twists.append(pose_vector.adjoint(inverse_pose(fit.frame.T)) @ in_b - frames[i, :6])
+    overlaps = []
+    for edge in registrations:
+        first, second = twists[edge.overlap.first], twists[edge.overlap.second]
+        in_first = np.where(
+            edge.of_second[:, None, None],
+            pose_vector.adjoint(edge.T) @ second[np.where(edge.of_second, edge.number, 0)],
+            first[np.where(edge.of_second, 0, edge.number)],
+        )
+        overlaps.append(np.einsum("vij,vjm->im", edge.by_view, in_first))
+    found = placement.by_shapes @ frames[:, 6:].reshape(4 * k, m)
+    if overlaps:
+        found = found + placement.by_overlaps @ np.concatenate(overlaps)
+    return _Answers(causes, found[: 6 * k].reshape(k, 6, m) - frames[:, :6], found[6 * k :])
+
+
+def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
+    """How a station's sections move with its place, by twists (6, m) in j."""
+    points = np.array([section.points_b for section in fit.station.sections])
+    moved = points_moved_by_twist(transform_points(T_j_b, points), twists)
+    measures = np.zeros((len(points), 4, twists.shape[-1]))
+    return BudgetComponent(PLACES, "observed", True, moved, measures)
+
+
+def _sum(one: BudgetComponent, other: BudgetComponent) -> BudgetComponent:
+    return BudgetComponent(
+        one.name,
+        one.evidence,
+        one.is_shared,
+        one.points + other.points,
+        one.measures + other.measures,
+    )
+
+
+def _joined(parts: Sequence[BudgetComponent]) -> BudgetComponent:
+    """One component of the sections of all stations."""
+    named = next((part for part in parts if part.name != PLACES), parts[0])
+    return BudgetComponent(
+        named.name,
+        named.evidence,
+        named.is_shared,
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.measures for part in parts]),
+    )

@@ -1,0 +1,1 @@
+"""Where the uncertainty of sections comes from: components, combined as the GUM combines them."""
