@@ -14,11 +14,8 @@ from annotated_types import Ge, Le
 from tjscan.core.units import DEG, MM, SettingsTable
 from tjscan.joint.tubes.walls import ArmRepeatability
 
-ABSOLUTE: Final = 0.4e-3
-"""Metres: assumption for an arm that its maker calibrated, whose controller knows it."""
-
-LINEARITY: Final = 0.05e-3
-"""Metres: assumption, half a thousandth of a 100 mm range."""
+LINEARITY: Final = 0.1e-3
+"""Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
 
 RANGE_BIAS: Final = 0.02e-3
 """Metres: assumption, what the simulated laser has by default (`tjscan.laser.model`)."""
@@ -35,7 +32,10 @@ class ArmUncertaintySettings(SettingsTable):
     ----------
     absolute : float, optional
         Root mean square of the flange's distance from where it is reported, because the links
-        are not as the model has them; metres. `ABSOLUTE` where left out.
+        are not as the model has them; metres. Where left out, joints deviate as
+        `tjscan.robot.tolerance.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
+        of a metre and more. An arm that was calibrated with its sensor has what its calibration
+        found instead.
     repeatability, angular_repeatability : float, optional
         Root mean square of the distance (metres) and the angle (radians) by which the arm does
         not repeat; those of `tjscan.joint.tubes.walls.ArmRepeatability` where left out.
@@ -46,11 +46,6 @@ class ArmUncertaintySettings(SettingsTable):
     angular_repeatability: Annotated[
         float | None, Ge(0), Le(5), DEG.with_key("repeatability_deg")
     ] = None
-
-    @property
-    def geometry(self) -> tuple[float, str]:
-        """What `absolute` is taken for, metres, and whether it is stated or assumed."""
-        return _stated_or(self.absolute, ABSOLUTE)
 
     @property
     def repeats(self) -> tuple[ArmRepeatability, str]:

@@ -233,12 +233,6 @@ class Kinematics:
         pin.framesForwardKinematics(self._model, data, np.asarray(q, dtype=float))
         return np.array([self._T_b_root @ data.oMf[i].homogeneous for i in self._links])
 
-    def joint_poses(self, q: Array) -> Array:
-        """Poses of the frames that turn with the joints, in frame b, shape (n, 4, 4)."""
-        data = self._workspace.data
-        pin.forwardKinematics(self._model, data, np.asarray(q, dtype=float))
-        return np.array([self._T_b_root @ T.homogeneous for T in list(data.oMi)[1:]])
-
     def jacobian(self, q: Array) -> Array:
         """Geometric Jacobian: velocity of f for unit joint speeds, shape (6, n).
 

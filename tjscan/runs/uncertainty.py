@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tjscan.job import CellJob
-from tjscan.job.cell import SensorMount
-from tjscan.robot.kinematics import Kinematics
+from tjscan.job.cell import SensorMount, kinematics_of_job, laser_model_of_job
+from tjscan.job.uncertainty import ASSUMED, STATED
+from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.tolerance import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import (
     ViewCause,
     arm_geometry_cause,
+    calibrated_arm_cause,
     hand_eye_cause,
     reading_cause,
     repeatability_cause,
@@ -24,6 +27,7 @@ UNKNOWN_MOUNT = (
     "where the laser sits on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
+CALIBRATED = "calibrated"
 STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
 
 
@@ -67,27 +71,46 @@ def causes_of_job(
     ConfigurationError
         If the arm's model is unknown.
     """
-    arm, laser = job.arm.uncertainty, job.laser.uncertainty
-    repeats, of_repeats = arm.repeats
-    absolute, of_geometry = arm.geometry
-    causes = [reading_cause(sections), repeatability_cause(sections, repeats, of_repeats)]
-    left_out = []
-    if mount.covariance is None:
-        left_out.append(UNKNOWN_MOUNT)
-    else:
-        evidence = "stated" if mount.file is None else "calibrated"
-        causes.append(hand_eye_cause(sections, mount.T_f_s, mount.covariance, evidence))
-    if absolute > 0:
-        kinematics = Kinematics.load(job.arm.model)
-        T_b_joints = np.array([kinematics.joint_poses(section.view.q) for section in sections])
-        causes.append(arm_geometry_cause(sections, T_b_joints, absolute, of_geometry))
+    laser = job.laser.uncertainty
+    repeats, of_repeats = job.arm.uncertainty.repeats
+    causes = [
+        reading_cause(sections),
+        repeatability_cause(sections, repeats, of_repeats),
+        *_causes_of_arm(job, mount, sections),
+    ]
+    left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
     linearity, of_linearity = laser.linear
     if linearity > 0:
-        window = (job.laser.near, job.laser.far)
-        causes.append(linearity_cause(sections, linearity, window, of_linearity))
+        model = laser_model_of_job(job)
+        causes.append(linearity_cause(sections, linearity, model, of_linearity))
     bias, of_bias = laser.bias
     if bias > 0:
         causes.append(range_bias_cause(sections, bias, of_bias))
     if job.joint is not None and not job.station:
         left_out.append(STATED_JOINT)
     return StatedCauses(tuple(causes), tuple(left_out))
+
+
+def _causes_of_arm(
+    job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]
+) -> Iterator[ViewCause]:
+    """Where the laser sits on the hand, and how the arm's geometry may be off."""
+    absolute = job.arm.uncertainty.absolute
+    arm_alone = mount.deviations is None
+    if mount.covariance is not None and arm_alone:
+        evidence = STATED if mount.file is None else CALIBRATED
+        yield hand_eye_cause(sections, mount.T_f_s, mount.covariance, evidence)
+    if arm_alone and absolute == 0:
+        return
+    kinematics = kinematics_of_job(job)
+    if mount.deviations is not None:
+        kinematics = with_deviations(kinematics, mount.deviations)
+    by_deviations = np.array([deviation_jacobian(kinematics, s.view.q) for s in sections])
+    if mount.deviations is not None and mount.covariance is not None:
+        yield calibrated_arm_cause(
+            sections, mount.T_f_s, by_deviations, mount.covariance, CALIBRATED
+        )
+    else:
+        evidence = ASSUMED if absolute is None else STATED
+        sigmas = PlacementTolerance().sigmas
+        yield arm_geometry_cause(sections, by_deviations, sigmas, evidence, absolute)

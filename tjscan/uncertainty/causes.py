@@ -22,11 +22,8 @@ from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, covari
 READING: Final = "reading of the profile"
 HAND_EYE: Final = "laser on the hand"
 GEOMETRY: Final = "arm's geometry"
+CALIBRATED: Final = "laser on the hand and arm's geometry"
 REPEATABILITY: Final = "arm's repeatability"
-
-LEVER: Final = 0.5
-"""Metres of arm over which a turn of a link moves the flange by as much as a shift of the link
-does: it divides what a maker states of the flange among lengths and angles. Assumption."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,40 +141,68 @@ def hand_eye_cause(
     """
     # The step turns about the sensor: about the flange's origin it is this twist.
     step = pose_vector.adjoint(pose(p=T_f_s[:3, 3])) @ covariance_factor(covariance)
-    twists = [pose_vector.adjoint(section.view.T_b_f) @ step for section in sections]
-    return motion_cause(HAND_EYE, evidence, sections, np.array(twists), is_shared=True)
+    return motion_cause(HAND_EYE, evidence, sections, _in_b(sections, step), is_shared=True)
 
 
 def arm_geometry_cause(
-    sections: Sequence[ScannedSection], T_b_joints: Array, absolute: float, evidence: str
+    sections: Sequence[ScannedSection],
+    flange_by_deviations: Array,
+    sigmas: Array,
+    evidence: str,
+    absolute: float | None = None,
 ) -> ViewCause:
-    """Deviations of an arm's links from its model, as large as its maker states of the flange.
-
-    Each link may be shifted and turned a little in any direction, as it was made or mounted: a
-    deviation is fixed in its link and moves all that the link carries. What comes after the last
-    joint is the same in all views, and is part of `T_f_s`.
+    """Deviations of an arm's joints from its model, which nothing is known of but their size.
 
     Parameters
     ----------
     sections : sequence of ScannedSection
         All of one arm.
-    T_b_joints : ndarray, shape (n, k, 4, 4)
-        Frames that turn with each of k joints, in b, in every view.
-    absolute : float
-        Root mean square of the flange's distance from where the arm reports it, over these
-        views, metres.
+    flange_by_deviations : ndarray, shape (n, 6, k, 6)
+        How the flange moves in each view, in its own axes, with the deviations of k joints; see
+        `tjscan.robot.deviations.deviation_jacobian`.
+    sigmas : ndarray, shape (6,)
+        Standard deviations of a joint's deviations, metres and radians.
     evidence : str
         As of `BudgetComponent`.
+    absolute : float, optional
+        Root mean square of the flange's distance from where the arm reports it, over these
+        views, metres: deviations are taken for so many times larger or smaller.
     """
-    unit = np.diag(np.repeat((LEVER, 1.0), 3))
-    by_link = np.array(
-        [[pose_vector.adjoint(T) @ unit for T in joints[:-1]] for joints in T_b_joints]
-    )
-    twists = by_link.transpose(0, 2, 1, 3).reshape(len(sections), 6, -1)
-    flanges = np.array([section.view.T_b_f[:3, 3] for section in sections])
-    moved = points_moved_by_twist(flanges[:, None], twists)
-    scale = absolute / np.sqrt(np.mean(np.sum(moved**2, axis=(1, 2, 3))))
-    return motion_cause(GEOMETRY, evidence, sections, scale * twists, is_shared=True)
+    n = len(sections)
+    in_f = (flange_by_deviations * sigmas).reshape(n, 6, -1)
+    if absolute is not None:
+        in_f = in_f * (absolute / np.sqrt(np.mean(np.sum(in_f[:, :3] ** 2, axis=(1, 2)))))
+    return motion_cause(GEOMETRY, evidence, sections, _in_b(sections, in_f), is_shared=True)
+
+
+def calibrated_arm_cause(
+    sections: Sequence[ScannedSection],
+    T_f_s: Array,
+    flange_by_deviations: Array,
+    covariance: Array,
+    evidence: str,
+) -> ViewCause:
+    """Sensor's pose and arm's deviations that were calibrated together: their errors go together.
+
+    Parameters
+    ----------
+    sections, T_f_s, evidence
+        As of `hand_eye_cause`.
+    flange_by_deviations : ndarray, shape (n, 6, k, 6)
+        As of `arm_geometry_cause`.
+    covariance : ndarray, shape (6 + 6 k, 6 + 6 k)
+        Of a step of `T_f_s` and of the deviations.
+    """
+    n = len(sections)
+    by_step = np.tile(pose_vector.adjoint(pose(p=T_f_s[:3, 3])), (n, 1, 1))
+    by_all = np.concatenate((by_step, flange_by_deviations.reshape(n, 6, -1)), axis=2)
+    twists = _in_b(sections, by_all @ covariance_factor(covariance))
+    return motion_cause(CALIBRATED, evidence, sections, twists, is_shared=True)
+
+
+def _in_b(sections: Sequence[ScannedSection], twists: Array) -> Array:
+    """Motions of the flange, (n, 6, m) in its axes, as twists in b about b's origin."""
+    return np.array([pose_vector.adjoint(section.view.T_b_f) for section in sections]) @ twists
 
 
 def budget_of_causes(causes: Sequence[ViewCause], T_r_b: Array, count: int) -> UncertaintyBudget:

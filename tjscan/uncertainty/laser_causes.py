@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import tan
 from typing import Final
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.groove.measures import measure_groove
+from tjscan.laser.model import LaserModel
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import ViewCause
 
@@ -20,7 +22,17 @@ RANGE_BIAS: Final = "range bias at steep incidence"
 MOST_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
 
-STEP: Final = 1e-4
+DEGREE: Final = 3
+DEGREES: Final = tuple(
+    (i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1) if 0 < i + j <= DEGREE
+)
+"""Degrees in x and z of the polynomials that a laser's deviation is made of."""
+
+LARGEST: Final = 2.9
+"""Largest deviation of x or z over the window, in the mean over draws of standard normal
+coefficients (`tests/uncertainty/test_causes.py`)."""
+
+STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
 
 SIDES: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
@@ -28,42 +40,40 @@ SIDES: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
 
 
 def linearity_cause(
-    sections: Sequence[ScannedSection],
-    deviation: float,
-    window: tuple[float, float],
-    evidence: str,
+    sections: Sequence[ScannedSection], deviation: float, model: LaserModel, evidence: str
 ) -> ViewCause:
-    """Smooth deviation of range and width over the laser's window: scale, tilt and lens.
+    """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
 
-    Legendre polynomials, each as large as the others: range by range (scale), by x (tilt) and by
-    its square (lens), and x by x. Together they make the standard deviation that a rectangular
-    distribution of the stated limits has (GUM, 4.3.7).
+    Products of Legendre polynomials of x and z up to the third degree, a lens' own, every one as
+    likely as others of its degree and higher degrees as much less likely. (Assumption.) They are
+    as large as makes the largest deviation in the window the stated one, in the mean.
 
     Parameters
     ----------
     sections : sequence of ScannedSection
         All of one laser.
     deviation : float
-        Largest deviation of a range from a straight line, metres.
-    window : tuple of float
-        Nearest and farthest z, metres.
+        Largest deviation in the window, metres.
+    model : LaserModel
+        The window.
     evidence : str
         As of `BudgetComponent`.
     """
-    near, far = window
-    size = deviation / sqrt(3) / sqrt(3)
-    half_width = 0.5 * (far - near)
+    middle = np.array((0.0, 0.5 * (model.near + model.far)))
+    half = np.array(
+        ((model.far - model.emitter_z) * tan(model.half_angle), 0.5 * (model.far - model.near))
+    )
 
     def field(xz: Array) -> Array:
-        """Displacement at points (k, 2) by each draw, (k, 2, 4)."""
-        u = xz[:, 0] / half_width
-        v = (xz[:, 1] - 0.5 * (near + far)) / (0.5 * (far - near))
-        moved = np.zeros((len(xz), 2, 4))
-        moved[:, 1, 0] = sqrt(3) * v
-        moved[:, 1, 1] = sqrt(3) * u
-        moved[:, 1, 2] = sqrt(5) * (1.5 * u * u - 0.5)
-        moved[:, 0, 3] = sqrt(3) * u
-        return size * moved
+        """Displacement at points (k, 2) by each draw, (k, 2, m)."""
+        by_x, by_z = np.moveaxis(legvander((xz - middle) / half, DEGREE), 1, 0)
+        terms = np.stack([by_x[:, i] * by_z[:, j] / (i + j) for i, j in DEGREES], axis=1) * (
+            deviation / LARGEST
+        )
+        none = np.zeros_like(terms)
+        return np.stack(
+            (np.concatenate((terms, none), axis=1), np.concatenate((none, terms), axis=1)), axis=1
+        )
 
     moves, measures = [], []
     for section in sections:
