@@ -185,7 +185,7 @@ def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> 
     assert found.lines == 12
     assert found.verification is not None
     assert found.verification.misfit < found.verification.limit
-    files = {"job.toml", f"{CALIBRATION_RECORDING}.mcap", "calibration.toml"}
+    files = {"SHA256SUMS", "job.toml", f"{CALIBRATION_RECORDING}.mcap", "calibration.toml"}
     assert {file.name for file in calibrated.iterdir()} == files
 
 

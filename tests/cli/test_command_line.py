@@ -17,6 +17,7 @@ from tjscan.result.table import COLUMNS
 from tjscan.scanning.reader import read_recorded_scan
 
 RUN_FILES = {
+    "SHA256SUMS",
     "job.toml",
     "joint.toml",
     "scan.mcap",
@@ -24,6 +25,7 @@ RUN_FILES = {
     "groove.ply",
     "scan.png",
     "summary.json",
+    "uncertainty.json",
     "report.html",
 }
 

@@ -33,6 +33,7 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
 
 STATION_FILES = {
+    "SHA256SUMS",
     "job.toml",
     "joint.toml",
     "scan.mcap",
@@ -40,6 +41,7 @@ STATION_FILES = {
     "groove.ply",
     "scan.png",
     "summary.json",
+    "uncertainty.json",
     "report.html",
 }
 

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.manifest import MANIFEST, manifest_text
 
 DRAFT_PREFIX: Final = ".partial-"
 """How the names of draft folders begin."""
@@ -110,7 +111,9 @@ def lock_directory(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def write_files_atomically(directory: Path, *, last: str = "") -> Iterator[Path]:
+def write_files_atomically(
+    directory: Path, *, last: str = "", listed: bool = False
+) -> Iterator[Path]:
     """Give a draft folder whose files move into `directory`, all or none, after the block.
 
     No file is replaced before all of them are on the disk. Where a link stands in the place of
@@ -122,20 +125,28 @@ def write_files_atomically(directory: Path, *, last: str = "") -> Iterator[Path]
         Made where it is not there.
     last : str
         The file that is moved last: where it is, all are.
+    listed : bool
+        Whether a new directory gets a list of its files, see `tjscan.core.manifest`. One that is
+        there is kept true in any case.
 
     Raises
     ------
     RecordingError
         If writing fails; the directory then holds what it held before.
     """
+    order = {MANIFEST: 1, last: 2}
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=directory, prefix=DRAFT_PREFIX) as name:
             draft = Path(name)
             yield draft
+            is_new = all(file == draft for file in directory.iterdir())
+            if (listed and is_new) or (directory / MANIFEST).is_file():
+                text = manifest_text(directory, draft)
+                (draft / MANIFEST).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
                 _bring_to_disk(file)
-            for file in sorted(draft.iterdir(), key=lambda file: file.name == last):
+            for file in sorted(draft.iterdir(), key=lambda file: order.get(file.name, 0)):
                 file.replace(directory / file.name)
             _bring_to_disk(directory)
     except OSError as error:

@@ -13,6 +13,7 @@ from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.core.registry import TASKS
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
@@ -183,7 +184,10 @@ def read_report_data(
 def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     """The joint that the run, or one of its stations, names."""
     files = (folder / JOINT for folder in (directory, *folders))
-    return next((file for file in files if file.is_file()), None)
+    file = next((file for file in files if file.is_file()), None)
+    if file is not None:
+        check_as_written(file)
+    return file
 
 
 def _compared(

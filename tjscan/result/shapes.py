@@ -13,6 +13,7 @@ from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import readonly_copy
+from tjscan.core.manifest import check_as_written
 from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, read_summary
@@ -38,6 +39,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
         return read_run_shape(path)
     if path.name == CLOUD and (path.parent / SUMMARY).is_file():
         frame = read_summary(path.parent / SUMMARY).frame
+        check_as_written(path)
         shape = read_file(path, StatedUnitAndFrame("mm", frame))
         return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY} beside it", frame))
     return read_file(path, options)
@@ -73,6 +75,7 @@ def read_run_shape(directory: Path) -> Shape:
     sections = read_sections_csv(directory / SECTIONS)
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS)
+    check_as_written(directory / CLOUD)
     cloud = read_file(directory / CLOUD, StatedUnitAndFrame("mm", frame))
     return Shape(
         directory.resolve().name,

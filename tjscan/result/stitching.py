@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.result.directory import STATIONS
 
@@ -169,10 +170,13 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     ------
     ConfigurationError
         If its ``stations.json`` is damaged.
+    RecordingError
+        If it is not as it was written.
     """
     file = directory / STATIONS
     if not file.is_file():
         return None
+    check_as_written(file)
     try:
         return TypeAdapter(StitchingReport).validate_json(file.read_bytes())
     except ValidationError as error:

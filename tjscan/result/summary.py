@@ -15,6 +15,7 @@ from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
@@ -232,9 +233,12 @@ def read_summary(file: Path) -> ScanSummary:
     ------
     ConfigurationError
         If it is missing, or is no summary.
+    RecordingError
+        If it is not as it was written.
     """
     try:
         check_file_size(file, MOST_BYTES, "a summary")
+        check_as_written(file)
         return TypeAdapter(ScanSummary).validate_json(file.read_bytes())
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None

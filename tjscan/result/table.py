@@ -14,6 +14,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import BY_NAME, FIELDS, MEASURED, SectionQuantity, section_from_values
@@ -83,9 +84,12 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     ------
     ConfigurationError
         If it is missing, lacks a column or holds what is no section; with line and column.
+    RecordingError
+        If it is not as it was written.
     """
     try:
         check_file_size(file, MOST_BYTES, "sections")
+        check_as_written(file)
         with file.open(newline="", encoding="utf-8-sig") as stream:
             above = 0
             while (line := stream.readline()).startswith(MARK):

@@ -60,7 +60,7 @@ def write_run_results(
     """
     provenance = Provenance.for_file_written_now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
-    with write_files_atomically(directory, last=SUMMARY) as draft:
+    with write_files_atomically(directory, last=SUMMARY, listed=True) as draft:
         write_sections_csv(draft / SECTIONS, sections, provenance)
         write_cloud_ply(draft / CLOUD, points, provenance)
         write_png(draft / PICTURE, picture, provenance)

@@ -28,6 +28,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import (
@@ -93,6 +94,7 @@ def start_calibration(
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
+    check_as_written(directory / JOB)
     job = read_calibration_job(directory / JOB)
     file = directory / CALIBRATION
     if file.exists():

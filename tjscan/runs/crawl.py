@@ -44,7 +44,7 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl_results import write_crawl_results
-from tjscan.runs.directory import empty_run_directory, write_job_copy
+from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
 
 
 class WeldsAlways:
@@ -218,6 +218,7 @@ def crawl_into(
         try:
             with record_crawl(file, origin, cell.simulated_place) as recording, cell:
                 journal = CombinedCrawlJournal((recording, context.journal))
+                accept_edited_copies(directory, journal.record_event)
                 make_crawler(context, cell, method, journal, reader).run(start)
         finally:
             write_crawl_results(directory, context.job)

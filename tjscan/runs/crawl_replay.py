@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.core.manifest import check_as_written
 from tjscan.crawler.crawler import LONGEST_PERIOD
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
@@ -76,6 +77,7 @@ def replay_crawl(
     """
     job_file = directory / JOB
     refuse_links_outside(directory, JOB, CALIBRATION)
+    check_as_written(job_file, directory / CALIBRATION)
     check_replay(directory, out, overrides, REPLAYABLE, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_history import GRID, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
@@ -16,7 +17,7 @@ from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOB
+from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.crawl_results import RecordedCrawl, read_recorded_crawl
 
 MOST_POINTS: Final = 2000
@@ -35,6 +36,7 @@ def crawl_chapter(directory: Path) -> ReportChapter:
     """Make a crawl's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{CRAWL_RECORDING}.mcap").is_file():
         return ReportChapter()
+    check_as_written(directory / JOB, directory / CALIBRATION)
     job, found = read_crawl_job(directory / JOB), read_recorded_crawl(directory)
     events = tuple(
         ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
@@ -119,6 +120,7 @@ def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
     ConfigurationError
         If there is none.
     """
+    check_as_written(directory / PASSES)
     try:
         text = (directory / PASSES).read_text(encoding="utf-8")
     except OSError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
@@ -15,6 +15,7 @@ import tomli_w
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT_PREFIX, lock_directory, write_files_atomically
+from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
@@ -65,8 +66,10 @@ def make_run_directory(
     ConfigurationError
         If the directory holds something already.
     RecordingError
-        If it can't be made.
+        If it can't be made, or a file that the job names lies in a run directory and is not as
+        it was written.
     """
+    check_as_written(*(file for file in (joint, calibration) if file is not None))
     with empty_run_directory(directory) as draft:
         if joint is not None:
             shutil.copyfile(joint, draft / JOINT)
@@ -127,9 +130,23 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
-    with lock_directory(directory), write_files_atomically(directory, last=JOB) as draft:
+    with (
+        lock_directory(directory),
+        write_files_atomically(directory, last=JOB, listed=True) as draft,
+    ):
         _check_empty(directory, draft)
         yield draft
+
+
+def accept_edited_copies(directory: Path, record_event: Callable[[str, str], object]) -> None:
+    """Take what a run directory is made with as it now is, and report what was edited in it."""
+    edited = changed_since_written(*(directory / name for name in COPIES))
+    if edited:
+        with write_files_atomically(directory) as draft:
+            for file in edited:
+                shutil.copyfile(file, draft / file.name)
+    for file in edited:
+        record_event("changed", f"{file.name} was edited since it was written")
 
 
 def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
@@ -165,7 +182,7 @@ def _check_empty(directory: Path, draft: Path) -> None:
     """Refuse a directory that holds anything but what one killed in the making of it left."""
     names = {file.name for file in directory.iterdir()} - {draft.name}
     files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-    half_made = files < names and files <= {*COPIES} - {JOB}
+    half_made = files < names and files <= {*COPIES, MANIFEST} - {JOB}
     if files and not half_made:
         raise ConfigurationError(
             "is not empty; a run never overwrites another. Choose another --out", file=directory
@@ -175,7 +192,8 @@ def _check_empty(directory: Path, draft: Path) -> None:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in COPIES or file.name.startswith(DRAFT_PREFIX) for file in directory.iterdir()
+        file.name in (*COPIES, MANIFEST) or file.name.startswith(DRAFT_PREFIX)
+        for file in directory.iterdir()
     )
 
 

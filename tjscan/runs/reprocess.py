@@ -16,6 +16,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.cell import SensorMount
 from tjscan.recording.damage import RecordingDamage
@@ -131,6 +132,7 @@ def reprocess_run(
     """
     job_file = directory / JOB
     refuse_links_outside(directory, *COPIES)
+    check_as_written(*(directory / name for name in COPIES))
     for key in overrides:
         if not key.startswith(REPROCESSABLE):
             raise ConfigurationError(
@@ -170,6 +172,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     directory, job = context.job_file.parent, context.job
     refuse_links_outside(directory, *COPIES)
+    check_as_written(*(directory / name for name in COPIES))
     with add_file_to_errors(context.job_file):
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)

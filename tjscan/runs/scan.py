@@ -24,7 +24,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
-from tjscan.runs.directory import COPIES, nothing_recorded_yet
+from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
 from tjscan.runs.results import write_scan_results
 from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
@@ -169,6 +169,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             done = read_recorded_scan(directory, damages.append)
             check_can_go_on_from(directory, damages)
             changed = changes_since_recording(directory, done, context.job_snapshot(directory))
+        accept_edited_copies(directory, context.journal.record_event)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             context.journal.record_event(
                 ScanEvent.COMPLETE,

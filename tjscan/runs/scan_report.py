@@ -10,11 +10,13 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.devices import DriverKind
+from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB, RECORDING, SUMMARY
 from tjscan.result.summary import check_recording_complete, read_summary
+from tjscan.runs.directory import COPIES
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection
@@ -31,6 +33,7 @@ def scan_chapter(directory: Path) -> ReportChapter:
     if not (directory / RECORDING).is_file():
         return ReportChapter()
     damages: list[RecordingDamage] = []
+    check_as_written(*(directory / name for name in COPIES))
     job = read_scan_job(directory / JOB)
     log = read_recorded_scan(directory, damages.append)
     check_recording_complete(directory, read_summary(directory / SUMMARY), len(log.sections))

@@ -19,7 +19,7 @@ from tjscan.recording.damage import RecordingDamage
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.context import RunContext, do_nothing_when_finished
-from tjscan.runs.directory import COPIES, nothing_recorded_yet
+from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
 from tjscan.runs.scan import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
@@ -146,6 +146,7 @@ def resume_stations(
                 _saying_how_to_go_on(directory, name),
                 watch(name, job.job_at_station(name).scan) as journal,
             ):
+                accept_edited_copies(directory, journal.record_event)
                 _scan(
                     replace(context, job=job.job_at_station(name), journal=journal),
                     found,

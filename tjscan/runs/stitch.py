@@ -15,6 +15,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, transform_points
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
@@ -42,6 +43,7 @@ from tjscan.result.uncertainty import summarise_budget
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
+from tjscan.runs.directory import COPIES
 from tjscan.runs.results import all_profile_points
 from tjscan.runs.stitching_report import build_stitching_report
 from tjscan.runs.uncertainty import causes_of_job
@@ -161,6 +163,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
+        check_as_written(run / JOB)
         names = read_scan_job(run / JOB).station_names if (run / JOB).is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
@@ -172,6 +175,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
+    check_as_written(*(directory / name for name in COPIES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)
@@ -207,7 +211,7 @@ def _name(job: ScanJob, job_file: Path) -> str:
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
     """Copy the runs that lie elsewhere, and the joint, into the directory of the result."""
-    with write_files_atomically(directory) as draft:
+    with write_files_atomically(directory, listed=True) as draft:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
@@ -278,7 +282,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
     job = job_label_of_run(directory, *(one.directory for one in read))
     provenance = Provenance.for_file_written_now(job, "j")
     report = replace(report, provenance=provenance)
-    with write_files_atomically(directory) as draft:
+    with write_files_atomically(directory, listed=True) as draft:
         write_stitching_report(draft / STATIONS, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     summary = write_run_results(

@@ -18,7 +18,7 @@ from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import empty_run_directory, write_job_copy
+from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
 from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal
 from tjscan.towing.loop import CableTow, TowSetting
@@ -133,6 +133,7 @@ def _tow(
         try:
             with record_tow(file, origin, cell.truth) as recording:
                 journal = CombinedTowJournal((recording, context.journal))
+                accept_edited_copies(directory, journal.record_event)
                 cell.report_events_to(journal.record_event)
                 with cell:
                     make_tow(context.job, cell, planner, journal).run(along, last)

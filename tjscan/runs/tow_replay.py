@@ -14,6 +14,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.recording.header import JobSnapshot
@@ -61,6 +62,7 @@ def replay_tow(
     """
     job_file = directory / JOB
     refuse_links_outside(directory, JOB)
+    check_as_written(job_file)
     check_replay(directory, out, overrides, REPLAYABLE, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):

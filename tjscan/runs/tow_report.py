@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
@@ -43,6 +44,7 @@ def tow_chapter(directory: Path) -> ReportChapter:
     """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{TOW_RECORDING}.mcap").is_file():
         return ReportChapter()
+    check_as_written(directory / JOB)
     job, found = read_tow_job(directory / JOB), read_recorded_tow(directory)
     events = tuple(
         ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)

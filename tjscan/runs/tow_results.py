@@ -14,6 +14,7 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job.tow_job import TowJob
 from tjscan.result.directory import job_label_of_run
@@ -117,6 +118,7 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
         If the directory holds none.
     """
     file = directory / FIGURES
+    check_as_written(file)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -1,0 +1,101 @@
+"""The list of a run directory's files and their SHA-256, which shows what was changed since.
+
+It is written in the format of ``sha256sum``: ``sha256sum -c SHA256SUMS`` checks it as well.
+Recordings are not in it: they grow, and check themselves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from hashlib import file_digest
+from pathlib import Path
+from typing import Final
+
+from tjscan.core.errors import RecordingError
+
+MANIFEST: Final = "SHA256SUMS"
+
+MOST_MANIFEST_BYTES: Final = 100_000
+"""A larger file lists no run directory."""
+
+_LINE: Final = re.compile(r"([0-9a-f]{64})  (\S.*)")
+
+
+def check_as_written(*files: Path) -> None:
+    """Refuse files that are not as this program wrote them.
+
+    Parameters
+    ----------
+    files : Path
+        In run directories; those that are not there are passed over, and so is a directory
+        without a list: it is of an earlier version, or no run directory.
+
+    Raises
+    ------
+    RecordingError
+        Naming those that were edited or damaged since.
+    """
+    changed = changed_since_written(*files)
+    if changed:
+        directory = changed[0].parent
+        names = ", ".join(file.name for file in changed)
+        raise RecordingError(
+            f"{directory}: {names}: not as {MANIFEST} lists it: edited or damaged since, or "
+            "written by a program that was killed. Put back a copy, or write results anew from the "
+            f"recording (tjscan reprocess {directory}); without {MANIFEST} files are taken as they "
+            "are"
+        )
+
+
+def changed_since_written(*files: Path) -> list[Path]:
+    """Those of some files that are there and not as this program wrote them.
+
+    Raises
+    ------
+    RecordingError
+        If one can't be read.
+    """
+    try:
+        return [file for file in files if file.is_file() and _is_changed(file)]
+    except OSError as error:
+        raise RecordingError(f"{error.filename}: can't be read: {error.strerror}") from error
+
+
+def manifest_text(directory: Path, written: Path) -> str:
+    """Text of a directory's list once the files in another folder have replaced those in it.
+
+    Parameters
+    ----------
+    directory : Path
+        Its list is kept for what is not replaced.
+    written : Path
+        Folder of the new files.
+    """
+    listed = _read(directory / MANIFEST) if (directory / MANIFEST).is_file() else {}
+    new = {file.name: _sha256(file) for file in written.iterdir() if file.is_file()}
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted({**listed, **new}.items()))
+
+
+def _is_changed(file: Path) -> bool:
+    manifest = file.parent / MANIFEST
+    if not manifest.is_file():
+        return False
+    return _read(manifest).get(file.name) != _sha256(file)
+
+
+def _read(manifest: Path) -> Mapping[str, str]:
+    with manifest.open("rb") as stream:
+        text = stream.read(MOST_MANIFEST_BYTES).decode(errors="replace")
+    return dict(_entries(text))
+
+
+def _entries(text: str) -> Iterator[tuple[str, str]]:
+    for line in text.splitlines():
+        if match := _LINE.fullmatch(line):
+            yield match[2], match[1]
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as stream:
+        return file_digest(stream, "sha256").hexdigest()
