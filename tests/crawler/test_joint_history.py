@@ -3,7 +3,7 @@
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_history import GRID, section_histories
+from tjscan.crawler.joint_history import GRID, height_over_hull, section_histories
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -50,3 +50,15 @@ def test_sections_are_those_after_each_pass_wherever_the_vehicle_was() -> None:
 def test_what_lies_beside_the_weld_does_not_count() -> None:
     beside = seen(Phase.WELDING, 1, 0.2, 0.0, 0.02)
     assert section_histories([(beside, profile(0.0, 0.02))], 0.1, 0.5) == {}
+
+
+def test_a_section_is_level_with_its_hull_under_the_light_of_an_arc() -> None:
+    rng, groove = np.random.default_rng(0), profile(0.0, 0.02)
+    lit = rng.random(len(X)) < 0.2
+    z = np.where(lit, groove.z_s + rng.uniform(-0.04, 0.04, len(X)), groove.z_s) + 0.02 * X
+    height = height_over_hull(Profile(X, z), 0.0)
+    assert height is not None
+    depth = np.where(np.abs(GRID) < 0.0095, -0.02, 0.0)
+    beside = np.abs(np.abs(GRID) - 0.01) > 1e-3
+    assert abs(float(np.median((height - depth)[beside]))) < 1e-4
+    assert height_over_hull(Profile(X[X < 0], z[X < 0]), 0.0) is None

@@ -3,6 +3,7 @@
 import csv
 import json
 import tomllib
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,14 +13,18 @@ import tomli_w
 from command import tjscan
 from crawls import SHORT
 
+from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.crawler import RUN_UPS
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
+from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
+from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl import CrawlContext, run_crawl
 from tjscan.runs.crawl_results import read_recorded_crawl
 from tjscan.runs.crawl_resume import resume_crawl
+from tjscan.vehicle.vehicle import REST
 
 
 class InterruptedInWeld:
@@ -125,6 +130,73 @@ def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Pa
     steps = np.abs(np.diff([cycle.travel for cycle in found.cycles]))
     assert steps.max() < 2e-3
     assert len(json.loads((out / "weld-log.json").read_text())["recordings"]) == 2
+
+
+@pytest.fixture
+def cut_short(job_file: Path, tmp_path: Path) -> Path:
+    """Directory of a crawl that was interrupted in its first pass."""
+    out = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        run_crawl(CrawlContext(read_crawl_job(job_file), job_file, InterruptedInWeld(0.015)), out)
+    return out
+
+
+def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
+    """Let a vehicle that goes on stand elsewhere, by x, y in metres and an angle."""
+
+    def make_moved_cell(job: CrawlJob, left: LeftWorld) -> CrawlCell:
+        return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
+
+    monkeypatch.setattr("tjscan.runs.crawl_resume.make_crawl_cell", make_moved_cell)
+
+
+@pytest.mark.parametrize(
+    ("by", "evidence"),
+    [
+        ((0.0, 3e-3, 0.0), "3.0 mm aside"),
+        ((0.0, 0.0, 5e-3), "2.5 mm aside"),
+        ((0.1, 0.0, 0.0), "looks otherwise"),  # a tack lies there
+    ],
+)
+def test_a_vehicle_that_was_moved_since_does_not_go_on(
+    cut_short: Path, monkeypatch: pytest.MonkeyPatch, by: tuple[float, ...], evidence: str
+) -> None:
+    before = read_recorded_crawl(cut_short)
+    moved_by_hand(monkeypatch, *by)
+    job = cut_short / "job.toml"
+    tack = {"at_m": 0.615, "length_mm": 40, "height_mm": 6}
+    parsed = read_crawl_job(job, {"simulation.joint.tacks": [tack]})
+    for _ in range(2):  # that it was refused once says nothing new of where it stands
+        with pytest.raises(CrawlStopped, match=evidence) as stopped:
+            resume_crawl(CrawlContext(parsed, job))
+        assert stopped.value.guard == "moved"
+        moved_by_hand(monkeypatch, 0.0, 0.0, 0.0)
+    found = read_recorded_crawl(cut_short)
+    assert all(cycle.commanded == REST for cycle in found.cycles[len(before.cycles) :])
+
+
+def test_a_vehicle_that_was_moved_goes_on_from_where_its_operator_says(
+    cut_short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = read_recorded_crawl(cut_short).cycles[-1].travel
+    moved_by_hand(monkeypatch, 0.02, 3e-3, 5e-3)
+    job = cut_short / "job.toml"
+    resume_crawl(CrawlContext(read_crawl_job(job), job), overlap=0.005, place=at + 0.02)
+    found = read_recorded_crawl(cut_short)
+    assert "as the operator says" in next(e.detail for e in found.events if e.name == "place")
+    first = found.passes[0]
+    assert [one.number for one in found.passes] == [1, 2]
+    burned = np.diff(np.sort(first.true_travel))
+    assert burned.max() < 2e-3  # no gap
+    assert first.true_travel.max() == pytest.approx(0.03, abs=1e-3)
+
+
+@pytest.mark.parametrize("options", [("--resume", "--place", "3000"), ("--place", "3")])
+def test_a_place_that_can_not_be_is_refused(
+    cut_short: Path, job_file: Path, options: tuple[str, ...]
+) -> None:
+    where = cut_short if "--resume" in options else job_file
+    assert tjscan("crawl", "run", where, *options) == 2
 
 
 def test_a_job_that_lost_a_pass_since_is_not_gone_on_with(

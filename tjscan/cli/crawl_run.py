@@ -16,6 +16,7 @@ def crawl_run(
     calibration: Path | None = None,
     resume: bool = False,
     overlap: float = 20.0,
+    place: float | None = None,
     json: bool = False,
 ) -> None:
     """Align with a joint and weld every pass, as a job file says.
@@ -38,6 +39,9 @@ def crawl_run(
         Go on with a crawl that was stopped.
     overlap
         Millimetres by which the weld then overlaps what was welded before.
+    place
+        With --resume after the vehicle was moved: where the torch stands now, in millimetres
+        along the joint from where the weld begins.
     json
         Print the passes as JSON on stdout.
     """
@@ -52,6 +56,8 @@ def crawl_run(
     parsed = read_crawl_job(file, keys)
     if resume and (out is not None or keys):
         raise ConfigurationError("--resume goes on with the job of the run: no --out, no keys")
+    if place is not None and not resume:
+        raise ConfigurationError("--place goes with --resume: a new crawl begins at its start")
     if not 0 <= overlap <= 1000:
         raise ConfigurationError("--overlap is 0 to 1000 mm")
     # A job with a mistake in it is refused before anything heavy is loaded.
@@ -63,7 +69,7 @@ def crawl_run(
     directory = file.parent if resume else out or default_run_directory(file)
     with watch_crawl(parsed, file) as context:
         if resume:
-            resume_crawl(context, 1e-3 * overlap)
+            resume_crawl(context, 1e-3 * overlap, None if place is None else 1e-3 * place)
         else:
             run_crawl(context, directory)
     print_passes(directory, json=json)

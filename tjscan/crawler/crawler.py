@@ -12,6 +12,7 @@ from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sensor import JointReader, JointSensor
 from tjscan.crawler.journal import CrawlCycle, CrawlJournal
+from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.plan import AlignmentSettings, WeldSettings
@@ -100,11 +101,14 @@ class CrawlStart:
         Where the torch is along the joint, from where the weld begins, metres.
     arc_from : float
         Where the arc of the next pass is struck, metres: further on if it was cut short.
+    last_view : LastView, optional
+        Of the joint, where the vehicle must still stand; not looked at where left out.
     """
 
     passes_done: int = 0
     travel: float = 0.0
     arc_from: float = 0.0
+    last_view: LastView | None = None
 
 
 class Crawler:
@@ -215,6 +219,12 @@ class Crawler:
             self._go_back(home)
             self._enter(Event.AT_START, "back at the start")
         else:
+            if start.last_view is not None:
+                start.last_view.check(self._joint.seen)
+            told = "the operator says" if start.last_view is None else "the laser does not gainsay"
+            self._journal.record_event(
+                "place", f"the torch is at {1e3 * start.travel:.1f} mm, as {told}"
+            )
             self._phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"

@@ -45,13 +45,28 @@ def section_histories(
         if not 0 <= ahead <= length or not np.isfinite(cycle.d):
             continue
         welded = cycle.number - (cycle.phase is Phase.WELDING)
-        valid = profile.valid
-        across, z = profile.x_s[valid] + cycle.d, profile.z_s[valid]
-        hull = np.abs(across) > GRID[-1] * 0.6
-        if np.count_nonzero(hull) < 2:
-            continue
-        level = np.polynomial.Polynomial.fit(across[hull], z[hull], 1)
-        height = np.interp(GRID, across, level(across) - z, left=np.nan, right=np.nan)
-        heights.setdefault(welded, []).append(height)
+        height = height_over_hull(profile, cycle.d)
+        if height is not None:
+            heights.setdefault(welded, []).append(height)
     with np.errstate(all="ignore"):
         return {number: np.nanmedian(rows, axis=0) for number, rows in sorted(heights.items())}
+
+
+def height_over_hull(profile: Profile, d: float) -> Array | None:
+    """Height over the hull at each place of `GRID`, metres; None where the hull is not seen.
+
+    Parameters
+    ----------
+    profile : Profile
+    d : float
+        Laser minus joint, metres.
+    """
+    valid = profile.valid
+    across, z = profile.x_s[valid] + d, profile.z_s[valid]
+    sides = (across < -GRID[-1] * 0.6, across > GRID[-1] * 0.6)
+    if not all(map(np.any, sides)):
+        return None
+    # A line through the middle of each side, which the light of an arc does not move.
+    (x0, z0), (x1, z1) = ((np.median(across[side]), np.median(z[side])) for side in sides)
+    level = z0 + (z1 - z0) / (x1 - x0) * (across - x0)
+    return np.asarray(np.interp(GRID, across, level - z, left=np.nan, right=np.nan))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from tjscan.core.errors import GrooveNotFound
@@ -13,6 +14,9 @@ from tjscan.laser.profile import Profile
 OLDEST: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, of which a profile is not read: ten of a
 sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
+
+RECENT: Final = 10
+"""Profiles that are kept."""
 
 
 class JointReading(Protocol):
@@ -71,6 +75,7 @@ class JointSensor:
     ) -> None:
         self._laser, self._reader, self._clock = laser, reader, clock
         self._journal, self._late = journal, False
+        self._seen: deque[tuple[float, Profile]] = deque(maxlen=RECENT)
 
     def look(self, travel: float) -> tuple[Profile, JointReading | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -96,9 +101,16 @@ class JointSensor:
                 )
             return profile, None
         try:
-            return profile, self._reader.read(profile, travel)
+            reading = self._reader.read(profile, travel)
         except GrooveNotFound:
             return profile, None
+        self._seen.append((-reading.centre, profile))
+        return profile, reading
+
+    @property
+    def seen(self) -> Sequence[tuple[float, Profile]]:
+        """The last profiles that were read, with laser minus joint in each, metres."""
+        return tuple(self._seen)
 
     def _seconds_off(self, profile: Profile) -> float:
         """Seconds between a profile and now, at the least; none where the laser dates nothing."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +15,8 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.crawler.crawler import CrawlStart
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.last_view import LastView
+from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import REPLAY
 from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
@@ -25,8 +28,13 @@ from tjscan.runs.crawl_results import read_recorded_crawl
 OVERLAP: Final = 0.02
 """Metres by which a weld that goes on after a stop overlaps what was welded before."""
 
+OFF_WAY: Final = 1.0
+"""Metres beyond a crawl's way at which its vehicle may be set down."""
 
-def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
+
+def resume_crawl(
+    context: CrawlContext, overlap: float = OVERLAP, place: float | None = None
+) -> None:
     """Go on with an interrupted crawl, in its run directory.
 
     Parameters
@@ -35,11 +43,16 @@ def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
         The job as the run directory holds it.
     overlap : float, optional
         By which the weld overlaps what was welded before the stop, metres.
+    place : float, optional
+        Where the torch stands along the joint, metres, if the vehicle was moved since. Where left
+        out, it must stand where it stood, as far as the laser can tell.
 
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with.
+        If there is nothing to go on with, or no such place.
+    CrawlStopped
+        If the laser shows that the vehicle was moved; and as `run_crawl` raises.
     """
     directory = context.job_file.parent
     found = read_recorded_crawl(directory)
@@ -49,6 +62,17 @@ def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
         )
     start = start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
+    # One that waits to go on, and is refused, may stand where it was moved to.
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    if place is None:
+        stopped = found.events[-1].name == Phase.STOP
+        view = LastView.of_recording(crawled, found.profiles, stopped=stopped)
+        start, belief = replace(start, last_view=view), crawled[-1].slip
+    else:
+        check_place(place, context.job)
+        start = replace(start, travel=place)
+        slip = crawled[-1].slip
+        belief = None if slip is None else slip.at_new_start(context.job.slip)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
@@ -56,8 +80,24 @@ def resume_crawl(context: CrawlContext, overlap: float = OVERLAP) -> None:
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
-    method = context.make_method(last.slip)
+    method = context.make_method(belief)
     crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+
+
+def check_place(place: float, job: CrawlJob) -> None:
+    """Refuse a place from which a crawl can't go on: more than a metre off its way.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is one.
+    """
+    first, last = -job.weld.run_up - OFF_WAY, job.weld.length + OFF_WAY
+    if not first <= place <= last:
+        raise ConfigurationError(
+            f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
+            f"lie between {1e3 * first:g} and {1e3 * last:g}"
+        )
 
 
 def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
