@@ -20,7 +20,7 @@ from tjscan.calibration.advice import BoardRectangle
 from tjscan.calibration.closed_form import solve_closed_form, stack_lines
 from tjscan.calibration.design import HandEyeUncertainty, predict_uncertainty
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
+from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
@@ -28,6 +28,8 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.posed_profile import PosedProfile
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.samples import LineSample
 from tjscan.calibration.session import CalibrationPlan, current_progress, suggest_next_line_pose
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
@@ -59,10 +61,15 @@ T_F_S: Final = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
     ]
 )
 NOISE: Final = NoiseModel(
-    range=0.03 * MM, position=0.05 * MM, rotation=float(np.radians(0.01)), touch=0.05 * MM
+    range=0.03 * MM,
+    position=0.05 * MM,
+    rotation=float(np.radians(0.01)),
+    touch=0.05 * MM,
+    geometry=0.0,
 )
-OPENLMD_NOISE: Final = NoiseModel(range=0.15 * MM, correlation=60.0)
-"""Assumption for those data: the lens was never calibrated, so errors vary slowly along a line."""
+OPENLMD_NOISE: Final = NoiseModel(range=0.15 * MM, correlation=60.0, geometry=0.0)
+"""Assumption for those data: the lens was never calibrated, so errors vary slowly along a line, and
+hold what the arm adds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from tjscan.core.frames import Array, readonly_copy
 
 if TYPE_CHECKING:
-    from tjscan.calibration.hand_eye import HandEyeCalibration
+    from tjscan.calibration.result import HandEyeCalibration
     from tjscan.comparison.compare import Comparison
     from tjscan.groove.measured import MeasuredSection
     from tjscan.groove.section import GrooveSection
@@ -189,7 +189,7 @@ def calibrate(
     *,
     touched: ArrayLike | None = None,
     radius: float | None = None,
-    target: Literal["plane", "sphere"] = "plane",
+    target: Literal["plane", "sphere", "roof"] = "plane",
     noise: Mapping[str, float] | None = None,
 ) -> HandEyeCalibration:
     """Find the pose of the sensor on the flange from profiles of a plane board or of a sphere.
@@ -224,29 +224,37 @@ def calibrate(
         If the arguments do not fit together.
     """
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.offline import calibrate_from_profiles
+    from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
     from tjscan.calibration.posed_profile import PosedProfile
-    from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+    from tjscan.calibration.targets import (
+        PlaneTarget,
+        SphereTarget,
+        UnknownRoof,
+        fit_plane,
+    )
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
         raise ValueError(f"{len(profiles)} profiles need poses (k, 4, 4), not {poses.shape}")
     if (touched is not None and target != "plane") or (radius is not None and target != "sphere"):
         raise ValueError("touched points are of a plane, a radius is of a sphere")
-    _check_word("target", target, ("plane", "sphere"))
+    _check_word("target", target, ("plane", "sphere", "roof"))
     for name in noise or {}:
         _check_word("noise", name, [field.name for field in fields(NoiseModel)])
     model = NoiseModel(**(noise or {}))
-    board: PlaneTarget | SphereTarget | None = None
+    board: PlaneTarget | SphereTarget | UnknownRoof | None = None
     if target == "sphere":
         board = SphereTarget(radius)
+    elif target == "roof":
+        board = UnknownRoof()
     elif touched is not None:
-        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(axis=0))
+        flange = poses[:, :3, 3].mean(axis=0)
+        board = fit_plane(touched, model.touch, flange, geometry=model.geometry)
     posed = [
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    return calibrate_from_profiles(posed, board, model, _warn)
+    return calibrate_from_profiles([TargetRecording(posed, board)], model, _warn)
 
 
 def compare(

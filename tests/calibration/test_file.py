@@ -14,7 +14,8 @@ from tjscan.calibration.file import (
     to_calibration_file,
     write_calibration,
 )
-from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_plane
+from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 

@@ -28,11 +28,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.closed_form import solve_closed_form, stack_lines
-from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
+from tjscan.calibration.combined import CombinedModel
+from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transform_line
 from tjscan.calibration.refine import leave_one_out_changes, refine_by_least_squares
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.samples import LineSample
 from tjscan.calibration.verify import verify_with_fresh_line
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
@@ -210,7 +213,8 @@ def test_leaving_a_line_out_moves_the_result_as_foretold() -> None:
     rng = np.random.default_rng(5)
     taken = samples(POSES, shots(POSES, HAND, rng))
     board = target(rng)
-    model = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], board, NOISE)
+    lines = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], board, NOISE)
+    model = CombinedModel.of([lines], POSES)
     every = np.ones(12, dtype=bool)
     whole = refine_by_least_squares(model, T_F_S, np.zeros(3), every)
     foretold = leave_one_out_changes(whole)

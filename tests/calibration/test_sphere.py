@@ -2,54 +2,23 @@
 
 import numpy as np
 import pytest
+from _targets import BALL_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
-from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.circle_fit import fit_dominant_circle
-from tjscan.calibration.hand_eye import ArcSample, calibrate_on_sphere
+from tjscan.calibration.hand_eye import calibrate_on_sphere
+from tjscan.calibration.samples import ArcSample
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import boxplus
-from tjscan.laser.faults import correlated_noise
-from tjscan.laser.profile import Profile
 
-BALL_B = np.array((0.8, 0.1, 0.3))
-RADIUS = 0.030
-
-
-def see_ball(T_b_f: Array, rng: np.random.Generator) -> Profile:
-    """The near side of the ball in the laser plane, from a pose that errs as stated."""
-    slip = pose(Rotation.from_rotvec(NOISE.rotation * rng.standard_normal(3)).as_matrix())
-    T_b_f = T_b_f @ slip
-    T_b_f[:3, 3] += NOISE.position * rng.standard_normal(3)
-    centre = transform_points(inverse_pose(T_b_f @ T_F_S), BALL_B)
-    edge = np.tan(WINDOW.half_angle)
-    tangent = np.linspace(-edge, edge, WINDOW.columns)
-    ray = np.column_stack((tangent, np.zeros_like(tangent), np.ones_like(tangent)))
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    away = centre - (0, 0, WINDOW.apex_z)
-    nearest = ray @ away
-    depth = nearest**2 - away @ away + RADIUS**2
-    along = nearest - np.sqrt(np.where(depth > 0, depth, np.nan))
-    z = WINDOW.apex_z + along * ray[:, 2]
-    return Profile(
-        along * ray[:, 0], z + correlated_noise(rng, len(z), NOISE.range, NOISE.correlation)
-    )
+HAND = TargetSimulator(T_F_S, WINDOW, NOISE)
+RADIUS = HAND.radius
 
 
 def arcs(rng: np.random.Generator, count: int = 15, tilt: float = 35.0) -> list[ArcSample]:
-    found = []
-    for i in range(count):
-        turn = rng.uniform(-1, 1, 3) * (tilt, tilt, 1.7 * tilt)
-        R = Rotation.from_euler("xyz", np.add(turn, (180, 0, 0)), degrees=True).as_matrix()
-        seen_at = rng.uniform((-0.01, -0.018, 0.22), (0.01, 0.018, 0.27))
-        T_b_f = pose(R, BALL_B - R @ seen_at) @ inverse_pose(T_F_S)
-        found.append(
-            ArcSample(f"arc {i + 1}", T_b_f, fit_dominant_circle(see_ball(T_b_f, rng), NOISE))
-        )
-    return found
+    poses = HAND.poses(rng, count, "ball", tilt)
+    return HAND.arcs(poses, poses, rng)
 
 
 @pytest.mark.parametrize("radius", [RADIUS, None])
@@ -104,3 +73,18 @@ def test_a_bad_pose_is_named() -> None:
 def test_poses_that_only_translate_are_refused() -> None:
     with pytest.raises(CalibrationRefused, match="only translations"):
         calibrate_on_sphere(arcs(np.random.default_rng(0), tilt=0.1), SphereTarget(RADIUS), NOISE)
+
+
+@pytest.mark.parametrize("off", [-0.5e-3, 0.5e-3, 0.030])
+def test_a_ball_of_another_radius_than_stated_is_refused(off: float) -> None:
+    with pytest.raises(CalibrationRefused, match=r"radius of 30\.\d\d mm.*is stated"):
+        calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS + off), NOISE)
+
+
+def test_the_radius_is_measured_beside_the_stated_one() -> None:
+    result = calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS), NOISE)
+    measured = result.measured_radius
+    assert measured is not None
+    assert measured.stated == RADIUS
+    assert measured.radius == pytest.approx(RADIUS, abs=4 * measured.sigma)
+    assert result.radius == pytest.approx(RADIUS, abs=40e-6)  # four tolerances of the stated one

@@ -21,7 +21,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
-    from tjscan.calibration.hand_eye import HandEyeCalibration, SampleResidual
+    from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius, SampleResidual
     from tjscan.calibration.verify import Verification
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -37,7 +37,7 @@ FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 
 
 class ResidualEntry(StrictFileModel):
-    """Residual of one line in the file; see `tjscan.calibration.hand_eye.SampleResidual`."""
+    """Residual of one line in the file; see `tjscan.calibration.result.SampleResidual`."""
 
     name: str
     used: bool
@@ -59,12 +59,21 @@ class VerificationEntry(StrictFileModel):
     limit: float
 
 
+class BallEntry(StrictFileModel):
+    """A ball in the file: its radius as stated and as measured; see `MeasuredRadius`."""
+
+    stated_radius_mm: float | None = None
+    measured_radius_mm: float
+    sigma_radius_mm: float
+
+
 class CalibrationFile(StrictFileModel):
     """Content of ``calibration.toml``: one calibration.
 
-    `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees.
-    `kinematics` holds what was found of the arm with it: then T_f_s holds for the arm with these
-    deviations alone.
+    `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees;
+    `geometry_mm` is the arm's geometry error that it allows for. A sensor that stands fixed in
+    the room has `T_b_s_mm` in place of `T_f_s_mm`, and the base's axes. `kinematics` holds what
+    was found of the arm with it: then T_f_s holds for the arm with these deviations alone.
     """
 
     arm: str
@@ -72,12 +81,15 @@ class CalibrationFile(StrictFileModel):
     date: datetime
     method: str
     lines: int = Field(ge=1)
-    T_f_s_mm: PoseRows
+    T_f_s_mm: PoseRows | None = None
+    T_b_s_mm: PoseRows | None = None
     covariance: Annotated[tuple[Row6, Row6, Row6, Row6, Row6, Row6], Field(strict=False)]
     sigma_position_mm: float = Field(ge=0)
     sigma_rotation_deg: float = Field(ge=0)
     condition: float = Field(gt=0)
     excess: float = Field(ge=1)
+    geometry_mm: float = Field(default=0.0, ge=0)
+    ball: BallEntry | None = None
     noise: NoiseModel
     verification: VerificationEntry | None = None
     kinematics: ArmKinematicsEntry | None = None
@@ -92,13 +104,34 @@ class CalibrationFile(StrictFileModel):
         stated = (self.sigma_position_mm, self.sigma_rotation_deg)
         if not np.allclose(sigmas, stated, rtol=0.02):
             raise ValueError("its sigmas do not follow from its covariance: it was edited")
-        if not max(abs(v) for row in self.T_f_s_mm[:3] for v in row[3:]) >= MIN_SENSOR_OFFSET_MM:
+        if (self.T_f_s_mm is None) == (self.T_b_s_mm is None):
+            raise ValueError("needs either T_f_s_mm or, for a fixed sensor, T_b_s_mm")
+        if not max(abs(v) for row in self.sensor_rows[:3] for v in row[3:]) >= MIN_SENSOR_OFFSET_MM:
             raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
         return self
 
     @property
+    def sensor_rows(self) -> PoseRows:
+        """Pose of the sensor, on the flange or, fixed, in the base; rows in millimetres."""
+        rows = self.T_f_s_mm or self.T_b_s_mm
+        if rows is None:
+            raise ValueError("a calibration holds the sensor's pose")
+        return rows
+
+    @property
     def T_f_s(self) -> Array:
-        """Pose of the sensor in the flange frame, shape (4, 4), metres."""
+        """Pose of the sensor in the flange frame, shape (4, 4), metres.
+
+        Raises
+        ------
+        ConfigurationError
+            If the sensor stands fixed in the room.
+        """
+        if self.T_f_s_mm is None:
+            raise ConfigurationError(
+                "is of a sensor that stands fixed in the room (T_b_s_mm): no arm carries it",
+                key="T_f_s_mm",
+            )
         return pose_from_rows_mm(self.T_f_s_mm)
 
     @property
@@ -160,18 +193,28 @@ def to_calibration_file(
         "date": date,
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
-        "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
+        "T_b_s_mm" if result.sensor_is_fixed else "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
         "covariance": (result.covariance * np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)).tolist(),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
         "excess": result.sigma_scale,
+        "geometry_mm": 1e3 * result.geometry,
+        "ball": result.measured_radius and _ball(result.measured_radius),
         "noise": noise,
         "verification": verification and _verification(verification),
         "kinematics": kinematics,
         "residuals": [_residual(residual) for residual in result.residuals],
     }
     return validate_table(CalibrationFile, data)
+
+
+def _ball(measured: MeasuredRadius) -> BallEntry:
+    return BallEntry(
+        stated_radius_mm=None if measured.stated is None else 1e3 * measured.stated,
+        measured_radius_mm=1e3 * measured.radius,
+        sigma_radius_mm=1e3 * measured.sigma,
+    )
 
 
 def _residual(residual: SampleResidual) -> ResidualEntry:

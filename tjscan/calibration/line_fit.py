@@ -110,7 +110,7 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
             "into the sensor's range",
         )
     inlier = refit_and_trim(
-        lambda m: _residuals(points, m), _start(points, noise.range), noise.range
+        lambda m: distances_from_line(points, m), _start(points, noise.range), noise.range
     )
     if inlier.sum() < max(MIN_POINTS, MIN_INLIER_SHARE * len(points)):
         raise CalibrationRefused(
@@ -120,7 +120,7 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
             "clear the board, or state the range "
             "noise that this sensor really has",
         )
-    return _describe(points, inlier, valid, noise)
+    return describe_line(points, inlier, valid, noise)
 
 
 def _start(points: Array, sigma: float) -> InlierMask:
@@ -148,13 +148,35 @@ def _axes(points: Array) -> tuple[Array, Array]:
     return centre, np.array((np.cos(angle), np.sin(angle)))
 
 
-def _residuals(points: Array, inlier: InlierMask) -> Array:
+def distances_from_line(points: Array, inlier: InlierMask) -> Array:
+    """Signed distances of points, shape (n, 2), from the line through those of a mask, metres."""
     centre, direction = _axes(points[inlier])
     return np.asarray((points - centre) @ np.array((-direction[1], direction[0])))
 
 
-def _describe(points: Array, inlier: InlierMask, valid: InlierMask, noise: NoiseModel) -> LineFit:
-    """Offset, angle and their errors. Neighbours err alike: n points count as fewer."""
+def describe_line(
+    points: Array, inlier: InlierMask, valid: InlierMask, noise: NoiseModel
+) -> LineFit:
+    """Describe the line through chosen points of a profile, with its errors.
+
+    Neighbours err alike: n points count as fewer.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        The valid points of the profile, x and z in frame s, metres.
+    inlier : ndarray of bool, shape (n,)
+        Those of them that lie on the line.
+    valid : ndarray of bool, shape (columns,)
+        Which columns of the profile hold a point.
+    noise : NoiseModel
+        States the range noise of a point.
+
+    Raises
+    ------
+    CalibrationRefused
+        If the line is too short to have a direction.
+    """
     kept = points[inlier]
     centre, direction = _axes(kept)
     along = (kept - centre) @ direction

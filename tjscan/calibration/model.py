@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
+from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
 
 
@@ -20,14 +23,27 @@ class LinearisedModel:
         Derivative by a step of T_f_s: translation and small rotation, both in the axes of f.
     by_target : ndarray, shape (n, k, m)
         Derivative by the target's parameters.
-    covariance : ndarray, shape (n, k, k)
-        Of the residuals: range noise and the arm's pose noise, the target's not.
+    by_arm : ndarray, shape (n, k, 6)
+        Derivative by an error of the flange's pose: translation and small rotation about the
+        flange's origin, both in the axes of b.
+    own_covariance : ndarray, shape (n, k, k)
+        Of the residuals: what the range noise alone makes of them.
+    noise : NoiseModel
+        For the arm's errors.
     """
 
     residuals: Array
     by_pose: Array
     by_target: Array
-    covariance: Array
+    by_arm: Array
+    own_covariance: Array
+    noise: NoiseModel
+
+    @property
+    def covariance(self) -> Array:
+        """Of the residuals, shape (n, k, k): range noise and the arm's pose noise."""
+        scaled = self.by_arm * np.repeat((self.noise.position, self.noise.rotation), 3)
+        return np.asarray(self.own_covariance + scaled @ scaled.transpose(0, 2, 1))
 
 
 class TargetModel(Protocol):

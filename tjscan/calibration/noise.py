@@ -14,7 +14,7 @@ from tjscan.core.units import COLUMNS, DEG, MM, SettingsTable
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel(SettingsTable):
-    """Standard deviations of independent, normally distributed errors.
+    """Standard deviations of normally distributed errors.
 
     **The defaults are assumptions**: a line laser of the 100 mm class on a calibrated arm.
 
@@ -32,6 +32,11 @@ class NoiseModel(SettingsTable):
         line.
     touch : float
         Of one touched point, in metres, in each axis, the arm's own error included.
+    geometry : float
+        Of the flange's position, in metres, in each axis, from the arm's lengths and zeros of
+        joints: alike at poses that are alike; see `tjscan.calibration.arm_error`. At least so
+        much is allowed for; where the residuals show more, that. The default is what a maker's
+        own calibration of an arm leaves; zero suits an exact, simulated one.
 
     Notes
     -----
@@ -44,6 +49,7 @@ class NoiseModel(SettingsTable):
     position: Annotated[float, Gt(0), MM] = 50e-6
     rotation: Annotated[float, Gt(0), DEG] = radians(0.01)
     touch: Annotated[float, Gt(0), MM] = 50e-6
+    geometry: Annotated[float, Ge(0), MM] = 300e-6
 
     def __post_init__(self) -> None:
         numbers = (self.range, self.position, self.rotation, self.touch)
@@ -52,6 +58,8 @@ class NoiseModel(SettingsTable):
                 "every standard deviation must be finite and positive: a measurement without "
                 "error has infinite weight"
             )
+        if not (np.isfinite(self.geometry) and self.geometry >= 0):
+            raise ValueError("the arm's geometry error is a number of metres, zero or more")
         if not (np.isfinite(self.correlation) and self.correlation >= 0):
             raise ValueError("the correlation is a number of columns, zero or more")
 

@@ -3,43 +3,89 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from tjscan.calibration.hand_eye import HandEyeCalibration, calibrate_on_plane, calibrate_on_sphere
+from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_line_samples
-from tjscan.calibration.targets import PlaneTarget, SphereTarget
+from tjscan.calibration.posed_profile import (
+    PosedProfile,
+    fit_arc_samples,
+    fit_line_samples,
+    fit_roof_samples,
+)
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof
+from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof
+from tjscan.core.errors import CalibrationRefused
+
+RecordedTarget = PlaneTarget | SphereTarget | UnknownRoof | None
+"""A board, a ball or a roof edge; none for a board whose place is unknown."""
 
 
-def calibrate_from_profiles(
-    profiles: Sequence[PosedProfile],
-    target: PlaneTarget | SphereTarget | None,
-    noise: NoiseModel,
-    report: Callable[[str], None],
-) -> HandEyeCalibration:
-    """Calibrate from recorded profiles of a board or a ball.
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetRecording:
+    """Recorded profiles of one target.
 
     Parameters
     ----------
     profiles : sequence of PosedProfile
         Profiles and their poses.
-    target : PlaneTarget, SphereTarget or None
-        The board or the ball; none for a board whose place is unknown.
+    target : PlaneTarget, SphereTarget, UnknownRoof or None
+        What they show; none for a board whose place is unknown.
+    """
+
+    profiles: Sequence[PosedProfile]
+    target: RecordedTarget
+
+
+def calibrate_from_profiles(
+    recordings: Sequence[TargetRecording],
+    noise: NoiseModel,
+    report: Callable[[str], None],
+    *,
+    sensor_is_fixed: bool = False,
+) -> HandEyeCalibration:
+    """Calibrate from recorded profiles of one or several targets, all solved together.
+
+    Parameters
+    ----------
+    recordings : sequence of TargetRecording
+        Of the same sensor on the same arm.
     noise : NoiseModel
         What they err by.
     report : callable
-        Receives a message about each profile that holds no line or arc, before anything is solved.
+        Receives a message about each profile that holds no line, arc or edge, before anything is
+        solved.
+    sensor_is_fixed : bool
+        The sensor stands fixed in the room, and the arm carries the targets.
 
     Raises
     ------
     CalibrationRefused
-        As `calibrate_on_plane` and `calibrate_on_sphere` do.
+        As `calibrate_on_targets` does.
     """
+    return calibrate_on_targets(
+        [_seen(recording, noise, report) for recording in recordings],
+        noise,
+        sensor_is_fixed=sensor_is_fixed,
+    )
+
+
+def _seen(
+    recording: TargetRecording, noise: NoiseModel, report: Callable[[str], None]
+) -> SeenBoard | SeenBall | SeenRoof:
+    target = recording.target
+    seen: SeenBoard | SeenBall | SeenRoof
+    unread: dict[str, CalibrationRefused]
     if isinstance(target, SphereTarget):
-        arcs, unread = fit_arc_samples(profiles, noise)
+        arcs, unread = fit_arc_samples(recording.profiles, noise)
+        seen = SeenBall(arcs, target, noise)
+    elif isinstance(target, UnknownRoof):
+        roofs, unread = fit_roof_samples(recording.profiles, noise)
+        seen = SeenRoof(roofs, noise)
     else:
-        lines, unread = fit_line_samples(profiles, noise)
+        lines, unread = fit_line_samples(recording.profiles, noise)
+        seen = SeenBoard(lines, target, noise)
     for name, refusal in unread.items():
         report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
-    if isinstance(target, SphereTarget):
-        return calibrate_on_sphere(arcs, target, noise)
-    return calibrate_on_plane(lines, target, noise)
+    return seen

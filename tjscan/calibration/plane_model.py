@@ -104,20 +104,23 @@ class PlaneModel:
         by_target = np.zeros((len(x_b), 2, 3))
         by_target[:, 0, :2], by_target[:, 0, 2] = arm_b @ by_tilt.T, 1.0
         by_target[:, 1, :2] = a_b @ by_tilt.T
-        return LinearisedModel(residuals, by_pose, by_target, self._covariance(R, u_f, x_b, a_b, u))
+        # A small turn of the flange moves all points of the line together.
+        by_arm = np.zeros((len(x_b), 2, 6))
+        by_arm[:, 0, :3] = u
+        by_arm[:, 0, 3:], by_arm[:, 1, 3:] = np.cross(x_b, u), np.cross(a_b, u)
+        own = self._own_covariance(R, u_f)
+        return LinearisedModel(residuals, by_pose, by_target, by_arm, own, self.noise)
 
-    def _covariance(self, R: Array, u_f: Array, x_b: Array, a_b: Array, u: Array) -> Array:
-        """Of offset and tilt, shape (n, 2, 2): first the line's own errors, then the arm's."""
+    def _own_covariance(self, R: Array, u_f: Array) -> Array:
+        """Of offset and tilt, shape (n, 2, 2), from the range noise of each line."""
         a = self.lines.directions_s
         across_f = np.stack((-a[:, 2], a[:, 1], a[:, 0]), axis=1) @ R.T
         # A line's errors lie in the laser plane; this much of them points at the board.
         share = np.einsum("ni,ni->n", across_f, u_f)
-        covariance = np.zeros((len(x_b), 2, 2))
-        covariance[:, 0, 0] = (share * self.sigma_offset) ** 2 + self.noise.position**2
+        covariance = np.zeros((len(a), 2, 2))
+        covariance[:, 0, 0] = (share * self.sigma_offset) ** 2
         covariance[:, 1, 1] = (share * self.sigma_angle) ** 2
-        # A small turn of the flange moves all points of the line together.
-        turn = np.stack((np.cross(x_b, u), np.cross(a_b, u)), axis=1)
-        return covariance + self.noise.rotation**2 * (turn @ turn.transpose(0, 2, 1))
+        return covariance
 
 
 def _turn(R: Array, v: Array) -> Array:

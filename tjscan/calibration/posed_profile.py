@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from tjscan.calibration.circle_fit import fit_dominant_circle
-from tjscan.calibration.hand_eye import ArcSample, LineSample
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.roof_fit import fit_roof
+from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.laser.profile import Profile
@@ -37,7 +38,7 @@ class PosedProfile:
         object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
-S = TypeVar("S", LineSample, ArcSample)
+S = TypeVar("S", LineSample, ArcSample, RoofSample)
 
 
 def fit_line_samples(
@@ -84,6 +85,28 @@ def fit_arc_samples(
     return _sort(
         profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_dominant_circle(s.profile, noise))
     )
+
+
+def fit_roof_samples(
+    profiles: Sequence[PosedProfile], noise: NoiseModel
+) -> tuple[list[RoofSample], dict[str, CalibrationRefused]]:
+    """Fit two lines that meet to every profile of a roof edge.
+
+    Parameters
+    ----------
+    profiles : sequence of PosedProfile
+        Of a roof edge.
+    noise : NoiseModel
+        Range noise of a point.
+
+    Returns
+    -------
+    samples : list of RoofSample
+        Of the profiles that show the edge.
+    refused : dict of str to CalibrationRefused
+        By name, why each of the others shows none.
+    """
+    return _sort(profiles, lambda s: RoofSample(s.name, s.T_b_f, fit_roof(s.profile, noise)))
 
 
 def _sort(

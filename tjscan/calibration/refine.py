@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from tjscan.calibration.model import LinearisedModel, TargetModel
+from tjscan.calibration.combined import CombinedModel, StackedResiduals
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
@@ -25,24 +26,28 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedEstimate:
-    """Least-squares estimate of sensor and target, with its fit and information.
+    """Least-squares estimate of sensor and targets, with its fit and information.
 
     Parameters
     ----------
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange.
     target : ndarray, shape (m,)
-        The target's parameters.
+        The targets' parameters.
     covariance : ndarray, shape (6 + m, 6 + m)
-        Of translation (metres), small rotation (radians), both in the axes of f, and target.
+        Of translation (metres), small rotation (radians), both in the axes of f, and targets.
     chi2 : float
-        Weighted sum of squares that is left, the target's prior included.
+        Weighted sum of squares that is left, the targets' prior included.
     dof : int
         Its expectation if the noise model is right.
-    linearised : LinearisedModel
+    stacked : StackedResiduals
         Of all profiles, the unused ones too, at this estimate.
     used : ndarray of bool, shape (n,)
         Which profiles it rests on.
+    geometry : float
+        Standard deviation of the arm's geometry error that it allows for, metres.
+    prior_information : ndarray, shape (m, m)
+        Of the targets' parameters.
     """
 
     T_f_s: Array
@@ -50,14 +55,26 @@ class RefinedEstimate:
     covariance: Array
     chi2: float
     dof: int
-    linearised: LinearisedModel
+    stacked: StackedResiduals
     used: Mask
+    geometry: float
+    prior_information: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
         object.__setattr__(self, "target", readonly_copy(self.target))
         object.__setattr__(self, "covariance", readonly_copy(self.covariance))
         self.used.flags.writeable = False
+
+    @property
+    def rows_used(self) -> Mask:
+        """Which residuals belong to profiles in use, shape (N,)."""
+        return np.asarray(self.used[self.stacked.profile])
+
+    @property
+    def residuals_per_profile(self) -> NDArray[np.intp]:
+        """How many residuals each profile has, shape (n,)."""
+        return np.bincount(self.stacked.profile)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +85,8 @@ class LeaveOneOutChanges:
     ----------
     chi2 : ndarray, shape (n,)
         By how much the weighted sum of squares would fall; for an unused profile, by how much
-        it misses what the others predict. Chi-square with k degrees of freedom if the profile
-        is as good as stated; zero where the others can't check it.
+        it misses what the others predict. Chi-square with as many degrees of freedom as the
+        profile has residuals, if it is as good as stated; zero where the others can't check it.
     step : ndarray, shape (n, 6)
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
     """
@@ -79,39 +96,40 @@ class LeaveOneOutChanges:
 
 
 def refine_by_least_squares(
-    model: TargetModel, T_f_s: Array, target: Array, used: Mask
+    model: CombinedModel, T_f_s: Array, target: Array, used: Mask
 ) -> RefinedEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
-    The weights are the inverse covariances of the residuals at the current estimate; the
-    target's prior counts as further residuals.
+    The weights are the inverse covariance of the residuals at the current estimate; the
+    targets' prior counts as further residuals.
 
     Parameters
     ----------
-    model : TargetModel
+    model : CombinedModel
         The profiles.
     T_f_s : ndarray, shape (4, 4)
         Start for the sensor on the flange.
     target : ndarray, shape (m,)
-        Start for the target's parameters.
+        Start for the targets' parameters.
     used : ndarray of bool, shape (n,)
         Which profiles count.
     """
     prior = _root(model.prior_information)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))
     for _ in range(MAX_REWEIGHTINGS):
-        whiten = _whitening(model.linearise(base, start[6:]).covariance[used])
+        first = model.linearise(base, start[6:])
+        rows = used[first.profile]
+        L = _lower_root(first.covariance[np.ix_(rows, rows)])
 
-        def residuals(theta: Array, base: Array = base, whiten: Array = whiten) -> Array:
-            found = model.linearise(boxplus(base, theta[:6]), theta[6:])
-            return _stack(whiten, found.residuals[used], prior @ theta[6:])
+        def residuals(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
+            found = model.residuals(boxplus(base, theta[:6]), theta[6:])
+            return np.concatenate((_whiten(L, found[rows]), prior @ theta[6:]))
 
-        def jacobian(theta: Array, base: Array = base, whiten: Array = whiten) -> Array:
-            found = model.linearise(boxplus(base, theta[:6]), theta[6:])
-            J = np.concatenate((found.by_pose, found.by_target), axis=2)[used]
+        def jacobian(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
+            J = model.jacobian(boxplus(base, theta[:6]), theta[6:])[rows]
             # From a small turn on top of theta's rotation to a change of the rotation vector.
-            J[:, :, 3:6] = J[:, :, 3:6] @ left_jacobian(theta[3:6])
-            return _whiten_jacobian(whiten, J, prior)
+            J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
+            return _with_prior(_whiten(L, J), prior)
 
         found = least_squares(
             residuals, start, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14
@@ -123,37 +141,102 @@ def refine_by_least_squares(
     return _estimate(model, base, start[6:], used)
 
 
-def _estimate(model: TargetModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
-    linearised = model.linearise(T_f_s, target)
-    whiten, prior = _whitening(linearised.covariance[used]), _root(model.prior_information)
-    J = np.concatenate((linearised.by_pose, linearised.by_target), axis=2)[used]
-    J_w = _whiten_jacobian(whiten, J, prior)
-    r_w = _stack(whiten, linearised.residuals[used], prior @ target)
-    observed = int(used.sum()) * linearised.residuals.shape[1] + len(prior)
-    covariance = covariance_from_information(J_w.T @ J_w)
-    dof = observed - J_w.shape[1]
-    return RefinedEstimate(T_f_s, target, covariance, float(r_w @ r_w), dof, linearised, used)
+def _estimate(model: CombinedModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
+    stacked = model.linearise(T_f_s, target)
+    information = model.prior_information
+    rows, prior = used[stacked.profile], _root(information)
+    L = _lower_root(stacked.covariance[np.ix_(rows, rows)])
+    J = _with_prior(_whiten(L, stacked.jacobian[rows]), prior)
+    r = np.concatenate((_whiten(L, stacked.residuals[rows]), prior @ target))
+    return RefinedEstimate(
+        T_f_s,
+        target,
+        covariance_from_information(J.T @ J),
+        float(r @ r),
+        len(r) - J.shape[1],
+        stacked,
+        used,
+        model.geometry,
+        information,
+    )
+
+
+def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
+    """Move the targets to where the used profiles show them, the sensor left where it is.
+
+    What the arm is off by at all poses alike can't be told from a target that lies elsewhere. A
+    target that is used or looked at with the same arm belongs where that arm sees it.
+
+    Parameters
+    ----------
+    model : CombinedModel
+        The profiles.
+    estimate : RefinedEstimate
+        From them.
+    """
+    plain = model.with_geometry(0.0)
+    rows, prior = estimate.rows_used, estimate.prior_information
+    target = estimate.target
+    for _ in range(2):
+        found = plain.linearise(estimate.T_f_s, target)
+        L = _lower_root(found.covariance[np.ix_(rows, rows)])
+        J, r = _whiten(L, found.jacobian[rows, 6:]), _whiten(L, found.residuals[rows])
+        target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
+    return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
+
+
+def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
+    """What the residuals of the used profiles weigh after the fit, and their weighted sums.
+
+    Parameters
+    ----------
+    estimate : RefinedEstimate
+        Of U residuals in use.
+
+    Returns
+    -------
+    M : ndarray, shape (U, U)
+        ``W - W J (Jᵀ W J + prior)⁻¹ Jᵀ W`` with W the inverse covariance of the residuals.
+    weighted : ndarray, shape (U,)
+        W times the residuals: M times the observations, less what the prior pulls.
+    """
+    rows = estimate.rows_used
+    W = np.linalg.inv(estimate.stacked.covariance[np.ix_(rows, rows)])
+    WJ = W @ estimate.stacked.jacobian[rows]
+    return W - WJ @ estimate.covariance @ WJ.T, W @ estimate.stacked.residuals[rows]
 
 
 def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
     """Changes if each profile in turn were left out, without solving again."""
-    lin, used = estimate.linearised, estimate.used
-    J = np.concatenate((lin.by_pose, lin.by_target), axis=2)
-    JC = J @ estimate.covariance
-    predicted = JC @ J.transpose(0, 2, 1)
-    # What the residual would scatter by, were it as good as stated: smaller than its own errors
-    # where it took part in the fit, larger where it did not.
-    left = lin.covariance + np.where(used, -1.0, 1.0)[:, None, None] * predicted
-    whiten = _whitening(lin.covariance)
-    values, vectors = np.linalg.eigh(whiten @ left @ whiten.transpose(0, 2, 1))
-    checked = values > MIN_REDUNDANCY
-    inverse_values = np.where(checked, 1.0, 0.0) / np.where(checked, values, 1.0)
-    r_w = np.einsum("nij,nj->ni", whiten, lin.residuals)
-    along = np.einsum("nji,nj->ni", vectors, r_w)
-    chi2 = np.einsum("ni,ni->n", along**2, inverse_values)
-    weight = np.einsum("nij,nj->ni", vectors, inverse_values * along)
-    step = np.einsum("nji,nkj,nk->ni", JC, whiten, weight)[:, :6]
-    return LeaveOneOutChanges(chi2, np.where(used[:, None], step, 0.0))
+    stacked, rows = estimate.stacked, estimate.rows_used
+    M, weighted = residual_information(estimate)
+    covariance = stacked.covariance[np.ix_(rows, rows)]
+    W_J = np.linalg.solve(covariance, stacked.jacobian[rows])
+    at = stacked.profile[rows]
+    n = len(estimate.used)
+    chi2, step = np.zeros(n), np.zeros((n, 6))
+    for i in range(n):
+        if estimate.used[i]:
+            own = np.flatnonzero(at == i)
+            # A profile that is off by delta as a whole: its most likely delta, and what it costs.
+            C = covariance[np.ix_(own, own)]
+            delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
+            step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
+        else:
+            own = np.flatnonzero(stacked.profile == i)
+            J, r = stacked.jacobian[own], stacked.residuals[own]
+            C = stacked.covariance[np.ix_(own, own)] + J @ estimate.covariance @ J.T
+            chi2[i] = r @ np.linalg.solve(C, r)
+    return LeaveOneOutChanges(chi2, step)
+
+
+def _solve_checked(M: Array, b: Array, C: Array) -> tuple[Array, float]:
+    """M⁻¹ b and bᵀ M⁻¹ b along the directions that the other profiles check."""
+    L = np.linalg.cholesky(C)
+    values, vectors = np.linalg.eigh(L.T @ M @ L)
+    kept = values > MIN_REDUNDANCY
+    along = vectors[:, kept].T @ (L.T @ b)
+    return L @ vectors[:, kept] @ (along / values[kept]), float(along @ (along / values[kept]))
 
 
 def covariance_from_information(information: Array) -> Array:
@@ -172,16 +255,16 @@ def _root(information: Array) -> Array:
     return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
 
 
-def _whitening(covariance: Array) -> Array:
-    """Matrices that turn residuals of these covariances into independent ones of variance one."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+def _lower_root(covariance: Array) -> Array:
+    return np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
 
-def _stack(whiten: Array, residuals: Array, prior: Array) -> Array:
-    return np.concatenate((np.einsum("nij,nj->ni", whiten, residuals).ravel(), prior))
+def _whiten(L: Array, v: Array) -> Array:
+    """Independent residuals of variance one, from those with covariance L Lᵀ."""
+    return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
 
 
-def _whiten_jacobian(whiten: Array, J: Array, prior: Array) -> Array:
-    m = prior.shape[1]
-    lines = (whiten @ J).reshape(-1, J.shape[2])
-    return np.concatenate((lines, np.hstack((np.zeros((len(prior), J.shape[2] - m)), prior))))
+def _with_prior(J: Array, prior: Array) -> Array:
+    return np.concatenate(
+        (J, np.hstack((np.zeros((len(prior), J.shape[1] - prior.shape[1])), prior)))
+    )

@@ -17,11 +17,13 @@ from tjscan.calibration.advice import (
     suggest_pose,
 )
 from tjscan.calibration.design import HandEyeUncertainty, ReachabilityCheck, predict_uncertainty
-from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample, calibrate_on_plane
+from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.posed_profile import fit_line_samples
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.samples import LineSample
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z, transform_points
@@ -192,7 +194,7 @@ def fit_touched_board(
     """
     points = np.array(list(touched_points(task, measured).values())).reshape(-1, 3)
     outside = task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
-    target = fit_plane(points, task.noise.touch, outside)
+    target = fit_plane(points, task.noise.touch, outside, geometry=task.noise.geometry)
     return target, BoardRectangle.through_touched_points(points, target)
 
 

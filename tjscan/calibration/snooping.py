@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tjscan.calibration.model import TargetModel
+from tjscan.calibration.combined import CombinedModel
 from tjscan.calibration.refine import (
     Mask,
     RefinedEstimate,
     leave_one_out_changes,
     refine_by_least_squares,
+    residual_information,
 )
+from tjscan.calibration.variance import most_likely_geometry
 from tjscan.core.frames import Array
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
@@ -33,32 +35,42 @@ RIDGE: Final = 1e-6
 """Keeps sets solvable without which nothing could be found; they leave no residual anyway."""
 
 
-def reject_outlying_profiles(model: TargetModel, estimate: RefinedEstimate) -> RefinedEstimate:
+def reject_outlying_profiles(
+    model: CombinedModel, estimate: RefinedEstimate, stated: float = 0.0
+) -> RefinedEstimate:
     """Solve again without the profiles that contradict the others.
 
     Bad profiles hide one another and put the blame on good ones, so sets of them are left out
-    whole. The set is taken that explains the lines best: blame costs as much as a profile must
-    stand out by to be blamed alone, and it competes with the other explanation, that all
-    profiles are rougher than stated.
+    whole. The set is taken that explains the profiles best: blame costs as much as a profile must
+    stand out by to be blamed alone, and it competes with two other explanations, that all
+    profiles are rougher than stated, and that the arm's geometry is off.
 
     Parameters
     ----------
-    model : TargetModel
+    model : CombinedModel
         The profiles.
     estimate : RefinedEstimate
         With all of them in use.
+    stated : float
+        Geometry error to allow for at least, metres.
     """
-    n, k = estimate.linearised.residuals.shape
-    price = float(chdtri(k, FALSE_ALARM_PROBABILITY / n))
-    if chi2_is_plausible(estimate) and leave_one_out_changes(estimate).chi2.max() <= price:
-        return estimate
+    sizes = estimate.residuals_per_profile
+    prices = chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes))
+    geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
-    for size in range(1, _most(estimate) + 1):
-        left_out = _worst_set(estimate, last, size)
-        last = refine_by_least_squares(model, estimate.T_f_s, estimate.target, ~left_out)
-        if _cost(last) + size * price < _cost(best) + int((~best.used).sum()) * price:
-            best = last
-    return best
+    if not (chi2_is_plausible(estimate) and (leave_one_out_changes(estimate).chi2 <= prices).all()):
+        for size in range(1, _most(estimate) + 1):
+            left_out = _worst_set(estimate, last, size)
+            last = refine_by_least_squares(model, estimate.T_f_s, estimate.target, ~left_out)
+            found, its_cost = most_likely_geometry(last, stated)
+            its_cost += float(prices[left_out].sum())
+            if its_cost < cost:
+                best, geometry, cost = last, found, its_cost
+    if geometry == best.geometry:
+        return best
+    return refine_by_least_squares(
+        model.with_geometry(geometry), best.T_f_s, best.target, best.used
+    )
 
 
 def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
@@ -66,15 +78,9 @@ def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
     return estimate.dof <= 0 or bool(estimate.chi2 <= chdtri(estimate.dof, FALSE_ALARM_PROBABILITY))
 
 
-def _cost(estimate: RefinedEstimate) -> float:
-    """Minus twice the log-likelihood, all errors being as much larger than stated as fits best."""
-    widened = max(1.0, estimate.chi2 / max(estimate.dof, 1))
-    return float(estimate.chi2 / widened + estimate.dof * np.log(widened))
-
-
 def _most(estimate: RefinedEstimate) -> int:
     """How many profiles may be bad, from an estimate that uses all of them."""
-    n, k = len(estimate.used), int(estimate.linearised.residuals.shape[1])
+    n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
     spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
     return max(0, min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k))
 
@@ -95,15 +101,17 @@ def _worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> M
 
 def _drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
     """By how much leaving out each set, rows of indices, lowers the sum of squares, first order."""
-    lin = estimate.linearised
-    n, k = lin.residuals.shape
-    whiten = np.linalg.inv(np.linalg.cholesky(lin.covariance))
-    r = np.einsum("nij,nj->ni", whiten, lin.residuals)
-    J = (whiten @ np.concatenate((lin.by_pose, lin.by_target), axis=2)).reshape(n * k, -1)
-    # What the fit leaves of errors in the residuals, profile by profile.
-    left = (np.eye(n * k) - J @ estimate.covariance @ J.T).reshape(n, k, n, k)
-    blocks = left.transpose(0, 2, 1, 3)[sets[:, :, None], sets[:, None, :]]
+    M, weighted = residual_information(estimate)
+    scale = np.sqrt(np.diag(estimate.stacked.covariance))
+    sizes = estimate.residuals_per_profile
+    n, k = len(sizes), int(sizes.max())
+    # As many rows for every profile; rows that some lack stand alone and say nothing.
+    row = estimate.stacked.profile * k + np.concatenate([np.arange(size) for size in sizes])
+    left, r = np.eye(n * k), np.zeros(n * k)
+    left[np.ix_(row, row)] = M * np.outer(scale, scale)
+    r[row] = weighted * scale
+    blocks = left.reshape(n, k, n, k).transpose(0, 2, 1, 3)[sets[:, :, None], sets[:, None, :]]
     rows = sets.shape[1] * k
     inner = blocks.transpose(0, 1, 3, 2, 4).reshape(-1, rows, rows) + RIDGE * np.eye(rows)
-    r_set = r[sets].reshape(-1, rows, 1)
+    r_set = r.reshape(n, k)[sets].reshape(-1, rows, 1)
     return np.asarray((r_set * np.linalg.solve(inner, r_set)).sum(axis=(1, 2)))

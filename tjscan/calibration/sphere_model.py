@@ -18,7 +18,8 @@ from tjscan.core.frames import Array, skew_matrix
 class SphereModel:
     """Residuals of arcs on a ball: its centre against each arc's, and the radius of the arc.
 
-    The target's parameters are the centre in b and, where it is unknown, the radius; metres.
+    The target's parameters are the centre in b and how much larger the ball is than stated (than
+    nothing, where its radius is unknown); metres.
 
     Parameters
     ----------
@@ -75,9 +76,9 @@ class SphereModel:
 
     @property
     def prior_information(self) -> Array:
-        """Nothing is known of the centre or an unknown radius: zeros, shape (m, m)."""
-        m = 3 if self.sphere.radius is not None else 4
-        return np.zeros((m, m))
+        """Nothing is known of the centre; of the radius, what is stated; shape (4, 4)."""
+        tolerance = self.sphere.tolerance if self.sphere.radius is not None else np.inf
+        return np.diag((0.0, 0.0, 0.0, tolerance**-2))
 
     def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
         """Residuals in metres, k = 3: centre along x_s, along z_s, and the ball's radius.
@@ -86,10 +87,10 @@ class SphereModel:
         ----------
         T_f_s : ndarray, shape (4, 4)
             The sensor on the flange.
-        target : ndarray, shape (3,) or (4,)
-            Centre in b, and the radius where it is unknown, metres.
+        target : ndarray, shape (4,)
+            Centre in b, and the radius less that stated, metres.
         """
-        radius = self.sphere.radius if self.sphere.radius is not None else float(target[3])
+        radius = (self.sphere.radius or 0.0) + float(target[3])
         R_b_f, p_b_f = self.T_b_f[:, :3, :3], self.T_b_f[:, :3, 3]
         R, n = T_f_s[:3, :3], len(self.radii)
         centre_f = np.einsum("nji,nj->ni", R_b_f, target[:3] - p_b_f)
@@ -110,18 +111,16 @@ class SphereModel:
         in_flange = by_centre @ R.T
         by_pose = np.concatenate((-in_flange, in_flange @ skew_matrix(lever_f)), axis=2)
         by_target = in_flange @ R_b_f.transpose(0, 2, 1)
-        if self.sphere.radius is None:
-            by_radius = np.zeros((n, 3, 1))
-            by_radius[:, 2] = -1.0
-            by_target = np.concatenate((by_target, by_radius), axis=2)
+        by_radius = np.zeros((n, 3, 1))
+        by_radius[:, 2] = -1.0
+        by_target = np.concatenate((by_target, by_radius), axis=2)
 
         by_arc = np.zeros((n, 3, 3))
         by_arc[:, 0, 0] = by_arc[:, 1, 1] = -1.0
         by_arc[:, 2, 2] = self.radii / slant
-        turn = in_flange @ skew_matrix(centre_f)  # a small turn of the flange moves the ball in f
-        covariance = (
-            by_arc @ self.covariances @ by_arc.transpose(0, 2, 1)
-            + self.noise.position**2 * (in_flange @ in_flange.transpose(0, 2, 1))
-            + self.noise.rotation**2 * (turn @ turn.transpose(0, 2, 1))
-        )
-        return LinearisedModel(residuals, by_pose, by_target, covariance)
+        # An error of the flange's pose moves the ball in f.
+        moved_b = in_flange @ R_b_f.transpose(0, 2, 1)
+        lever_b = target[:3] - p_b_f
+        by_arm = np.concatenate((-moved_b, moved_b @ skew_matrix(lever_b)), axis=2)
+        own = by_arc @ self.covariances @ by_arc.transpose(0, 2, 1)
+        return LinearisedModel(residuals, by_pose, by_target, by_arm, own, self.noise)

@@ -102,5 +102,5 @@ def sphere_start_parameters(model: SphereModel, centre_b: Array) -> Array:
         About where the ball is, frame b, metres.
     """
     if model.sphere.radius is not None:
-        return centre_b
+        return np.append(centre_b, 0.0)
     return np.append(centre_b, 1.05 * model.radii.max())

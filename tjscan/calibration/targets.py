@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from tjscan.calibration.arm_error import ARM_REACH
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy, unit_vector
@@ -91,7 +92,13 @@ class PlaneTarget:
         return plane_through_point(self.centre_b - by[2] * u, u)
 
 
-def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None) -> PlaneTarget:
+def fit_plane(
+    points_b: ArrayLike,
+    sigma: float,
+    side_b: ArrayLike | None = None,
+    *,
+    geometry: float = 0.0,
+) -> PlaneTarget:
     """Fit the plane through points touched with the arm's probe tip.
 
     Parameters
@@ -102,6 +109,9 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
         Standard deviation of a touched point in each axis, in metres.
     side_b : array_like, shape (3,), optional
         A point on the side of the plane that its normal shall point to, such as the flange.
+    geometry : float
+        Standard deviation of the arm's geometry error, metres: points that are touched near each
+        other err alike; see `tjscan.calibration.arm_error`.
 
     Raises
     ------
@@ -123,14 +133,21 @@ def fit_plane(points_b: ArrayLike, sigma: float, side_b: ArrayLike | None = None
         u = -u
     residuals = (points - centre) @ u
     _check_pattern(singular, sigma)
-    _check_flatness(residuals, sigma)
-    information = np.diag((singular[0] ** 2, singular[1] ** 2, len(points))) / sigma**2
+    across = np.column_stack(((points - centre) @ axes[:2].T, np.ones(len(points))))
+    metres = np.linalg.norm(points[:, None] - points, axis=2)
+    alike = np.exp(-0.5 * (metres / ARM_REACH) ** 2)
+    covariance = sigma**2 * np.eye(len(points)) + geometry**2 * alike
+    _check_flatness(residuals, across, covariance, sigma)
+    gain = np.linalg.pinv(across)
+    information = np.linalg.inv(gain @ covariance @ gain.T)
     return PlaneTarget(
         plane_through_point(centre, u), centre, axes[:2], information, residuals, singular
     )
 
 
-def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: float) -> PlaneTarget:
+def plane_stated_beforehand(
+    plane: PluckerPlane, flange_b: ArrayLike, sigma: float, *, geometry: float = 0.0
+) -> PlaneTarget:
     """Plane target that the user states, as sure as one touched at the corners of a square.
 
     Parameters
@@ -142,11 +159,13 @@ def plane_stated_beforehand(plane: PluckerPlane, flange_b: ArrayLike, sigma: flo
     sigma : float
         Standard deviation of each touched corner of a square with side `STATED_BOARD_SIZE`, in
         metres.
+    geometry : float
+        Standard deviation of the arm's geometry error, metres.
     """
     flange = np.asarray(flange_b, dtype=float)
     bare = PlaneTarget.unknown_plane(plane, flange)
     corners = STATED_BOARD_SIZE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange)
+    return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange, geometry=geometry)
 
 
 def _check_pattern(singular: Array, sigma: float) -> None:
@@ -161,9 +180,17 @@ def _check_pattern(singular: Array, sigma: float) -> None:
     )
 
 
-def _check_flatness(residuals: Array, sigma: float) -> None:
+def _check_flatness(residuals: Array, across: Array, covariance: Array, sigma: float) -> None:
     dof = len(residuals) - 3
-    if dof == 0 or chdtrc(dof, residuals @ residuals / sigma**2) > MIN_TOUCH_PROBABILITY:
+    if dof == 0:
+        return
+    # What no plane explains, in as many axes as there are degrees of freedom.
+    rest = np.linalg.svd(across)[0][:, 3:]
+    left = residuals @ rest
+    if (
+        chdtrc(dof, left @ np.linalg.solve(rest.T @ covariance @ rest, left))
+        > MIN_TOUCH_PROBABILITY
+    ):
         return
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1
@@ -181,11 +208,50 @@ class SphereTarget:
     Parameters
     ----------
     radius : float, optional
-        Metres, where it is known.
+        Metres, where it is stated.
+    tolerance : float
+        Standard deviation of a stated radius, metres. The default is an assumption: that of a
+        ball from a bearing, painted matt.
     """
 
     radius: float | None = None
+    tolerance: float = 10e-6
 
     def __post_init__(self) -> None:
         if self.radius is not None and not 0 < self.radius < np.inf:
             raise ValueError("a sphere's radius is positive and finite")
+        if not 0 < self.tolerance < np.inf:
+            raise ValueError("a radius has a tolerance, positive and finite")
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownRoof:
+    """A roof edge that stays where it is, somewhere in frame b."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoofTarget:
+    """A roof edge: two planes that meet, somewhere in frame b.
+
+    Parameters
+    ----------
+    left, right : PlaneTarget
+        The planes; the profiles show the left one at smaller x_s.
+    """
+
+    left: PlaneTarget
+    right: PlaneTarget
+
+    @property
+    def edge_b(self) -> tuple[Array, Array]:
+        """The point of the edge next to the left plane's centre, metres, and its unit direction."""
+        normals = np.stack((self.left.plane.u, self.right.plane.u))
+        direction = unit_vector(np.cross(*normals))
+        heights = np.array((self.left.plane.u0, self.right.plane.u0))
+        near = self.left.centre_b
+        return near - np.linalg.pinv(normals) @ (normals @ near + heights), direction
+
+    @property
+    def angle(self) -> float:
+        """Between the planes on the sensor's side, radians."""
+        return float(np.pi - np.arccos(np.clip(self.left.plane.u @ self.right.plane.u, -1, 1)))

@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri
 
-from tjscan.calibration.hand_eye import HandEyeCalibration, LineSample
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.samples import LineSample
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to reject a good calibration."""

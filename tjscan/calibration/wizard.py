@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.advice import BoardRectangle
-from tjscan.calibration.hand_eye import HandEyeCalibration
 from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.probe import TouchProbe
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.session import (
     CalibrationPlan,
     CalibrationProgress,

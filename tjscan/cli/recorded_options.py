@@ -18,9 +18,13 @@ class RecordedProfileOptions:
     Parameters
     ----------
     lines
-        Recorded profiles: CSV with columns x, z and profile, or with a profile per row.
+        Recorded profiles: CSV with columns x, z and profile, or with a profile per row. Once for
+        each target: all of them are solved together.
     poses
         Their flange poses: CSV with position and quaternion, rotation vector or Euler angles.
+    target
+        What each of the recordings shows, in their order: roof, ball, ball=RADIUS, plane,
+        plane=A,B,C,D or touched=FILE.
     plane
         The board A,B,C,D in frame b: A x + B y + C z + D = 0 in millimetres.
     touched
@@ -31,6 +35,10 @@ class RecordedProfileOptions:
         The target is a ball of this radius.
     unknown_sphere
         The target is a ball; find its radius too.
+    roof_edge
+        The target is a roof edge: two planes that meet.
+    fixed_sensor
+        The sensor stands fixed in the room, and the arm carries the target.
     units
         Unit of length of the profiles, where the names of the columns do not state it.
     pitch
@@ -47,19 +55,25 @@ class RecordedProfileOptions:
         Standard deviation of its orientation, about each axis; 0.01.
     touch_mm
         Standard deviation of a touched point, each axis; 0.05.
+    geometry_mm
+        Standard deviation of the flange's position that the arm's own geometry leaves, alike at
+        poses that are alike; 0.3.
     arm_id
         The arm it holds for; a scan with another refuses it.
     laser_id
         The laser it holds for.
     """
 
-    lines: Path | None = None
-    poses: Path | None = None
+    lines: list[Path] | None = None
+    poses: list[Path] | None = None
+    target: list[str] | None = None
     plane: str | None = None
     touched: Path | None = None
     unknown_plane: bool = False
     sphere_radius_mm: float | None = None
     unknown_sphere: bool = False
+    roof_edge: bool = False
+    fixed_sensor: bool = False
     units: Literal["mm", "um", "m"] | None = None
     pitch: float | None = None
     invalid: list[float] | None = None
@@ -68,6 +82,7 @@ class RecordedProfileOptions:
     position_mm: float | None = None
     rotation_deg: float | None = None
     touch_mm: float | None = None
+    geometry_mm: float | None = None
     arm_id: str | None = None
     laser_id: str | None = None
 

@@ -14,12 +14,12 @@ from tjscan.calibration.file import (
     to_calibration_file,
     write_calibration,
 )
-from tjscan.calibration.hand_eye import HandEyeCalibration
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.probe import JoggedProbe, TouchProbe
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.session import CalibrationPlan
 from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import CALIBRATION_RECORDING

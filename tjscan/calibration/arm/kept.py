@@ -9,7 +9,7 @@ import numpy as np
 from tjscan.calibration.arm.entry import ArmKinematicsEntry
 from tjscan.calibration.arm.estimate import without_each_profile
 from tjscan.calibration.arm.result import ArmCalibration, list_undetermined
-from tjscan.calibration.hand_eye import HandEyeCalibration, SampleResidual
+from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.core.frames import Array
 
 METHOD = "ball, with the arm's kinematics"

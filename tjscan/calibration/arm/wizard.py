@@ -10,10 +10,10 @@ import numpy as np
 from tjscan.calibration.arm.design import BallPlan, PlannedView
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
-from tjscan.calibration.hand_eye import ArcSample
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples
+from tjscan.calibration.samples import ArcSample
 from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.calibration.topics import ArmPoseTaken

@@ -1,0 +1,50 @@
+"""The arm's geometry error: alike at poses that are alike, so no average over them removes it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+
+ARM_REACH: Final = 0.7
+"""Metres from a joint to the flange, typically: by this much times the change of a joint's angle
+the flange moves, and an error of its position over it is the error of its orientation."""
+
+
+def geometry_correlation(T_b_f: Array) -> Array:
+    """Correlation of an arm's geometry error between its poses, shape (n, n).
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+
+    Notes
+    -----
+    What errors of lengths, twists and zeros of joints do to the flange are sums of sines and
+    cosines of the joints' angles. With random amplitudes a sin q + b cos q correlates over a
+    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `ARM_REACH` metres.
+    """
+    p = T_b_f[:, :3, 3]
+    metres = np.linalg.norm(p[:, None] - p, axis=2)
+    R = T_b_f[:, :3, :3]
+    # |R_i - R_j|² = 8 sin²(angle / 2), also where the angle is tiny.
+    chord = np.linalg.norm(R[:, None] - R, axis=(2, 3))
+    radians = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
+    return np.asarray(np.exp(-0.5 * ((metres / ARM_REACH) ** 2 + radians**2)))
+
+
+def geometry_covariance(by_arm: Array, correlation: Array) -> Array:
+    """Covariance that a geometry error of one metre (position, each axis) gives residuals.
+
+    Parameters
+    ----------
+    by_arm : ndarray, shape (N, 6)
+        Derivative of each residual by an error of its flange pose, in the axes of b.
+    correlation : ndarray, shape (N, N)
+        Of the error between the poses of the residuals.
+    """
+    scaled = by_arm / np.repeat((1.0, ARM_REACH), 3)
+    return np.asarray(correlation * (scaled @ scaled.T))
