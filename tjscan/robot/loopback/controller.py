@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from math import inf
+from math import inf, isfinite
 from typing import Final
 
 import numpy as np
@@ -13,8 +14,10 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import InjectedFault, ScheduledFault
-from tjscan.robot.loopback.motion import Motion
-from tjscan.robot.loopback.program import ControlScript, first_register_of_script
+from tjscan.robot.loopback.motion import Motion, deceleration_motion
+from tjscan.robot.loopback.program import RunningProgram
+from tjscan.robot.loopback.urscript.host import SpeedDrive
+from tjscan.robot.loopback.urscript.tokens import ScriptError
 from tjscan.robot.loopback.wire import REGISTERS, Value, zero_output
 
 FAST_TIME_FACTOR: Final = 25
@@ -25,6 +28,24 @@ MISSED_TARGET_ERROR: Final = 0.01
 
 UNLOCK_DELAY: Final = 5.0
 """Seconds on the controller's clock that a protective stop lasts at least."""
+
+LET_GO: Final = 10.0
+"""rad/s² with which an arm comes to rest that nobody commands any more."""
+
+INSTANT: Final = 1e-6
+"""Seconds at the end of a motion, from which the speed there is taken."""
+
+PASSING: Final = 5e-5
+"""rad/s of a joint at the end of a motion that does not end at rest."""
+
+REMEMBERED: Final = 1000
+"""Ticks for which joint angles are remembered."""
+
+MOST_BESIDE: Final = 10
+"""Programs that may run beside another."""
+
+OUTPUT_GROUPS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
+"""First digital output of a group, and how many it has."""
 
 
 class RobotPower(IntEnum):
@@ -99,56 +120,74 @@ class LoopbackController:
         self._home = self.q.copy()
         self.tcp = np.zeros(6)
         self.payload, self.centre_of_gravity = 0.0, [0.0] * 3
+        self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
+        self.digital_outputs, self.analog_outputs = 0, [0.0] * 2
+        self.speed_fraction = 1.0
+        self._masks: dict[str, int] = {}
+        self.history: deque[Array] = deque([self.q], maxlen=REMEMBERED)
         self.time = 0.0
         self.patience = inf
         self._wall = self._heard = 0.0
-        self._tick, self._worth = 1 / hz, FAST_TIME_FACTOR if fast else 1
+        self.tick, self._worth = 1 / hz, FAST_TIME_FACTOR if fast else 1
         self._stopped_at = -UNLOCK_DELAY
         self._motion: Motion | None = None
-        self._elapsed = 0.0
+        self._drive: SpeedDrive | None = None
+        self._elapsed = self._left = 0.0
+        self._is_let_go = False
         self._missing = False
-        self._program: ControlScript | None = None
+        self._program: RunningProgram | None = None
+        self._beside: list[RunningProgram] = []
         self._orders: list[ScheduledFault] = []
         self._moves = 0
 
     # What the network asks of it
 
     def advance_one_tick(self) -> None:
-        """Advance the controller by one tick: time, motion, program."""
-        moving = self._motion is not None
-        step = self._tick * (self._worth if moving else 1)
+        """Advance the controller by one tick: time, motion, programs."""
+        step = self.tick * (self._worth if self._motion is not None else 1)
         self.time += step
-        self._wall += self._tick
+        self._wall += self.tick
         if self._wall - self._heard > self.patience and not self.deaf:
             self.stop_program()  # the watchdog that the client has set: nobody writes any more
+        self.history.append(self.q)
         if self._motion is not None:
-            self._advance(self._motion, step)
-        if (
-            self._program is not None
-            and self.runtime is ProgramState.PLAYING
-            and not self._program.run_cycle()
-        ):
-            self.stop_program()
+            self._advance(self._motion, step * self.speed_fraction)
+        elif self._drive is not None:
+            self._turn_joints(self._drive, step * self.speed_fraction)
+        if self.runtime is ProgramState.PLAYING:
+            for program in (*self._beside, *([self._program] if self._program else [])):
+                self._run_program(program)
+        if self._is_let_go:
+            self.begin_deceleration(LET_GO)
 
-    def start_script(self, script: str) -> bool:
-        """Start a script; it is the client's own control script, or it is refused."""
+    def start_script(self, script: str) -> None:
+        """Start a script in place of the one that runs; one of kind ``sec`` runs beside it.
+
+        Raises
+        ------
+        ScriptError
+            If the robot is not ready, or it is no URScript.
+        """
         if (
             self.mode is not RobotPower.RUNNING
             or self.safety is not SafetyState.NORMAL
             or not self.remote
         ):
-            return False
-        offset = first_register_of_script(script)
-        if offset is None:
-            return False
+            raise ScriptError("the robot is not ready for a program")
+        program = RunningProgram(script, self)
+        if program.runs_beside:
+            if len(self._beside) >= MOST_BESIDE:
+                raise ScriptError("too many programs run beside another")
+            self._beside.append(program)
+            return
         self.stop_program()
         self.tell("program started")
-        self._program, self.runtime = ControlScript(self, offset), ProgramState.PLAYING
-        return True
+        self._program, self.runtime = program, ProgramState.PLAYING
 
     def stop_program(self) -> None:
         """End the program, and the motion with it."""
         if self._program is not None:
+            self._program.end()
             self.tell("program stopped")
         self._program, self.runtime, self.patience = None, ProgramState.STOPPED, inf
         self.stop_instantly()
@@ -184,6 +223,17 @@ class LoopbackController:
             self.input_int[int(number)] = int(value)
         elif kind == "input_double_register":
             self.input_double[int(number)] = float(value)
+        elif name.endswith("_mask"):
+            self._masks[name] = int(value)
+        elif name.endswith("_digital_output"):
+            first, count = OUTPUT_GROUPS[name.partition("_")[0]]
+            mask = (self._masks.get(f"{name}_mask", 0) & (1 << count) - 1) << first
+            self.digital_outputs = self.digital_outputs & ~mask | int(value) << first & mask
+        elif kind == "standard_analog_output" and isfinite(value):
+            if self._masks.get("standard_analog_output_mask", 0) >> int(number) & 1:
+                self.analog_outputs[int(number)] = float(value)
+        elif name == "speed_slider_fraction" and self._masks.get("speed_slider_mask"):
+            self.speed_fraction = min(max(float(value), 0.0), 1.0) if isfinite(value) else 0.0
 
     def read_output(self, name: str) -> Value:
         """Read an output variable; those without meaning here are zero."""
@@ -206,26 +256,36 @@ class LoopbackController:
     @property
     def moving(self) -> bool:
         """Whether a motion is under way."""
-        return self._motion is not None
+        return self._motion is not None or self._drive is not None
 
     def begin_motion(self, motion: Motion) -> None:
-        """Begin a motion that the program commands."""
+        """Begin a motion; what was left of the tick in which the last one ended counts for it."""
         self._moves += 1
         self.tell(f"move {self._moves}")
-        self._motion, self._elapsed = motion, 0.0
+        self._take_over(motion, None, self._left)
 
-    def start_deceleration(self, motion: Motion) -> None:
-        """Begin to stop along a motion; scheduled faults do not count it as a move."""
-        self._motion, self._elapsed = motion, 0.0
+    def begin_deceleration(self, deceleration: float) -> None:
+        """Begin to come to rest; scheduled faults do not count it as a move."""
+        self._take_over(deceleration_motion(self.q, self.speed, deceleration), None)
 
-    @property
-    def motion_progress(self) -> tuple[Motion, float] | None:
-        """The motion under way, and the seconds of it that have passed."""
-        return None if self._motion is None else (self._motion, self._elapsed)
+    def drive(self, speeds: SpeedDrive) -> None:
+        """Let the joints turn with a speed that is asked anew in each tick, until told else."""
+        self._take_over(None, speeds)
+
+    def let_go(self) -> None:
+        """Nobody commands the arm any more: unless somebody does in this tick, it comes to rest."""
+        self._is_let_go = True
+
+    def _take_over(
+        self, motion: Motion | None, drive: SpeedDrive | None, elapsed: float = 0.0
+    ) -> None:
+        self._motion, self._drive, self._elapsed = motion, drive, elapsed
+        self._left, self._is_let_go = 0.0, False
 
     def stop_instantly(self) -> None:
         """Stop the motion at once, where it is."""
-        self._motion, self.speed = None, np.zeros(6)
+        self._take_over(None, None)
+        self.speed = np.zeros(6)
 
     def protective_stop(self) -> None:
         """Stop as the safety system does; the program pauses."""
@@ -236,20 +296,50 @@ class LoopbackController:
 
     # Motion and faults
 
+    def _run_program(self, program: RunningProgram) -> None:
+        try:
+            if program.run_tick():
+                return
+        except ScriptError as error:
+            self.tell(f"program failed: {error}")
+        if program is self._program:
+            self.stop_program()
+        else:
+            self._beside.remove(program)
+
     def _advance(self, motion: Motion, step: float) -> None:
         due = [order for order in self._orders if order.move == self._moves]
         end = motion.duration / 2 if due else motion.duration
-        before, self._elapsed = self.q, min(self._elapsed + step, end)
+        before, passed = self.q, self._elapsed
+        self._elapsed = min(self._elapsed + step, end)
         self.q = motion.joint_angles_at(self._elapsed)
-        self.speed = (self.q - before) / step
+        if self._elapsed > passed:
+            self.speed = (self.q - before) / (self._elapsed - passed)
         if due and self._elapsed >= end:
             for order in due:
                 self._orders.remove(order)
                 self._bring(order.fault)
         elif self._elapsed >= motion.duration:
-            if self._missing:
-                self.q, self._missing = self.q - MISSED_TARGET_ERROR * np.eye(6)[5], False
-            self.stop_instantly()
+            self._end(motion, passed + step - motion.duration)
+
+    def _end(self, motion: Motion, left: float) -> None:
+        """End a motion: at rest, or on into the next one, which has the seconds that are left."""
+        speed = (self.q - motion.joint_angles_at(motion.duration - INSTANT)) / INSTANT
+        if motion.duration > INSTANT and np.abs(speed).max() > PASSING:
+            self._take_over(None, None)
+            self.speed, self._left, self._is_let_go = speed, left, True
+            return
+        if self._missing:
+            self.q, self._missing = self.q - MISSED_TARGET_ERROR * np.eye(6)[5], False
+        self.stop_instantly()
+
+    def _turn_joints(self, drive: SpeedDrive, step: float) -> None:
+        speeds = drive(step, self.q, self.speed) if step > 0 else np.zeros(6)
+        turned = self.q + step * speeds
+        if np.any((turned < self.kinematics.lower) | (turned > self.kinematics.upper)):
+            self.protective_stop()
+        elif self.safety is SafetyState.NORMAL:
+            self.q, self.speed = turned, speeds
 
     def _bring(self, fault: InjectedFault) -> None:
         if fault is InjectedFault.PROTECTIVE_STOP:
@@ -309,7 +399,10 @@ _OUTPUTS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
     "safety_status_bits": lambda c: SAFETY_BITS[c.safety],
     "payload": lambda c: c.payload,
     "payload_cog": lambda c: list(c.centre_of_gravity),
-    "speed_scaling": lambda c: 1.0,
-    "target_speed_fraction": lambda c: 1.0,
+    "speed_scaling": lambda c: c.speed_fraction,
+    "target_speed_fraction": lambda c: c.speed_fraction,
+    "actual_digital_output_bits": lambda c: c.digital_outputs,
+    "standard_analog_output0": lambda c: c.analog_outputs[0],
+    "standard_analog_output1": lambda c: c.analog_outputs[1],
 }
 """What each output shows. The others are zero."""

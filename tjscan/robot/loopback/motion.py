@@ -1,17 +1,20 @@
-"""Moves of the controller, on the project's own kinematics and motion profiles."""
+"""Motions of the controller: along a path with a speed of the tool, to joint angles, to rest."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, sqrt
 from typing import Final, Protocol
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from tjscan.core.frames import Array
+from tjscan.core.errors import PoseUnreachable
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.tool_path import ToolPath
 from tjscan.robot.motion import MotionLimits, fastest_joint_path
-from tjscan.robot.path import FEWEST, JOINT_SPACING, linear_path
+from tjscan.robot.path import FEWEST, JOINT_SPACING, JUMP
 
 UNBOUNDED: Final = 1e3
 """m/s or m/s²: the controller bounds only what the program asks it to."""
@@ -22,8 +25,8 @@ FASTEST_JOINTS: Final = 40.0
 STILL: Final = 1e-9
 """rad/s: slower than this is rest."""
 
-INSTANT: Final = 1e-6
-"""Seconds over which a speed is taken."""
+NO_PATH: Final = 1e-9
+"""Metres: a shorter path is none."""
 
 
 class Motion(Protocol):
@@ -62,14 +65,68 @@ class DecelerationMotion:
         return np.asarray(self.q + share * self.speed)
 
 
-def decelerate_motion(motion: Motion, time: float, deceleration: float) -> DecelerationMotion:
-    """Motion that stops another one at a time, with the leading axis' deceleration in rad/s²."""
-    q = motion.joint_angles_at(time)
-    speed = (motion.joint_angles_at(time + INSTANT) - q) / INSTANT
-    fastest = float(np.abs(speed).max())
-    return DecelerationMotion(
-        q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1)
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class PathMotion:
+    """A motion of the tool along a path: up to a speed, on with it, and down to that of its end.
+
+    Parameters
+    ----------
+    spline : CubicSpline
+        Joint angles in radians over the length of the path in metres.
+    length : float
+        Metres.
+    speeds : tuple of float
+        At the beginning, on the way and at the end, in m/s.
+    acceleration : float
+        m/s².
+    """
+
+    spline: CubicSpline
+    length: float
+    speeds: tuple[float, float, float]
+    acceleration: float
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motion in seconds."""
+        return sum(self._times)
+
+    @property
+    def _times(self) -> tuple[float, float, float]:
+        """Seconds of speeding up, going on and slowing down."""
+        (first, way, last), a = self.speeds, self.acceleration
+        up, down = (abs(way**2 - v**2) / (2 * a) for v in (first, last))
+        return abs(way - first) / a, max(self.length - up - down, 0.0) / way, abs(way - last) / a
+
+    def joint_angles_at(self, time: float) -> Array:
+        """Joint angles in radians at a time in seconds."""
+        (first, way, last), (up, on, down) = self.speeds, self._times
+        t = min(max(time, 0.0), up + on + down)
+        begun, left = min(t, up), min(max(t - up - on, 0.0), down)
+        s = first * begun + (way - first) * begun**2 / (2 * up) if up > 0 else 0.0
+        s += way * min(max(t - up, 0.0), on)
+        s += way * left - (way - last) * left**2 / (2 * down) if down > 0 else 0.0
+        return np.asarray(self.spline(min(s, self.length)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StretchedMotion:
+    """A motion that takes another time than it would.
+
+    Parameters
+    ----------
+    motion : Motion
+        What is stretched.
+    duration : float
+        Seconds.
+    """
+
+    motion: Motion
+    duration: float
+
+    def joint_angles_at(self, time: float) -> Array:
+        """Joint angles in radians at a time in seconds."""
+        return self.motion.joint_angles_at(time * self.motion.duration / self.duration)
 
 
 def joint_motion(
@@ -83,15 +140,63 @@ def joint_motion(
     return fastest_joint_path(waypoints, points_b, np.full(len(q), speed), limits)
 
 
-def linear_motion(
-    kinematics: Kinematics, q: Array, T_b_f: Array, speed: float, acceleration: float
+def path_motion(
+    kinematics: Kinematics,
+    q: Array,
+    path: ToolPath,
+    T_f_tcp: Array,
+    speeds: tuple[float, float, float],
+    acceleration: float,
 ) -> Motion:
-    """Motion of the flange on a straight line.
+    """Motion of the tool along a path, slower where a joint would exceed its limit.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    q : ndarray, shape (6,)
+        Where it begins, radians.
+    path : ToolPath
+        Of the active TCP in frame b.
+    T_f_tcp : ndarray, shape (4, 4)
+        The TCP on the flange.
+    speeds : tuple of float
+        At the beginning, on the way at most and at the end at most, in m/s.
+    acceleration : float
+        m/s².
 
     Raises
     ------
     PoseUnreachable
-        If the line leaves the reach or the joint limits.
+        If the path leaves the reach or the joint limits, or passes near a singularity.
     """
-    limits = MotionLimits(speed, acceleration, 1.0, FASTEST_JOINTS)
-    return linear_path(kinematics, q, T_b_f, limits)
+    T_tcp_f = inverse_pose(T_f_tcp)
+    waypoints = [np.asarray(q, dtype=float)]
+    for T in path.poses[1:]:
+        found = kinematics.inverse(T @ T_tcp_f, near=waypoints[-1])
+        if np.abs(found - waypoints[-1]).max() > JUMP:
+            raise PoseUnreachable("a joint would have to swing at once.", T @ T_tcp_f)
+        waypoints.append(found)
+    if path.length < NO_PATH:
+        return joint_motion(
+            kinematics, q, waypoints[-1], float(kinematics.velocity.min()), FASTEST_JOINTS
+        )
+    spline = CubicSpline(path.lengths, np.array(waypoints))
+    rates = np.abs(spline(np.linspace(0, path.length, 4 * len(waypoints)), 1)).max(axis=0)
+    fastest = float((kinematics.velocity / np.maximum(rates, STILL)).min())
+    a = min(acceleration, FASTEST_JOINTS / max(float(rates.max()), STILL))
+    first, way, last = (min(v, fastest) for v in speeds)
+    # A short path is left before the speed is reached, or before the end's is.
+    way = max(min(way, sqrt(a * path.length + (first**2 + last**2) / 2)), first, last)
+    last = min(last, sqrt(first**2 + 2 * a * path.length))
+    if first**2 - last**2 > 2 * a * path.length:
+        a = (first**2 - last**2) / (2 * path.length)
+    return PathMotion(spline, path.length, (first, way, last), a)
+
+
+def deceleration_motion(q: Array, speed: Array, deceleration: float) -> DecelerationMotion:
+    """Motion from a speed of the joints to rest, with the leading axis' deceleration in rad/s²."""
+    fastest = float(np.abs(speed).max())
+    return DecelerationMotion(
+        q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1)
+    )

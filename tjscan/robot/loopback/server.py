@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import re
+import struct
 import sys
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
@@ -16,6 +16,8 @@ from tjscan.core.loopback import check_is_loopback_address
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
 from tjscan.robot.loopback.faults import parse_scheduled_fault
+from tjscan.robot.loopback.urscript.incoming import IncomingScripts
+from tjscan.robot.loopback.urscript.tokens import ScriptError
 from tjscan.robot.loopback.wire import HEADER, InputOwners, RtdeSession
 
 RTDE_PORT: Final = 30004
@@ -30,8 +32,6 @@ BEHIND: Final = 0.1
 
 BACKLOG: Final = 1 << 16
 """Bytes that wait for a client that does not read; more are not sent."""
-
-_SCRIPT_END: Final = re.compile(r"^end\s*?\n", re.MULTILINE)
 
 
 @dataclass(eq=False)
@@ -154,6 +154,8 @@ class LoopbackServer:
     async def _packages(self, reader: asyncio.StreamReader, session: RtdeSession) -> None:
         while True:
             size, kind = HEADER.unpack(await reader.readexactly(HEADER.size))
+            if size < HEADER.size:
+                raise ValueError(f"a package of {size} bytes")
             payload = await reader.readexactly(size - HEADER.size)
             await self._awake()
             session.answer_package(kind, payload)
@@ -162,14 +164,14 @@ class LoopbackServer:
         await self._serve(self._scripts(reader), writer)
 
     async def _scripts(self, reader: asyncio.StreamReader) -> None:
-        text = ""
+        incoming = IncomingScripts()
         while data := await reader.read(1 << 16):
-            text += data.decode(errors="replace")
             await self._awake()
-            while (end := _SCRIPT_END.search(text)) is not None:
-                script, text = text[: end.end()], text[end.end() :]
-                if not self.controller.start_script(script):
-                    self.tell("script refused")
+            for script in incoming.add(data.decode(errors="replace")):
+                try:
+                    self.controller.start_script(script)
+                except ScriptError as error:
+                    self.tell(f"script refused: {error}")
 
     async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if self.controller.dashboard_closed:
@@ -200,5 +202,7 @@ class LoopbackServer:
             await service
         except (asyncio.IncompleteReadError, ConnectionError):
             pass  # the client went
+        except (ScriptError, ValueError, struct.error) as error:
+            self.tell(f"hung up: {error}")  # on a client that speaks another language
         finally:
             writer.close()

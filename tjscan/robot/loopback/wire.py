@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from struct import Struct, unpack
 from typing import Final
 
@@ -33,6 +34,9 @@ FORMATS: Final = {
 
 REGISTERS: Final = 48
 """Of each kind."""
+
+MOST_RECIPES: Final = 255
+"""Sets of inputs of one client: their number is a byte."""
 
 
 def _variables(**kinds: str) -> dict[str, str]:
@@ -174,7 +178,7 @@ class RtdeSession:
         elif kind in (START, PAUSE):
             self._started = kind == START and self._outputs is not None
             self._reply(kind, bytes([kind == PAUSE or self._started]))
-        elif kind == DATA and payload[0] in self._inputs:
+        elif kind == DATA and payload and payload[0] in self._inputs:
             for name, value in self._inputs[payload[0]].unpack(payload[1:]):
                 self._write(name, value)
 
@@ -194,6 +198,8 @@ class RtdeSession:
     def _agree_outputs(self, payload: bytes) -> None:
         frequency, names = unpack(">d", payload[:8])[0], _names(payload[8:])
         kinds = [OUTPUT_TYPES.get(name, "NOT_FOUND") for name in names]
+        if not (isfinite(frequency) and frequency > 0):
+            raise ValueError(f"outputs {frequency:g} times a second")
         if "NOT_FOUND" not in kinds:
             self._outputs = RtdeRecipe(names, tuple(kinds))
             self._every = max(1, round(self._hz / frequency))
@@ -203,6 +209,8 @@ class RtdeSession:
         names = _names(payload)
         kinds = self._registry.claim(names, self)
         number = 0
+        if len(self._inputs) >= MOST_RECIPES:
+            raise ValueError(f"more than {MOST_RECIPES} sets of inputs")
         if not {"IN_USE", "NOT_FOUND"} & set(kinds):
             number = len(self._inputs) + 1
             self._inputs[number] = RtdeRecipe(names, tuple(kinds))

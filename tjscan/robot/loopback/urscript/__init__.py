@@ -1,0 +1,1 @@
+"""URScript as the loopback controller runs it: parsed, compiled, run tick by tick."""
