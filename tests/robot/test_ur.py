@@ -91,7 +91,7 @@ def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProc
     with UrArm(KINEMATICS, settings) as arm:
         assert arm.identity.model == "UR10"
         assert arm.identity.serial
-        assert "5.12" in arm.identity.software
+        assert "5.23" in arm.identity.software
         assert arm.identity.payload == pytest.approx(1.25)
 
 

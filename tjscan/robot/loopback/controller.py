@@ -14,7 +14,7 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import InjectedFault, ScheduledFault
-from tjscan.robot.loopback.motion import Motion, deceleration_motion
+from tjscan.robot.loopback.motion import DecelerationMotion, Motion
 from tjscan.robot.loopback.program import RunningProgram
 from tjscan.robot.loopback.urscript.host import SpeedDrive
 from tjscan.robot.loopback.urscript.tokens import ScriptError
@@ -158,7 +158,7 @@ class LoopbackController:
             for program in (*self._beside, *([self._program] if self._program else [])):
                 self._run_program(program)
         if self._is_let_go:
-            self.begin_deceleration(LET_GO)
+            self.come_to_rest(float(np.abs(self.speed).max()) / LET_GO)
 
     def start_script(self, script: str) -> None:
         """Start a script in place of the one that runs; one of kind ``sec`` runs beside it.
@@ -263,10 +263,11 @@ class LoopbackController:
         self._moves += 1
         self.tell(f"move {self._moves}")
         self._take_over(motion, None, self._left)
+        self.q = motion.joint_angles_at(self._elapsed)
 
-    def begin_deceleration(self, deceleration: float) -> None:
-        """Begin to come to rest; scheduled faults do not count it as a move."""
-        self._take_over(deceleration_motion(self.q, self.speed, deceleration), None)
+    def come_to_rest(self, duration: float) -> None:
+        """Begin to come to rest within some seconds; scheduled faults do not count it as a move."""
+        self._take_over(DecelerationMotion(self.q, self.speed, duration), None)
 
     def drive(self, speeds: SpeedDrive) -> None:
         """Let the joints turn with a speed that is asked anew in each tick, until told else."""
@@ -287,8 +288,10 @@ class LoopbackController:
         self._take_over(None, None)
         self.speed = np.zeros(6)
 
-    def protective_stop(self) -> None:
+    def protective_stop(self, reason: str = "") -> None:
         """Stop as the safety system does; the program pauses."""
+        if reason:
+            self.tell(f"protective stop: {reason}")
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
         if self._program is not None:
             self.runtime = ProgramState.PAUSED
@@ -337,7 +340,7 @@ class LoopbackController:
         speeds = drive(step, self.q, self.speed) if step > 0 else np.zeros(6)
         turned = self.q + step * speeds
         if np.any((turned < self.kinematics.lower) | (turned > self.kinematics.upper)):
-            self.protective_stop()
+            self.protective_stop("a joint would pass its limit")
         elif self.safety is SafetyState.NORMAL:
             self.q, self.speed = turned, speeds
 

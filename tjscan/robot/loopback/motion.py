@@ -194,9 +194,11 @@ def path_motion(
     return PathMotion(spline, path.length, (first, way, last), a)
 
 
-def deceleration_motion(q: Array, speed: Array, deceleration: float) -> DecelerationMotion:
-    """Motion from a speed of the joints to rest, with the leading axis' deceleration in rad/s²."""
-    fastest = float(np.abs(speed).max())
-    return DecelerationMotion(
-        q, speed, 0.0 if fastest < STILL else fastest / max(deceleration, 0.1)
-    )
+def tool_jacobian(kinematics: Kinematics, q: Array, T_f_tcp: Array) -> Array:
+    """Velocity of the TCP for unit joint speeds, shape (6, 6), along the axes of b.
+
+    Its origin's in m/s before the angular one in rad/s.
+    """
+    J = kinematics.jacobian(q)
+    arm = kinematics.forward(q)[:3, :3] @ T_f_tcp[:3, 3]
+    return np.vstack([J[:3] + np.cross(J[3:].T, arm).T, J[3:]])

@@ -24,7 +24,7 @@ RTDE_PORT: Final = 30004
 SCRIPT_PORTS: Final = (30001, 30002, 30003)
 DASHBOARD_PORT: Final = 29999
 
-VERSION: Final = (5, 12, 0, 1101319)
+VERSION: Final = (5, 23, 0, 1101319)
 """Of the controller it pretends to be: an e-Series arm that has remote control."""
 
 BEHIND: Final = 0.1

@@ -19,6 +19,11 @@ Run = Generator[None, None, Any]
 DEEPEST: Final = 40
 """Blocks and brackets within each other."""
 
+LARGEST: Final = 1e300
+
+POSE_VALUES: Final = 6
+"""Numbers of a pose."""
+
 _COMPARISONS: Final = ("==", "!=", "<", ">", "<=", ">=")
 _BLOCK_ENDS: Final = ("end", "elif", "else")
 _RESERVED: Final = (
@@ -264,20 +269,25 @@ class _Compiler:
         value = self._primary()
         while self._next.text == "[":
             self._take()
-            value = f"c.item({value}, {self._expression()})"
-            self._expect("]")
+            value = self._items(value, self._values("]"))
+        return value
+
+    def _items(self, value: str, indices: list[str]) -> str:
+        """An item of a list; of a matrix, with two indices."""
+        for index in indices:
+            value = f"c.item({value}, {index})"
         return value
 
     def _primary(self) -> str:
         token = self._take()
         if token.kind == "number":
-            return repr(int(token.text, 16) if token.text[:2] == "0x" else _number(token.text))
+            return repr(_number(token))
         if token.kind == "text":
             return repr(token.text[1:-1])
         if token.kind == "pose":
             values = self._values("]")
-            if len(values) == 1:
-                return f"c.item(s['p'], {values[0]})"
+            if len(values) < POSE_VALUES:  # no pose, but an item of a variable named p
+                return self._items("s['p']", values)
             return f"Pose(({', '.join(values)},))"
         if token.text == "[":
             return f"({''.join(value + ', ' for value in self._values(']'))})"
@@ -361,5 +371,10 @@ class _Compiler:
         self._lines.append("    " * self._depth + python)
 
 
-def _number(text: str) -> int | float:
-    return int(text) if text.isdigit() else float(text)
+def _number(token: Token) -> int | float:
+    if token.text[:2] == "0x":
+        return int(token.text, 16)
+    value = int(token.text) if token.text.isdigit() else float(token.text)
+    if abs(value) > LARGEST:
+        raise ScriptError(f"{token.text} is too large", token.line)
+    return value

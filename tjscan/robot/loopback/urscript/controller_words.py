@@ -10,6 +10,7 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose
+from tjscan.robot.loopback.motion import tool_jacobian
 from tjscan.robot.loopback.urscript.host import ScriptHost
 from tjscan.robot.loopback.urscript.tokens import ScriptError
 from tjscan.robot.loopback.urscript.values import (
@@ -74,7 +75,7 @@ class ControllerWords:
             "get_target_payload_cog": lambda: tuple(host.centre_of_gravity),
             "get_target_payload_inertia": lambda: self._inertia,
             "get_steptime": lambda: host.tick,
-            "protective_stop": host.protective_stop,
+            "protective_stop": lambda: host.protective_stop("the program asks for it"),
         }
 
     # Time and messages
@@ -219,6 +220,12 @@ class ControllerWords:
         """Whether there are joint angles for a pose of the TCP."""
         return self._inverse(pose, qnear, tcp) is not None
 
+    def get_jacobian(self, q: Any = None, tcp: Any = None) -> tuple[tuple[float, ...], ...]:
+        """Velocity of the TCP for unit joint speeds, six rows of six; as it stands if left out."""
+        q = self._host.q if q is None else six(q, "q")
+        T_f_tcp = self._T_f_tcp if tcp is None else pose_matrix(tcp, "tcp")
+        return tuple(numbers(row) for row in tool_jacobian(self._host.kinematics, q, T_f_tcp))
+
     def is_within_safety_limits(self, target: Any) -> bool:
         """Whether a pose of the TCP, or joint angles, are within joint limits and reach."""
         if self._host.refusing:
@@ -250,10 +257,8 @@ class ControllerWords:
         return np.asarray(self._host.kinematics.forward(self._host.q) @ self._T_f_tcp)
 
     def _tool_velocity(self) -> tuple[float, ...]:
-        J, R = self._host.kinematics.jacobian(self._host.q), self._tool[:3, :3]
-        v = J @ self._host.speed
-        arm = R @ self._T_f_tcp[:3, :3].T @ self._T_f_tcp[:3, 3]
-        return numbers(np.concatenate((v[:3] + np.cross(v[3:], arm), v[3:])))
+        J = tool_jacobian(self._host.kinematics, self._host.q, self._T_f_tcp)
+        return numbers(J @ self._host.speed)
 
     def _inverse(self, x: Any, near: Any = None, tcp: Any = None) -> Array | None:
         T_f_tcp = self._T_f_tcp if tcp is None else pose_matrix(tcp, "tcp")

@@ -51,8 +51,8 @@ class ScriptHost(Protocol):
         """Begin a motion; what was left of the tick in which the last one ended counts for it."""
         ...
 
-    def begin_deceleration(self, deceleration: float) -> None:
-        """Begin to come to rest, with the leading axis' deceleration in rad/s²."""
+    def come_to_rest(self, duration: float) -> None:
+        """Begin to come to rest within some seconds, all joints in proportion."""
         ...
 
     def drive(self, speeds: SpeedDrive) -> None:
@@ -67,6 +67,6 @@ class ScriptHost(Protocol):
         """Stand still at once."""
         ...
 
-    def protective_stop(self) -> None:
-        """Stop as the safety system does, until it is unlocked."""
+    def protective_stop(self, reason: str = "") -> None:
+        """Stop as the safety system does, for a reason, until it is unlocked."""
         ...

@@ -12,7 +12,13 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.robot.loopback.motion import Motion, StretchedMotion, joint_motion, path_motion
+from tjscan.robot.loopback.motion import (
+    Motion,
+    StretchedMotion,
+    joint_motion,
+    path_motion,
+    tool_jacobian,
+)
 from tjscan.robot.loopback.tool_path import (
     ToolPath,
     arc_path,
@@ -24,8 +30,8 @@ from tjscan.robot.loopback.urscript.host import ScriptHost, SpeedDrive
 from tjscan.robot.loopback.urscript.tokens import ScriptError
 from tjscan.robot.loopback.urscript.values import Pose, finite, pose_matrix, six
 
-LINEAR_STOP: Final = 0.25
-"""rad/s² per m/s²: a linear stop is braked in joint space here, about as fast."""
+SLOWEST_STOP: Final = 10.0
+"""Seconds that coming to rest may take, however softly it is asked for."""
 
 REACHED: Final = 1e-6
 """m/s or rad/s between a speed that is asked for and one that is."""
@@ -96,16 +102,14 @@ class MotionWords:
 
     def stopj(self, a: Any = 2.0) -> Iterator[None]:
         """Bring all joints to rest."""
-        self._corner = None
-        self._owner = self._thread()
-        self._host.begin_deceleration(_rate(a, "a"))
-        while self._host.moving:
-            yield
+        yield from self._rest(float(np.abs(self._host.speed).max()) / _rate(a, "a"))
 
-    def stopl(self, a: Any = 1.2, aRot: Any = 1.2) -> Iterator[None]:
-        """Bring the tool to rest."""
-        finite(aRot, "aRot")
-        yield from self.stopj(_rate(a, "a") * LINEAR_STOP)
+    def stopl(self, a: Any = 1.2, aRot: Any = None) -> Iterator[None]:
+        """Bring the tool to rest, the joints in proportion: nearly on its line."""
+        speed, turn = np.split(self._jacobian(self._host.q) @ self._host.speed, 2)
+        a_turn = _rate(a if aRot is None else aRot, "aRot")
+        times = np.linalg.norm(speed) / _rate(a, "a"), np.linalg.norm(turn) / a_turn
+        yield from self._rest(float(max(times)))
 
     def get_target_waypoint(self) -> Pose:
         """Pose that the last move went to."""
@@ -230,6 +234,12 @@ class MotionWords:
         while self._host.moving:
             yield
 
+    def _rest(self, duration: float) -> Iterator[None]:
+        self._owner, self._corner = self._thread(), None
+        self._host.come_to_rest(min(duration, SLOWEST_STOP))
+        while self._host.moving:
+            yield
+
     def _drive(
         self, speeds: SpeedDrive, time: float, away: Callable[[], Array] | None
     ) -> Iterator[None]:
@@ -240,16 +250,13 @@ class MotionWords:
         while True:
             yield
             passed += self._host.tick
-            if time > 0 and passed >= time - 1e-9:
-                return
-            if time == 0 and away is not None and np.abs(away()).max() < REACHED:
+            is_over = time > 0 and passed >= time - 1e-9
+            if is_over or (time == 0 and away is not None and np.abs(away()).max() < REACHED):
+                self._host.let_go()  # unless the next word takes over in this tick
                 return
 
     def _jacobian(self, q: Array) -> Array:
-        """Velocity of the TCP for unit joint speeds, shape (6, 6)."""
-        J = self._host.kinematics.jacobian(q)
-        arm = self._host.kinematics.forward(q)[:3, :3] @ np.asarray(self._host.tcp)[:3]
-        return np.vstack([J[:3] + np.cross(J[3:].T, arm).T, J[3:]])
+        return tool_jacobian(self._host.kinematics, q, self._T_f_tcp)
 
     def _solved(self, J: Array, velocity: Array) -> Array:
         """Joint speeds for a velocity of the tool; a protective stop where they are too high."""
@@ -258,7 +265,7 @@ class MotionWords:
         except np.linalg.LinAlgError:
             speeds = np.full(6, np.inf)
         if np.any(np.abs(speeds) > self._host.kinematics.velocity):
-            self._host.protective_stop()
+            self._host.protective_stop("a joint would turn too fast")
             return np.zeros(6)
         return np.asarray(speeds)
 
