@@ -137,6 +137,16 @@ def test_what_is_no_profile_of_now_never_steers(
     assert ("old profile" in notes.events) == (wrong in (late, of_tomorrow))
 
 
+def test_motors_that_must_give_more_than_they_have_are_stopped(tmp_path: Path) -> None:
+    file = tmp_path / "heavy.toml"
+    file.write_text(SHORT + "[simulation.vehicle.pads]\nmass_kg = 500\ndown_deg = 180\n")
+    found, notes = CrawlContext(read_crawl_job(file), file), Notes()
+    cell = make_crawl_cell(found.job)  # heavier than its sizing says, on a joint that climbs
+    with cell, pytest.raises(CrawlStopped, match="123 N m, more than 84") as caught:
+        make_crawler(found, cell, found.make_method(), notes).run()
+    assert caught.value.guard == "torque"
+
+
 def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
     found, notes = context(tmp_path), Notes()
     cell = make_crawl_cell(found.job)

@@ -7,7 +7,10 @@ import pytest
 from plants import TRACKS, distance_between, drive, pad_plant, path_figures, slip_plant
 
 from tjscan.core.frames import Array
+from tjscan.vehicle.pad_plant import PadSettings
 from tjscan.vehicle.plant import VehiclePlant
+from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings
+from tjscan.vehicle.track_load import TrackLoad
 
 MIRROR = np.array((1.0, -1.0, -1.0))
 """What becomes of a pose where y is turned round."""
@@ -147,3 +150,41 @@ def test_poses_lie_where_time_steps_of_another_length_put_them() -> None:
         ends.append(drive(plant, 0.2, 0.05, speed)[-1])
     assert distance_between(*ends) < 2e-4
     assert abs(ends[0][2] - ends[1][2]) < 3e-4
+
+
+def loaded(down: float = pi, inclination: float = pi / 2) -> SlipPlant:
+    pads = PadSettings(friction=0.3, down=down, inclination=inclination)
+    return SlipPlant(SlipSettings(), TRACKS.gauge, np.zeros(3), 0, TrackLoad(pads, TRACKS))
+
+
+@pytest.mark.parametrize("down", [0.0, pi / 2, pi, 2.0])
+def test_the_load_of_a_way_straight_on_is_that_of_the_pads(down: float) -> None:
+    plant, pads = loaded(down), pad_plant(friction=0.3, down=down)
+    drive(plant, 0.5)
+    drive(pads, 0.5)
+    left, right = plant.torques
+    assert left == pytest.approx(-right, abs=1e-9)
+    # Weight across the tracks turns a vehicle on pads a little, which takes torque of its own.
+    assert left - right == pytest.approx(pads.torques[0] - pads.torques[1], abs=0.5)
+
+
+def test_the_load_of_a_turn_grows_with_it_and_comes_over_a_way() -> None:
+    most = []
+    for radius in (inf, 100.0, 20.0, 5.0, 0.5):
+        plant, mirrored = loaded(inclination=0.0), loaded(inclination=0.0)
+        drive(plant, 0.1, 1 / radius)
+        begun = plant.torques[0]
+        drive(plant, 5.0, 1 / radius)
+        drive(mirrored, 5.1, -1 / radius)
+        most.append(plant.torques[0])
+        assert begun <= 0.2 * most[-1]
+        assert mirrored.torques == pytest.approx((-plant.torques[1], -plant.torques[0]))
+    assert most[0] == 0.0
+    assert most == sorted(most)
+    # All pads slide where a vehicle turns on the spot: mu N L / 4, over Merritt's 0.925.
+    pressed = 0.3 * (48 * 25 + 100) * 9.81
+    slides = pressed * 0.7 / 4 / TRACKS.gauge * TRACKS.sprocket_radius
+    spot = loaded(inclination=0.0)
+    for _ in range(500):
+        spot.advance(0.02, -0.02, 1.0)
+    assert spot.torques == pytest.approx((slides / 0.925, slides / 0.925), rel=1e-3)

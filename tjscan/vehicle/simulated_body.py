@@ -13,6 +13,7 @@ from tjscan.vehicle.plant import VehiclePlant
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.slip_plant import SlipPlant
 from tjscan.vehicle.steel import ProximitySensors, SteelArea
+from tjscan.vehicle.track_load import TrackLoad
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
@@ -49,7 +50,7 @@ class SimulatedBody:
         slip, encoders, sensors = np.random.default_rng(seed).spawn(3)
         start = np.array((*settings.start, settings.heading)) if pose_w is None else pose_w
         self.plant: VehiclePlant = (
-            SlipPlant(settings.slip, tracks.gauge, start, slip)
+            SlipPlant(settings.slip, tracks.gauge, start, slip, TrackLoad(settings.pads, tracks))
             if settings.plant == "slip"
             else PadPlant(settings.pads, tracks, start)
         )

@@ -32,7 +32,7 @@ class VehicleSimulationSettings(SettingsTable):
     slip : SlipSettings
         For the plant ``slip``.
     pads : PadSettings
-        For the plant ``pads``.
+        For the plant ``pads``; of the other they give the motors' torques alone.
     drives : DriveSettings
         How the tracks follow.
     encoder_noise : float

@@ -16,6 +16,7 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, MM, FileUnit, SettingsTable
 from tjscan.vehicle.plant import moved_pose
+from tjscan.vehicle.track_load import TrackLoad
 
 DEG_PER_M: Final = FileUnit("deg_per_m", radians(1.0))
 
@@ -79,9 +80,9 @@ class SlipPlant:
         Where it stands at first.
     seed : int or Generator, optional
         Of where along the path η begins to swing.
+    load : TrackLoad, optional
+        What its motors have to turn the tracks with; no torques are known where left out.
     """
-
-    torques: tuple[float, ...] = ()
 
     def __init__(
         self,
@@ -89,7 +90,9 @@ class SlipPlant:
         gauge: float,
         pose_w: Array,
         seed: int | np.random.Generator = 0,
+        load: TrackLoad | None = None,
     ) -> None:
+        self._load = load
         p, s = settings.ratio, settings
         self.pose_w = readonly_copy(pose_w)
         self._gauge, self._settings = gauge, settings
@@ -101,8 +104,15 @@ class SlipPlant:
         self._phase = 2 * pi * np.random.default_rng(seed).random()
         self._travelled = 0.0
 
+    @property
+    def torques(self) -> tuple[float, ...]:
+        """Torque of the left and right motor; see `VehiclePlant.torques`."""
+        return () if self._load is None else self._load.torques(float(self.pose_w[2]))
+
     def advance(self, left: float, right: float, period: float) -> None:
         """Let the tracks run for a period. See `VehiclePlant.advance`."""
+        if self._load is not None:
+            self._load.advance(left * period, right * period)
         u = self._kept * (left + right) / 2
         mean, swing = self._yaw
         eta = mean + swing * sin(2 * pi * self._travelled / self._settings.yaw_period + self._phase)
