@@ -16,6 +16,7 @@ from tjscan.crawler.slip_model import (
     propagate_state,
 )
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
+from tjscan.runs.crawl import TO_SETTLE, TO_TURN
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
@@ -68,3 +69,23 @@ def test_from_far_off_it_does_not_swing_past_by_much(offset: float, heading: flo
 
 def test_nothing_is_steered_at_rest() -> None:
     assert track_turn_rate(slipping(1.0), 0.0, GEOMETRY, SteeringSettings()) == 0.0
+
+
+def shuttled(length: float, crab: float, settings: SteeringSettings, times: int = 6) -> float:
+    """How far off it is after some ways back and forth, when all is known exactly."""
+    x = slipping(offset=1e-3, crab=crab)
+    x[SlipState.DRIFT] = 0.0
+    for _ in range(times):
+        x = drive(drive(x, 0.02, length, settings), -0.02, length, settings)
+    return abs(float(x[SlipState.OFFSET]))
+
+
+@pytest.mark.parametrize(("crab", "radius"), [(5e-3, 8.0), (10e-3, 8.0), (10e-3, 4.0)])
+def test_ways_too_short_to_turn_by_twice_the_crab_lead_outward(crab: float, radius: float) -> None:
+    """With everything known: it is geometry, and `tjscan.runs.crawl.short_way` tells of it."""
+    settings = SteeringSettings(least_radius=radius)
+    needed = TO_SETTLE / settings.gain + TO_TURN * crab * radius
+    # Where it goes straight along the joint, it stands askew by the crab.
+    assert shuttled(needed, crab, settings) < crab / settings.gain * 3
+    short = 0.3 * needed
+    assert shuttled(short, crab, settings) > 1e-3 + 6 * crab * short

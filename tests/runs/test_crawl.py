@@ -21,7 +21,7 @@ from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl import CrawlContext, run_crawl
+from tjscan.runs.crawl import CrawlContext, run_crawl, short_way
 from tjscan.runs.crawl_results import read_recorded_crawl
 from tjscan.runs.crawl_resume import resume_crawl
 from tjscan.vehicle.vehicle import REST
@@ -67,7 +67,9 @@ def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
     assert log["stops"] == []
     (recording,) = log["recordings"]
     assert recording["sha256"] == sha256((out / recording["file"]).read_bytes()).hexdigest()
-    assert "pass 2" in (out / "report.html").read_text()
+    report = (out / "report.html").read_text()
+    assert "pass 2" in report
+    assert "60 mm with its run-up, is shorter" in report
     phases = [cycle.phase for cycle in read_recorded_crawl(out).cycles]
     assert set(phases) == set(Phase) - {Phase.STOP}
     assert tjscan("crawl", "compare", out, out) == 0
@@ -293,6 +295,13 @@ def test_a_wrong_key_of_a_pass_is_told_by_the_number_of_the_pass(
 ) -> None:
     assert tjscan("crawl", "size", job_file, "--pass.1.speed-mm-s", "-1") == 2
     assert "pass number 2: " in capsys.readouterr().err
+
+
+def test_the_example_has_ways_long_enough() -> None:
+    file = Path(__file__).parents[2] / "examples" / "crawl.toml"
+    context = CrawlContext(read_crawl_job(file), file)
+    assert short_way(context.job, context.first_belief) == ""
+    assert short_way(context.job, None) == ""
 
 
 def test_a_bend_to_the_other_side_is_refused(job_file: Path, tmp_path: Path) -> None:

@@ -49,6 +49,9 @@ CRAWL_RECORDING: Final = "crawl"
 REPLAY: Final = "replay"
 """Name of the event that begins a recording whose estimates were made anew."""
 
+WARNING: Final = "warning"
+"""Name of an event that says what may go wrong."""
+
 CYCLES_TOGETHER: Final = 50
 """Cycles that are written at once: half a second is lost at most where the program is killed."""
 
@@ -224,7 +227,7 @@ class RecordingCrawlJournal:
         """Write an event, and bring everything until then to the disk."""
         level = Log.Level.ERROR if name == Phase.STOP else Log.Level.INFO
         self._waiting.append((self._now, LOG, event_log_message(self._now, level, name, detail)))
-        if self._truth is not None:
+        if self._truth is not None and self._first is not None:  # a place belongs to a cycle
             self._waiting.append((self._now, TRUTH, self._truth()))
         self.flush()
         self._recording.sync_to_disk()

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import tomli_w
 
@@ -33,8 +34,10 @@ from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import read_slip_calibration
 from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
+    WARNING,
     record_crawl,
 )
 from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
@@ -45,6 +48,13 @@ from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl_results import write_crawl_results
 from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
+
+TO_SETTLE: Final = 4.0
+"""Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
+
+TO_TURN: Final = 4.0
+"""Times crab and least radius: as far as curvature alone brings the vehicle aside and back, so that
+the mean of its slope is no longer outward."""
 
 
 class WeldsAlways:
@@ -155,6 +165,34 @@ def check_size(job: CrawlJob) -> None:
         )
 
 
+def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
+    """What is to be said of passes too short to come back from a reversal; empty for others.
+
+    At a reversal the slope against the joint turns round, and crab adds to it both ways: the
+    heading must change by twice the crab, at the curvature of the least radius, and then bring back
+    what the vehicle was carried aside meanwhile.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    slip : SlipBelief or None
+        What is known of slip; nothing is said where a method knows of none.
+    """
+    if slip is None:
+        return ""
+    crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
+    way = job.weld.run_up + job.weld.length
+    needed = TO_SETTLE / job.steering.gain + TO_TURN * crab * job.steering.least_radius
+    if way >= needed:
+        return ""
+    return (
+        f"the way of a pass, {1e3 * way:.0f} mm with its run-up, is shorter than the "
+        f"{1e3 * needed:.0f} mm in which a vehicle that may crab by {1e3 * crab:.0f} mrad surely "
+        "comes back after a reversal: each may carry it farther aside. Make weld.run_up_mm longer, "
+        "or calibrate"
+    )
+
+
 def run_crawl(context: CrawlContext, directory: Path) -> None:
     """Crawl as a job says, into a new run directory.
 
@@ -219,6 +257,8 @@ def crawl_into(
             with record_crawl(file, origin, cell.simulated_place) as recording, cell:
                 journal = CombinedCrawlJournal((recording, context.journal))
                 accept_edited_copies(directory, journal.record_event)
+                if short := short_way(context.job, method.slip):
+                    journal.record_event(WARNING, short)
                 make_crawler(context, cell, method, journal, reader).run(start)
         finally:
             write_crawl_results(directory, context.job)

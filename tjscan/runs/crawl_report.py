@@ -13,7 +13,7 @@ from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_history import GRID, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
@@ -73,6 +73,8 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     replays = [event.detail for event in found.events if event.name == REPLAY]
     if replays:
         yield f"A replay, {replays[0]}: what the {job.method} method would have believed."
+    for warning in dict.fromkeys(e.detail for e in found.events if e.name == WARNING):
+        yield f"{warning[:1].upper()}{warning[1:]}."
     for event in found.events:
         if event.name == Phase.STOP:
             yield f"It was stopped: {event.detail}"
