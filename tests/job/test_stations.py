@@ -288,3 +288,16 @@ def test_a_calibration_is_made_at_one_station(
     np.testing.assert_allclose(
         job.T_w_b, read_scan_job(WHOLE).job_at_station("right").T_w_b, atol=SAME
     )
+
+
+def test_the_arm_and_the_laser_are_the_same_ones_at_every_station() -> None:
+    job = read_scan_job(WHOLE, {"simulation.arm.errors.offset_deg": 0.01})
+    seeds = set()
+    for one in job.jobs_at_stations:
+        world = one.simulation
+        assert world is not None
+        assert world.arm is not None
+        assert world.arm.errors is not None
+        assert (world.arm.errors.seed, world.laser.linearity_seed) == (1, 1)
+        seeds.add(world.seed)
+    assert len(seeds) == 2

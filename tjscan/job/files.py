@@ -151,6 +151,8 @@ class CellJob(StrictFileModel):
         if simulation is not None:
             truly = tuple(table for table in simulation.station if table.name == station.name)
             home = truly[0].home if truly else None
+            # Other errors of every move and profile, and yet the same arm and laser.
+            simulation = simulation.with_seeds_of_devices()
             arm = simulation.arm
             if arm is not None and home is not None:
                 arm = replace(arm, home=home)

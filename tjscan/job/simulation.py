@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from annotated_types import Ge, Le
@@ -70,3 +70,12 @@ class SimulationSettings(StrictFileModel):
     station: Annotated[tuple[SimulatedStationSettings, ...], LIST_OR_WORD_IN_FILE] = ()
     arm: ArmSimulationSettings | None = None
     laser: LaserModel = LaserModel()
+
+    def with_seeds_of_devices(self) -> SimulationSettings:
+        """Return the same with the seeds stated that draw which arm and which laser it is."""
+        arm, laser = self.arm, self.laser
+        if arm is not None and arm.errors is not None and arm.errors.seed is None:
+            arm = replace(arm, errors=replace(arm.errors, seed=self.seed))
+        if laser.linearity_seed is None:
+            laser = replace(laser, linearity_seed=self.seed)
+        return self.model_copy(update={"arm": arm, "laser": laser})

@@ -107,7 +107,7 @@ def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLas
         model=context.model,
         rng=np.random.default_rng([context.seed, RANDOM_STREAM]),
         clock=carrier.time,
-        make=context.seed,
+        make=context.seed if context.model.linearity_seed is None else context.model.linearity_seed,
     )
 
 

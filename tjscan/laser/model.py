@@ -71,6 +71,8 @@ class LaserModel(SettingsTable):
         Largest error of the sensor's own calibration in its window, in metres: of range and of
         x, from scale, tilt and lens, the same in every profile, see `tjscan.laser.distortion`.
         Data sheets of the class state 0.1 to 0.2 % of the range.
+    linearity_seed : int, optional
+        Which sensor of its kind it is; the simulation's seed where left out.
     dropout : float
         Probability that a column loses its point at `dropout_end` and beyond.
     dropout_start, dropout_end : float
@@ -136,6 +138,7 @@ class LaserModel(SettingsTable):
     bias: Annotated[float, Ge(0), Le(5), MM] = 20e-6
     bias_limit: Annotated[float, NOT_IN_FILE] = 100e-6
     linearity: Annotated[float, Ge(0), Le(5), MM] = 0.0
+    linearity_seed: Annotated[int, Ge(0)] | None = None
     dropout: Fraction = 1.0
     dropout_start: Annotated[float, NOT_IN_FILE] = math.radians(60)
     dropout_end: Annotated[float, NOT_IN_FILE] = math.radians(80)
@@ -185,7 +188,7 @@ class LaserModel(SettingsTable):
 
     def _check_numbers(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = getattr(self, field.name) or 0.0
             values = value if isinstance(value, tuple) else (value,)
             _require(all(map(math.isfinite, values)), field.name, "must be finite")
 
