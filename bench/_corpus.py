@@ -35,6 +35,8 @@ from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
 from tjscan.groove.find import DEFAULT
 from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.tow_reading import read_tow_job
 from tjscan.joint.export import build_and_write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files import ProfileFormat, read_profiles
@@ -100,6 +102,10 @@ def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
     yield Reader("job", "job.toml", (*jobs, resolved), read_scan_job, 3)
     calibrate = (EXAMPLES / "calibrate.toml").read_bytes()
     yield Reader("calibration job", "job.toml", (calibrate,), read_calibration_job, 0.5)
+    crawls = ((EXAMPLES / "crawl.toml").read_bytes(),)
+    yield Reader("crawl job", "crawl.toml", crawls, read_crawl_job, 2)
+    tows = ((EXAMPLES / "tow-simulation.toml").read_bytes(),)
+    yield Reader("tow job", "tow.toml", tows, read_tow_job, 2)
     joints = tuple(file.read_bytes() for file in sorted(CAD.glob("*.toml")))
     yield Reader("joint", "joint.toml", joints, read_joint, 3)
     yield Reader("calibration", "calibration.toml", (_calibration(folder),), read_calibration, 3)
@@ -165,6 +171,9 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
     form = ProfileFormat("mm", 0.5, (-99.0,))
     read = partial(read_profiles, form=form)
     yield Reader("profiles", "profiles.csv", (columns, matrix), read, 4)
+    stream = BytesIO()
+    np.save(stream, np.column_stack((x, z)))
+    yield Reader("profile NPY", "profile.npy", (stream.getvalue(),), read, 2)
     points = trimesh.PointCloud(np.column_stack((x, np.zeros(len(x)), z))[np.isfinite(x)])
     ply = points.export(file_type="ply")
     yield Reader("profile PLY", "profile.ply", (ply,), read, 1)

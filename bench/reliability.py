@@ -28,6 +28,7 @@ from _corpus import EXAMPLES, readers
 from _faulty import FaultyScan, faulty_scan
 from _fuzz import Reader, Tally, fuzz, section_ends
 from _processes import SAME_MM, Outcome, killed, on_a_small_disk, unbroken, without_room
+from _spoilt_runs import SpoiltTally, make_runs, spoil_runs
 from _table import Row, main
 
 from tjscan.core.errors import TjscanError
@@ -62,12 +63,13 @@ class Counts:
     disks: int
     faulty: int
     inputs: int
+    spoilt: int
     timed: int
     timed_sections: int
 
 
-FULL: Final = Counts(100, 1000, 10, 200, 100_000, 3, 6)
-QUICK: Final = Counts(4, 100, 2, 9, 3000, 1, 4)
+FULL: Final = Counts(100, 1000, 10, 200, 100_000, 2000, 3, 6)
+QUICK: Final = Counts(4, 100, 2, 9, 2000, 20, 1, 4)
 
 
 def measure(counts: Counts) -> list[Row]:
@@ -80,6 +82,7 @@ def measure(counts: Counts) -> list[Row]:
         rows += _disks(folder / "disks", whole, counts.disks)
     rows += _faults(counts.faulty)
     rows += _files(counts.inputs)
+    rows += _spoilt_runs(counts.spoilt)
     rows.append(_overhead(counts.timed, counts.timed_sections))
     return rows
 
@@ -193,6 +196,31 @@ def _files(count: int) -> list[Row]:
         Row("… the slowest", max(t.slowest for t in tallies), HANG, "s"),
         Row("… memory they added", max(t.grown for t in tallies) / 1e6, GROWTH_MB, "MB"),
     ]
+
+
+def _spoilt_runs(count: int) -> list[Row]:
+    """Flip a bit or cut a file of run directories, then read, read again and go on with each."""
+    with TemporaryDirectory(dir=_in_memory()) as name:
+        folder = Path(name)
+        runs = make_runs(folder)
+        batch = max(1, count // 40)
+        tallies = _spread(partial(_spoil_batch, folder, runs, batch), range(ceil(count / batch)))
+    _say_what_is_wrong([told for tally in tallies for told in (*tally.silent, *tally.wrong)])
+    used = sum(tally.cases for tally in tallies)
+    refused, told = (sum(getattr(t, kind) for t in tallies) for kind in ("refused", "told"))
+    return [
+        Row(
+            "run directories with a bit flipped or a file cut", count, float("inf"), at_least=count
+        ),
+        Row("… read, resumed, reprocessed: refused, or less and said so", refused + told, used),
+        Row("… silently different", sum(len(t.silent) for t in tallies), 0),
+        Row("… that ended in a traceback", sum(len(t.wrong) for t in tallies), 0),
+    ]
+
+
+def _spoil_batch(folder: Path, runs: tuple[Path, Path], size: int, seed: int) -> SpoiltTally:
+    warnings.simplefilter("ignore")
+    return spoil_runs(folder, runs, size, seed)
 
 
 _READERS: dict[Path, list[Reader]] = {}

@@ -299,3 +299,38 @@ def test_a_number_that_must_mean_no_point_is_found_out(tmp_path: Path, code: int
         read_profiles(tmp_path / "rows.csv", ProfileFormat("mm", pitch=0.2))
     table = read_profiles(tmp_path / "rows.csv", ProfileFormat("mm", 0.2, (code,)))
     assert [len(profile.points_s) for profile in table.profiles.values()] == [45] * 3
+
+
+NPY_HEAD = b"\x93NUMPY\x01\x00"
+
+
+def npy(header: str) -> bytes:
+    return NPY_HEAD + len(header).to_bytes(2, "little") + header.encode()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }\n"),
+        npy("{'descr': '<f8', 'fortran_order': False, 'shape': ((((((, }\n"),
+        npy("{'descr': '|O', 'fortran_order': False, 'shape': (3,), }\n") + b"cos\nsystem\n.",
+        NPY_HEAD[:6] + b"\x02\x00\xff\xff\xff\xff" + b"{" * 900,
+        b"PK\x03\x04" + bytes(60),
+        b"\x80\x04\x95.",
+    ],
+)
+def test_an_array_that_holds_less_than_its_header_says_or_other_things_is_refused(
+    tmp_path: Path, data: bytes
+) -> None:
+    file = tmp_path / "heights.npy"
+    file.write_bytes(data)
+    with pytest.raises(ConfigurationError, match="is no array of numbers"):
+        read_profiles(file, ProfileFormat("mm", 0.5))
+
+
+@pytest.mark.parametrize("text", ["x_mm,z_mm\n1," + "3" * 200_000, "1 " * 600_000])
+def test_a_field_or_a_line_of_great_length_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "profile.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError, match="is no table of numbers"):
+        read_profiles(file, ProfileFormat("mm", 0.5))

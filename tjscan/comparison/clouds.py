@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,6 +24,7 @@ from tjscan.comparison.sidecar import (
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.mesh_files import LONGEST_LINE, read_mesh_file, read_ply_header
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
@@ -33,9 +33,6 @@ from tjscan.laser.files import METRES_PER_UNIT
 
 MOST_BYTES: Final = 4_000_000_000
 """A larger file would fill the memory."""
-
-MOST_UNPACKED_BYTES: Final = 500_000_000
-"""What an archive may hold: some eight million triangles as text."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
 """Points, triangles or None, and the unit that the file states with where it states it."""
@@ -127,32 +124,20 @@ def _read_edges(path: Path) -> FeatureEdges | None:
                 lines[name].append([float(value) for value in values])
             azimuth, *_ = (np.radians(np.array(line)[:, 0]) for line in lines.values())
             p2, p3, p4 = (ClosedPolyline(1e-3 * np.array(line)[:, 1:]) for line in lines.values())
-        except (ValueError, KeyError, IndexError) as error:
+        except (ValueError, KeyError, IndexError, csv.Error) as error:
             raise ConfigurationError(f"is damaged: {error!r}", file=path) from None
     return FeatureEdges(azimuth, p2, p3, p4)
 
 
-def _read_trimesh(path: Path) -> FileContent:
-    import trimesh
-
-    nothing = trimesh.resolvers.ZipResolver({})  # materials and textures are not opened
-    loaded = trimesh.load(path, process=False, resolver=nothing)
-    if isinstance(loaded, trimesh.Scene):
-        loaded = loaded.to_mesh()
-    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.intp).reshape(-1, 3)
-    return np.asarray(loaded.vertices, dtype=float), faces if len(faces) else None, None
+def _read_mesh(path: Path) -> FileContent:
+    points, triangles = read_mesh_file(path)
+    return points, triangles if len(triangles) else None, None
 
 
 def _read_ply(path: Path) -> FileContent:
-    """PLY states its unit where this program wrote it, in a comment; and how much it holds."""
-    header = _ply_header(path)
-    points, triangles, _ = _read_trimesh(path)
-    stated = [int(line.split()[2]) for line in header if line.startswith("element vertex ")]
-    if stated != [len(points)]:
-        raise ConfigurationError(
-            f"is cut off: it holds {len(points)} vertices, its header says {stated}", file=path
-        )
-    for line in header:
+    """PLY states its unit where this program wrote it, in a comment."""
+    points, triangles, _ = _read_mesh(path)
+    for line in read_ply_header(path):
         if line.startswith("comment units: "):
             unit = line.removeprefix("comment units: ").split(",")[0].strip()
             if unit in METRES_PER_UNIT:
@@ -160,34 +145,25 @@ def _read_ply(path: Path) -> FileContent:
     return points, triangles, None
 
 
-def _ply_header(path: Path) -> list[str]:
-    with path.open("rb") as stream:
-        lines = (line.decode("ascii", errors="replace").strip() for line in stream)
-        return list(takewhile(lambda line: line != "end_header", lines))
-
-
 def _read_3mf(path: Path) -> FileContent:
     """3MF states its unit in the model, millimetre where it says none."""
     with zipfile.ZipFile(path) as archive:
-        if (size := sum(part.file_size for part in archive.infolist())) > MOST_UNPACKED_BYTES:
-            raise ConfigurationError(
-                f"unpacks to {size} bytes, {MOST_UNPACKED_BYTES} at most", file=path
-            )
         model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
-        head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
+        with archive.open(model) as stream:
+            head = stream.read(10_000).decode("utf-8", errors="replace")
     match = re.search(r"<model\b[^>]*\bunit=[\"'](\w+)[\"']", head)
     word = match[1] if match else "millimeter"
     unit = {"millimeter": "mm", "micron": "um", "meter": "m"}.get(word)
     if unit is None:
         raise ConfigurationError(f"is in {word}; write it in millimetres", file=path, key="unit")
-    points, triangles, _ = _read_trimesh(path)
+    points, triangles, _ = _read_mesh(path)
     return points, triangles, (unit, "the model in it")
 
 
 def _read_step(path: Path) -> FileContent:
     """STEP states its unit; it is triangulated to metres on the way in."""
     _need("cascadio", "STEP", "step")
-    points, triangles, _ = _read_trimesh(path)
+    points, triangles, _ = _read_mesh(path)
     return points, triangles, ("m", "its conversion to triangles")
 
 
@@ -214,8 +190,11 @@ def _read_xyz(path: Path) -> FileContent:
 def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
     with path.open(newline="", encoding="utf-8-sig") as stream:
-        rows = csv.reader(line for line in stream if not line.startswith("#"))
-        names = [name.strip().lower() for name in next(rows, [])]
+        lines = iter(lambda: stream.readline(LONGEST_LINE + 1), "")
+        head = next((line for line in lines if not line.startswith("#")), "")
+        if len(head) > LONGEST_LINE:
+            raise ConfigurationError("its first line is far too long for a header", file=path)
+        names = [name.strip().lower() for name in next(csv.reader([head]), [])]
         unit_words = "|".join(METRES_PER_UNIT)
         places, units = [], set()
         for axis in "xyz":
@@ -250,8 +229,8 @@ def _need(package: str, what: str, extra: str) -> None:
 
 READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".ply": _read_ply,
-    ".stl": _read_trimesh,
-    ".obj": _read_trimesh,
+    ".stl": _read_mesh,
+    ".obj": _read_mesh,
     ".3mf": _read_3mf,
     ".step": _read_step,
     ".stp": _read_step,

@@ -10,7 +10,7 @@ from typing import Any, Final
 from tjscan.comparison.shapes import UnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_file_size
+from tjscan.core.files import read_small_file
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
 from tjscan.laser.files import METRES_PER_UNIT
@@ -58,8 +58,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If it is no JSON object, its unit is unknown or its joint can't be built.
     """
     try:
-        check_file_size(file, MOST_BYTES, "a sidecar")
-        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_small_file(file, MOST_BYTES, "a sidecar"))
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is no JSON: {error}", file=file) from None
     except OSError as error:

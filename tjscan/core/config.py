@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.core.files import check_file_size
+from tjscan.core.files import read_small_file
 from tjscan.core.units import SettingsTable
 
 
@@ -47,8 +47,7 @@ def read_toml(file: Path) -> dict[str, Any]:
         If the file is missing, no file, too large, not UTF-8 or not TOML.
     """
     try:
-        check_file_size(file, MOST_CONFIGURATION_BYTES, "a configuration")
-        text = file.read_text(encoding="utf-8")
+        text = read_small_file(file, MOST_CONFIGURATION_BYTES, "a configuration").decode()
         if max(map(len, text.splitlines()), default=0) > LONGEST_LINE:
             raise ConfigurationError(
                 f"has a line of more than {LONGEST_LINE} characters", file=file

@@ -52,6 +52,13 @@ def check_file_size(file: Path, most: int, what: str) -> None:
         )
 
 
+def read_small_file(file: Path, most: int, what: str) -> bytes:
+    """Read a file of at most `most` bytes; raises as `check_file_size` does."""
+    check_file_size(file, most, what)
+    with file.open("rb") as stream:
+        return stream.read(most)
+
+
 def refuse_links_outside(directory: Path, *names: str) -> None:
     """Refuse files of a run directory that are links which lead out of it.
 

@@ -15,6 +15,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
+from tjscan.core.mesh_files import read_mesh_file
 from tjscan.laser.gocator import is_gocator_export, read_gocator_profiles
 from tjscan.laser.profile import Profile
 from tjscan.laser.text import TextTable, is_column_numbering, read_text_table
@@ -315,8 +316,11 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
 def _read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     """Heights, shape (n,) or (m, n), or points x and z, shape (n, 2) or (m, n, 2)."""
     try:
-        found = np.load(file, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        # Mapped, an array has no more elements than its file holds.
+        found = np.lib.format.open_memmap(file, mode="r")
+    except OSError:
+        raise
+    except Exception as error:  # its header is read as Python, which stumbles over many things
         raise ConfigurationError(f"is no array of numbers: {error}", file=file) from None
     if not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf" or found.size == 0:
         raise ConfigurationError("is no array of numbers", file=file)
@@ -340,11 +344,11 @@ def _read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
 
 
 def _read_ply(file: Path, form: ProfileFormat) -> FileProfiles:
-    import trimesh
-
     scale = _scale(file, form.unit, "a PLY")
     try:
-        points = np.asarray(trimesh.load(file, process=False).vertices, dtype=float)
+        points, _ = read_mesh_file(file)
+    except ConfigurationError:
+        raise
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
     if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:

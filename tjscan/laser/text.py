@@ -18,6 +18,12 @@ SEPARATOR_SAMPLE_LINES: Final = 50
 FEWEST_COLUMN_NUMBERS: Final = 5
 """Shorter rows 1, 2, 3 are heights."""
 
+LONGEST_LINE: Final = 1_000_000
+"""Characters: a profile has some thousand points."""
+
+MOST_CELLS: Final = 3_000_000
+"""Of a table: some two thousand profiles. Each takes a hundred bytes while it is read."""
+
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -57,7 +63,8 @@ def read_text_table(file: Path) -> TextTable:
     Raises
     ------
     UnicodeDecodeError, csv.Error, OSError
-        If it is no text, or can't be read.
+        If it is no text, holds more than `MOST_CELLS` cells or a line of more than
+        `LONGEST_LINE` characters, or can't be read.
     """
     lines = [
         (number, line.split(COMMENT_MARK, 1)[0])
@@ -90,12 +97,15 @@ def _all_decimal(line: str) -> bool:
 
 
 def _cells(lines: list[tuple[int, str]], separator: str | None) -> Iterator[tuple[int, list[str]]]:
+    left = MOST_CELLS
     for number, line in lines:
-        if separator is None:
-            yield number, line.split()
-        else:
-            (row,) = csv.reader([line], delimiter=separator)
-            yield number, [cell.strip() for cell in row]
+        if len(line) > LONGEST_LINE:
+            raise csv.Error(f"line {number} has more than {LONGEST_LINE} characters")
+        row = line.split() if separator is None else next(csv.reader([line], delimiter=separator))
+        left -= len(row)
+        if left < 0:
+            raise csv.Error(f"it holds more than {MOST_CELLS} cells; split the file")
+        yield number, [cell.strip() for cell in row]
 
 
 def is_column_numbering(values: list[float | None]) -> bool:

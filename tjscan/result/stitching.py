@@ -10,9 +10,13 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import read_small_file
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.result.directory import STATIONS
+
+MOST_BYTES: Final = 1_000_000
+"""A larger file reports no stitching."""
 
 LOOP_OPEN: Final = (
     "no overlap closes the way round, so that how well its two ends meet is not known"
@@ -178,7 +182,9 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
         return None
     check_as_written(file)
     try:
-        return TypeAdapter(StitchingReport).validate_json(file.read_bytes())
+        return TypeAdapter(StitchingReport).validate_json(
+            read_small_file(file, MOST_BYTES, "a stitching's report")
+        )
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or None

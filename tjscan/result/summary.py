@@ -13,7 +13,7 @@ from pydantic_core import to_json as to_json_bytes
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_file_size
+from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
@@ -237,9 +237,9 @@ def read_summary(file: Path) -> ScanSummary:
         If it is not as it was written.
     """
     try:
-        check_file_size(file, MOST_BYTES, "a summary")
+        content = read_small_file(file, MOST_BYTES, "a summary")
         check_as_written(file)
-        return TypeAdapter(ScanSummary).validate_json(file.read_bytes())
+        return TypeAdapter(ScanSummary).validate_json(content)
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
     except ValidationError as error:

@@ -139,7 +139,7 @@ class _Row:
 
     def text(self, column: str) -> str:
         """A cell's text, not empty."""
-        if not (text := self._cells[column].strip()):
+        if not (text := self._cells.get(column, "").strip()):
             raise self.wrong("is empty", column)
         return text
 

@@ -13,8 +13,9 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_file_size
+from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
+from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2
 from tjscan.groove.measured import MeasuredSection
@@ -205,9 +206,9 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     """
     if not file.is_file():
         return None
-    check_file_size(file, MOST_BYTES, "a budget")
+    check_as_written(file)
     try:
-        found = TypeAdapter(_File).validate_json(file.read_bytes())
+        found = TypeAdapter(_File).validate_json(read_small_file(file, MOST_BYTES, "a budget"))
         parts = tuple(
             BudgetComponent(
                 one.name,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import write_files_atomically
+from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
@@ -25,6 +25,9 @@ from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
+
+MOST_BYTES: Final = 50_000_000
+"""A larger file is no table of passes: an hour of welding takes a tenth of it."""
 
 PASSES: Final = "passes.csv"
 WELD_LOG: Final = "weld-log.json"
@@ -122,14 +125,14 @@ def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
     """
     check_as_written(directory / PASSES)
     try:
-        text = (directory / PASSES).read_text(encoding="utf-8")
-    except OSError as error:
+        text = read_small_file(directory / PASSES, MOST_BYTES, "a table of passes").decode()
+        lines = [line for line in text.splitlines() if not line.startswith("#")]
+        return tuple(csv.DictReader(lines))
+    except (OSError, ValueError, csv.Error) as error:
         raise ConfigurationError(
-            f"can't be read: {error.strerror}. A crawl's run directory holds it",
+            f"can't be read: {error}. A crawl's run directory holds it",
             file=directory / PASSES,
         ) from None
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    return tuple(csv.DictReader(lines))
 
 
 def weld_log(

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import write_files_atomically
+from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job.tow_job import TowJob
@@ -23,6 +23,9 @@ from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.topics import TowEvent, read_tow
 
 PLANS: Final = "tow.csv"
+MOST_BYTES: Final = 10_000_000
+"""A larger file holds no figures of a tow."""
+
 FIGURES: Final = "tow.json"
 
 COLUMNS: Final = (
@@ -120,12 +123,13 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
     file = directory / FIGURES
     check_as_written(file)
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        content = json.loads(read_small_file(file, MOST_BYTES, "the figures of a tow"))
+        figures = dict(content["figures"] or {})
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise ConfigurationError(
             f"can't be read: {error}. A tow's run directory holds it", file=file
         ) from None
-    return dict(content["figures"] or {})
+    return figures
 
 
 def _table(recorded: RecordedTow) -> str:
