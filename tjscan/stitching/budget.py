@@ -17,7 +17,7 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.stitching.graph import StationPoses
+from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import StationRegistration
 from tjscan.stitching.stations import StationTubeFit
 from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, covariance_factor
@@ -50,10 +50,89 @@ class StitchingBudget:
     shape_covariance: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedCauses:
+    """Causes that stations share, and how what is fitted to their views errs with them.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the causes.
+    of_station : tuple of tuple of (ViewCause or None)
+        Each cause as each station has it; None where it has not.
+    errors : tuple of StationErrors
+        By each cause.
+    """
+
+    names: tuple[str, ...]
+    of_station: tuple[tuple[ViewCause | None, ...], ...]
+    errors: tuple[StationErrors, ...]
+
+    @property
+    def all_errors(self) -> StationErrors | None:
+        """Errors by all draws of all causes; None where stations share nothing."""
+        if not self.errors:
+            return None
+        return StationErrors(
+            np.concatenate([one.frames for one in self.errors], axis=2),
+            np.concatenate([one.overlaps for one in self.errors], axis=2),
+        )
+
+
+def shared_causes(
+    fits: Sequence[StationTubeFit], registrations: Sequence[StationRegistration]
+) -> SharedCauses:
+    """How tube fits and overlaps of stations err with what all their views share.
+
+    Parameters
+    ----------
+    fits : sequence of StationTubeFit
+        Of k stations.
+    registrations : sequence of StationRegistration
+        Of all overlaps.
+    """
+    names = tuple(dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes))
+    found = [
+        tuple(
+            next((cause for cause in fit.station.causes if cause.name == name), None)
+            for fit in fits
+        )
+        for name in names
+    ]
+    errors = (_errors(causes, fits, registrations) for causes in found)
+    return SharedCauses(names, tuple(found), tuple(errors))
+
+
+def _errors(
+    causes: Sequence[ViewCause | None],
+    fits: Sequence[StationTubeFit],
+    registrations: Sequence[StationRegistration],
+) -> StationErrors:
+    """Errors of all that is fitted, by one cause."""
+    m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
+    frames, twists = np.zeros((len(fits), 10, m)), []
+    for i, (fit, cause) in enumerate(zip(fits, causes, strict=True)):
+        in_b = np.zeros((len(fit.station.all_sections), 6, m)) if cause is None else cause.twists
+        frames[i] = np.einsum("vij,vjm->im", fit.frame.by_view, in_b)
+        # Seen in the station's own j, which moves with what the station saw.
+        twists.append(pose_vector.adjoint(inverse_pose(fit.frame.T)) @ in_b - frames[i, :6])
+    overlaps = np.zeros((len(registrations), 6, m))
+    for i, edge in enumerate(registrations):
+        first, second = twists[edge.overlap.first], twists[edge.overlap.second]
+        in_first = np.where(
+            edge.of_second[:, None, None],
+            pose_vector.adjoint(edge.T) @ second[np.where(edge.of_second, edge.number, 0)],
+            first[np.where(edge.of_second, 0, edge.number)],
+        )
+        overlaps[i] = np.einsum("vij,vjm->im", edge.by_view, in_first)
+    return StationErrors(frames, overlaps)
+
+
 def stitching_budget(
     fits: Sequence[StationTubeFit],
     registrations: Sequence[StationRegistration],
     placement: StationPoses,
+    shared: SharedCauses,
     repeatability: ArmRepeatability,
 ) -> StitchingBudget:
     """Budget of the sections of placed stations.
@@ -66,6 +145,8 @@ def stitching_budget(
         Of all overlaps.
     placement : StationPoses
         Where the stations stand.
+    shared : SharedCauses
+        What stations share.
     repeatability : ArmRepeatability
         Of their arms.
     """
@@ -83,80 +164,26 @@ def stitching_budget(
             [repeatability_cause(sections, repeatability, "assumed") for sections in scans],
         )
     ]
-    spread, shape = placement.whole_covariance, np.array(placement.shape_covariance)
     k = len(fits)
-    places = np.split(covariance_factor(spread), k)
+    noise = placement.noise_covariance
+    places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
     components.append(
-        _joined([_moved(f, T, L) for f, T, L in zip(fits, T_j_b, places, strict=True)])
+        _joined([_moved(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)])
     )
-    stations = np.array(placement.covariance)
-    names = dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes)
-    for name in names:
-        answers = _answers(name, fits, registrations, placement)
+    stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
+    for causes, errors in zip(shared.of_station, shared.errors, strict=True):
+        found = placement.by_residuals @ errors.residuals(registrations)
+        shape += found[6 * k :] @ found[6 * k :].T
         parts = []
-        for i, (fit, T) in enumerate(zip(fits, T_j_b, strict=True)):
-            place = answers.stations[i]
+        for i, (fit, T, cause) in enumerate(zip(fits, T_j_b, causes, strict=True)):
+            place = found[6 * i : 6 * i + 6]
             stations[i] += place @ place.T
             part = _moved(fit, T, place)
-            if (cause := answers.causes[i]) is not None:
-                direct = cause.component(T[:3, :3], len(fit.station.sections))
-                part = _sum(direct, part)
+            if cause is not None:
+                part = _sum(cause.component(T[:3, :3], len(fit.station.sections)), part)
             parts.append(part)
         components.append(_joined(parts).compressed())
-        shape += answers.shape @ answers.shape.T
     return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answers:
-    """How stations and shape answer to the m draws of one cause.
-
-    Parameters
-    ----------
-    causes : list of ViewCause or None
-        The cause as each station has it; None where it has not.
-    stations : ndarray, shape (k, 6, m)
-        How each station's place moves, in j.
-    shape : ndarray, shape (4, m)
-        How the tubes' dimensions change.
-    """
-
-    causes: list[ViewCause | None]
-    stations: Array
-    shape: Array
-
-
-def _answers(
-    name: str,
-    fits: Sequence[StationTubeFit],
-    registrations: Sequence[StationRegistration],
-    placement: StationPoses,
-) -> _Answers:
-    """How all that is fitted answers to one cause."""
-    causes = [
-        next((cause for cause in fit.station.causes if cause.name == name), None) for fit in fits
-    ]
-    m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
-    k = len(fits)
-    frames, twists = np.zeros((k, 10, m)), []
-    for i, (fit, cause) in enumerate(zip(fits, causes, strict=True)):
-        in_b = np.zeros((len(fit.station.all_sections), 6, m)) if cause is None else cause.twists
-        frames[i] = np.einsum("vij,vjm->im", fit.frame.by_view, in_b)
-        # Seen in the station's own j, which moves with what the station saw.
-        twists.append(pose_vector.adjoint(inverse_pose(fit.frame.T)) @ in_b - frames[i, :6])
-    overlaps = []
-    for edge in registrations:
-        first, second = twists[edge.overlap.first], twists[edge.overlap.second]
-        in_first = np.where(
-            edge.of_second[:, None, None],
-            pose_vector.adjoint(edge.T) @ second[np.where(edge.of_second, edge.number, 0)],
-            first[np.where(edge.of_second, 0, edge.number)],
-        )
-        overlaps.append(np.einsum("vij,vjm->im", edge.by_view, in_first))
-    found = placement.by_shapes @ frames[:, 6:].reshape(4 * k, m)
-    if overlaps:
-        found = found + placement.by_overlaps @ np.concatenate(overlaps)
-    return _Answers(causes, found[: 6 * k].reshape(k, 6, m) - frames[:, :6], found[6 * k :])
 
 
 def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
@@ -30,41 +31,65 @@ class StationPoses:
     ----------
     T : ndarray, shape (k, 4, 4)
         Maps each station's own frame j into the common one.
-    whole_covariance : ndarray, shape (6 k, 6 k)
-        Of all of them together: translation and rotation vector of each in the common j.
-    by_shapes, by_overlaps : ndarray, shape (6 k + 4, 4 k) and (6 k + 4, 6 e)
-        How the poses and the shape change with the shape that each station found, and with the
-        poses of the e overlaps.
     shape : TubeDimensions
         Of the joint.
-    shape_covariance : ndarray, shape (4, 4)
-        Of its numbers.
+    by_residuals : ndarray, shape (6 k + 4, 10 k + 6 e)
+        How poses (translation and rotation vector in the common j) and shape err with the errors
+        of what was observed, see `StationErrors`.
+    noise_covariance : ndarray, shape (6 k + 4, 6 k + 4)
+        Of poses and shape, without what stations share.
     reduced_chi2 : float
         Chi-squared per degree of freedom of all stations and overlaps.
     """
 
     T: Array
-    whole_covariance: Array
-    by_shapes: Array
-    by_overlaps: Array
     shape: TubeDimensions
-    shape_covariance: Array
+    by_residuals: Array
+    noise_covariance: Array
     reduced_chi2: float
 
     def __post_init__(self) -> None:
-        for name in ("T", "whole_covariance", "by_shapes", "by_overlaps", "shape_covariance"):
+        for name in ("T", "by_residuals", "noise_covariance"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def covariance(self) -> Array:
-        """Covariance of each pose, shape (k, 6, 6): translation and rotation vector in j."""
-        k = len(self.T)
-        parts = self.whole_covariance.reshape(k, 6, k, 6)
-        return np.array([parts[i, :, i] for i in range(k)])
+        """Covariance of each pose without what stations share, shape (k, 6, 6)."""
+        n = 6 * len(self.T)
+        return np.array([self.noise_covariance[i : i + 6, i : i + 6] for i in range(0, n, 6)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationErrors:
+    """How k stations' own fits and e overlaps err with m draws that all views share.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (k, 10, m)
+        Frame j as each station found it, in its own j, and the tubes' shape.
+    overlaps : ndarray, shape (e, 6, m)
+        Pose of the second station on the first.
+    """
+
+    frames: Array
+    overlaps: Array
+
+    def residuals(self, registrations: Sequence[StationRegistration]) -> Array:
+        """What `solve_station_poses` would be left with at the truth, shape (10 k + 6 e, m).
+
+        Each station has taken its own frame for j: at the truth, it is put right by its error.
+        """
+        between = [
+            self.frames[edge.overlap.second, :6] - self.frames[edge.overlap.first, :6] - found
+            for edge, found in zip(registrations, self.overlaps, strict=True)
+        ]
+        return np.concatenate([*(-self.frames), *between])
 
 
 def solve_station_poses(
-    frames: Sequence[JointFrame], registrations: Sequence[StationRegistration]
+    frames: Sequence[JointFrame],
+    registrations: Sequence[StationRegistration],
+    shared: StationErrors | None = None,
 ) -> StationPoses:
     """Solve the poses of all stations by least squares, from tube fits and overlaps.
 
@@ -74,10 +99,15 @@ def solve_station_poses(
         As each of k stations found it.
     registrations : sequence of StationRegistration
         Of all overlaps, in the stations' own frames j.
+    shared : StationErrors, optional
+        Errors that the observations have in common.
     """
     k = len(frames)
-    by_frame = [_whitener(frame.covariance) for frame in frames]
-    by_overlap = [_whitener(edge.covariance) for edge in registrations]
+    covariances = [frame.covariance for frame in frames] + [e.covariance for e in registrations]
+    noise = np.asarray(block_diag(*covariances), dtype=float)
+    common = np.zeros((len(noise), 0)) if shared is None else shared.residuals(registrations)
+    whole = np.linalg.cholesky(noise + common @ common.T)
+    whitener = np.asarray(np.linalg.inv(whole), dtype=float)
     origin = np.mean([frame.shape.as_array for frame in frames], axis=0)
 
     def residuals(x: Array) -> Array:
@@ -85,38 +115,29 @@ def solve_station_poses(
             [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)],
             x[6 * k :] + origin,
         )
-        white = [
+        off = [
             # The station takes its own frame for j: it finds j at the identity.
-            W
-            @ np.concatenate(
+            np.concatenate(
                 (pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.as_array)
             )
-            for W, T_own, frame in zip(by_frame, T, frames, strict=True)
+            for T_own, frame in zip(T, frames, strict=True)
         ]
-        for W, edge in zip(by_overlap, registrations, strict=True):
+        for edge in registrations:
             between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
-            white.append(
-                W @ (pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
-            )
-        return np.concatenate(white)
+            off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
+        return np.asarray(whitener @ np.concatenate(off))
 
     found = least_squares(
         residuals, np.zeros(6 * k + 4), jac="3-point", x_scale=1e-4, xtol=1e-15, ftol=1e-15
     )
     jacobian: Array = np.array(found.jac)
-    covariance: Array = np.linalg.inv(jacobian.T @ jacobian).astype(np.float64)
-    # Residuals are whitened: what was observed enters with the whitener, and a minus.
-    rows = jacobian[: 10 * k].reshape(k, 10, -1)
-    by_shapes = [covariance @ r.T @ W[:, 6:] for r, W in zip(rows, by_frame, strict=True)]
-    rows = jacobian[10 * k :].reshape(len(by_overlap), 6, -1)
-    by_overlaps = [covariance @ r.T @ W for r, W in zip(rows, by_overlap, strict=True)]
+    information = jacobian.T @ jacobian
+    by_residuals = -np.asarray(np.linalg.solve(information, jacobian.T @ whitener), dtype=float)
     return StationPoses(
         np.array([pose_vector.pose_from_vector(v) for v in found.x[: 6 * k].reshape(k, 6)]),
-        covariance[: 6 * k, : 6 * k],
-        np.concatenate(by_shapes, axis=1),
-        np.concatenate(by_overlaps, axis=1) if by_overlaps else np.zeros((6 * k + 4, 0)),
         TubeDimensions(*(found.x[6 * k :] + origin).tolist()),
-        covariance[6 * k :, 6 * k :],
+        by_residuals,
+        by_residuals @ noise @ by_residuals.T,
         2 * float(found.cost) / (len(found.fun) - found.x.size),
     )
 
@@ -174,8 +195,3 @@ def spanning_tree_poses(
         used.add(id(edge))
         T[b] = T[a] @ (edge.T if edge.overlap.first == a else inverse_pose(edge.T))
     return T, [edge for edge in by_sigma if id(edge) not in used]
-
-
-def _whitener(covariance: Array) -> Array:
-    """What makes errors of a covariance independent and of unit variance."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

@@ -150,8 +150,14 @@ def fit_tubes_to_stations(
     for station in stations:
         try:
             brace, leg = _start(station)
+            walls = wall_points_of_views(station.all_sections)
+            shared = [cause.twists for cause in station.causes]
             tubes = fit_tubes_to_walls(
-                wall_points_of_views(station.all_sections), settings.repeatability, brace, leg
+                walls,
+                settings.repeatability,
+                brace,
+                leg,
+                np.concatenate(shared, axis=2) if shared else None,
             )
             found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:

@@ -16,10 +16,11 @@ from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.stitching.budget import stitching_budget
+from tjscan.stitching.budget import shared_causes, stitching_budget
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
+    StationErrors,
     StationPoses,
     overlap_gap,
     solve_station_poses,
@@ -174,11 +175,14 @@ def stitch_stations(
         registrations = register_overlaps(fits, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
-        placement, out_of_round = place_stations_with_out_of_round(fits, registrations, settings)
+        shared = shared_causes(fits, registrations)
+        placement, out_of_round = place_stations_with_out_of_round(
+            fits, registrations, settings, shared.all_errors
+        )
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
-    uncertain = stitching_budget(fits, registrations, placement, settings.repeatability)
+    uncertain = stitching_budget(fits, registrations, placement, shared, settings.repeatability)
     placed = [
         _placed(fit, placement.T[k], uncertain.station_covariances[k], azimuth)
         for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
@@ -248,6 +252,7 @@ def place_stations_with_out_of_round(
     fits: Sequence[StationTubeFit],
     registrations: Sequence[StationRegistration],
     settings: StitchSettings,
+    shared: StationErrors | None = None,
 ) -> tuple[StationPoses, float]:
     """Place stations, and find how far tubes must be out of round for all to agree.
 
@@ -262,6 +267,8 @@ def place_stations_with_out_of_round(
         Of all overlaps.
     settings : StitchSettings
         How far tubes may be out of round.
+    shared : StationErrors, optional
+        Errors that stations and overlaps have in common.
 
     Returns
     -------
@@ -273,7 +280,7 @@ def place_stations_with_out_of_round(
     allowance = settings.out_of_round
     while True:
         frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
-        placement = solve_station_poses(frames, registrations)
+        placement = solve_station_poses(frames, registrations, shared)
         if placement.reduced_chi2 < AGREED or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2

@@ -39,7 +39,7 @@ class FittedTubes:
         Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up where the
         points lie farther from cylinders than their errors explain, as on tubes out of round.
     reduced_chi2 : float
-        Chi-squared per degree of freedom; about 1 where the tubes are round and the stated
+        Chi-squared over what is expected of it; about 1 where the tubes are round and the stated
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
@@ -61,7 +61,11 @@ class FittedTubes:
 
 
 def fit_tubes_to_walls(
-    walls: WallPoints, repeatability: ArmRepeatability, brace: Cylinder, leg: Cylinder
+    walls: WallPoints,
+    repeatability: ArmRepeatability,
+    brace: Cylinder,
+    leg: Cylinder,
+    shared_twists: Array | None = None,
 ) -> FittedTubes:
     """Fit leg and brace to wall points; Gauss–Newton, reweighted with Tukey's kernel.
 
@@ -73,6 +77,10 @@ def fit_tubes_to_walls(
         Of the arm that carried the laser.
     brace, leg : Cylinder
         Where to start.
+    shared_twists : ndarray, shape (m, 6, k), optional
+        Motions of each view, about the origin, by k standard normal draws that all views share:
+        residuals may be larger by these before they widen the covariance, which does not hold
+        them otherwise.
 
     Raises
     ------
@@ -115,8 +123,16 @@ def fit_tubes_to_walls(
     by_view = np.zeros((len(walls.pivots), 10, 6))
     for chosen in views:
         by_view[walls.view[chosen[0]]] = -spread @ white[chosen, :-1].T @ answers[chosen]
-    covariance = max(1.0, reduced_chi2) * spread
-    return FittedTubes(brace, leg, covariance, reduced_chi2, rms, by_view)
+    expected = 1.0
+    if shared_twists is not None:
+        moved = np.zeros((len(walls), shared_twists.shape[-1]))
+        for chosen in views:
+            moved[chosen] = answers[chosen] @ shared_twists[walls.view[chosen[0]]]
+        A = white[:, :-1]
+        left = (moved - A @ (spread @ (A.T @ moved)))[counted]
+        expected += float(np.sum(left**2)) / max(int(counted.sum()) - 10, 1)
+    reduced_chi2 /= expected
+    return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms, by_view)
 
 
 def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:
