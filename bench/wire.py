@@ -145,7 +145,6 @@ def _case(name: str, seed: int, tally: Tally) -> None:
     fault, random = FAULTS[name], Random(seed)
     controller, host = (f"127.7.{next(_numbers)}.{i}" for i in (1, 2))
     with LoopbackProcess(controller) as loopback, Wire(host, controller, seed) as wire:
-        watch = RTDEReceiveInterface(controller)
         error: list[ArmFault | None] = []
         with UrArm(KINEMATICS, UrSettings(host), SLOWLY) as arm:
             mover = Thread(target=partial(_move, arm, error))
@@ -155,10 +154,12 @@ def _case(name: str, seed: int, tally: Tally) -> None:
             fault.inject(wire, loopback, random)
             since = time.monotonic()
             if fault.ends_in:
-                tally.slowest_rest = max(tally.slowest_rest, _until_rest(watch, since))
+                rest = _until_rest(controller, since)
+                tally.slowest_rest = max(tally.slowest_rest, rest)
+                if rest > REST_S:
+                    print(f"{name}, seed {seed}: rests after {rest:.2f} s", file=sys.stderr)
             mover.join(LONGEST_S)
             wire.release()
-        watch.disconnect()
     ended = error[0] if error else ArmFault("the move did not end")
     right = ended is None if not fault.ends_in else isinstance(ended, fault.ends_in)
     said = "" if ended is None else message_with_notes(ended)
@@ -177,13 +178,17 @@ def _move(arm: UrArm, error: list[ArmFault | None]) -> None:
         error.append(fault)
 
 
-def _until_rest(watch: RTDEReceiveInterface, since: float) -> float:
-    """Seconds until the arm rests, as its controller says."""
-    while time.monotonic() - since < LONGEST_S:
-        if np.abs(watch.getActualQd()).max() < AT_REST:
-            return time.monotonic() - since
-        time.sleep(0.005)
-    return float("inf")
+def _until_rest(controller: str, since: float) -> float:
+    """Seconds until the arm rests, as its controller says on a connection that no fault touches."""
+    watch = RTDEReceiveInterface(controller)
+    try:
+        while time.monotonic() - since < LONGEST_S:
+            if np.abs(watch.getActualQd()).max() < AT_REST:
+                return time.monotonic() - since
+            time.sleep(0.005)
+        return float("inf")
+    finally:
+        watch.disconnect()
 
 
 def measure(cases: int) -> list[Row]:
