@@ -1,5 +1,7 @@
 """A profile is laid on one taken before, as far as its shape tells where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hull_views import ARC_20, CAPPED, DEFAULT, EXACT, NEARLY_FILLED, see, true_placement
@@ -170,6 +172,18 @@ def test_reference_of_another_joint_is_refused(other: HullJoint) -> None:
     against, rng = reference(joint=other, passes=0), np.random.default_rng(1)
     for _ in range(50):
         assert register(see(NEARLY_FILLED, rng, ARC_20), against, true_placement()) is None
+
+
+@pytest.mark.parametrize("narrower", [0.5e-3, 1e-3, 2e-3, 4e-3])
+@pytest.mark.parametrize("now", [3, 4])
+def test_reference_of_a_joint_a_little_narrower_is_seldom_believed(
+    narrower: float, now: int
+) -> None:
+    other = replace(NEARLY_FILLED, width=NEARLY_FILLED.width - narrower)
+    against, rng = reference(joint=other, passes=3), np.random.default_rng(1)
+    profiles = [see(NEARLY_FILLED, rng, ARC_20, passes=now) for _ in range(40)]
+    believed = [register(profile, against, true_placement()) for profile in profiles]
+    assert sum(one is not None for one in believed) <= 10
 
 
 def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:

@@ -32,6 +32,13 @@ LEAST_OF_SIDE: Final = 0.1
 """Share of what each side of a reference tells of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
 
+DEEPER, FAR_DEEPER = 4.0, 6e-3
+"""Standard deviations and metres between which a point lies deeper than the reference as another
+joint's would: the arc's light lies anywhere, mostly farther."""
+
+MOST_DEEPER: Final = 0.2
+"""Share of what a side tells that may lie deeper: a pass adds steel and takes none away."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointPlacement:
@@ -174,8 +181,8 @@ def register_profile(
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None where too few do, or where one side of the
-        joint no longer shows where it is.
+        of the points that lie on the reference. None where too few do, where one side of the
+        joint no longer shows where it is, or where steel is gone that the reference shows.
     """
     x = t * z
     roll = start.roll
@@ -213,7 +220,11 @@ def register_profile(
             break
     telling = (slope / spread) ** 2
     for side in (u < 0, u > 0):
-        if weight[side] @ telling[side] < LEAST_OF_SIDE * telling[side].sum():
+        tells = telling[side].sum()
+        if weight[side] @ telling[side] < LEAST_OF_SIDE * tells:
+            return None
+        deeper = (away[side] > DEEPER * spread[side]) & (away[side] < FAR_DEEPER)
+        if telling[side] @ deeper > MOST_DEEPER * tells:
             return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
