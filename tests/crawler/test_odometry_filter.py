@@ -30,3 +30,13 @@ def test_a_ramp_is_followed_as_the_encoders_show_it(speed: float) -> None:
         travel += now * PERIOD
         seen += found.smooth(Twist(now, 0.0), PERIOD, Twist(speed, 0.0)).speed * PERIOD
     assert seen == pytest.approx(travel, abs=0.3e-3)
+
+
+def test_it_says_once_that_the_vehicle_turned_back() -> None:
+    found = OdometryFilter(0.05)
+    turned = [
+        found.smooth(Twist(speed, 0.0), PERIOD, Twist(speed, 0.0)).turned_back
+        for speed in [0.02] * 200 + [0.0] * 200 + [-0.02] * 200
+    ]
+    assert sum(turned) == 1
+    assert any(turned[400:])

@@ -41,23 +41,26 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
     truth = rng.multivariate_normal(first.x, first.P)
     estimator = SlipEstimator(GEOMETRY, first, UNSURE)
     walks = np.zeros(STATES)
-    walks[2:6] = (
+    walks[[2, 3, 4, 5, 8]] = (
         UNSURE.rotation_centre_walk,
         UNSURE.yaw_efficiency_walk,
         UNSURE.drift_walk,
         UNSURE.crab_walk,
+        UNSURE.settled_centre_walk,
     )
-    found, turns = [], 0.0
+    found, turns, recent = [], 0.0, 0.0
     for k in range(1200):
         speed = 0.02 if k < 600 else -0.02
         asked = 2e-3 * np.sin(2 * np.pi * k / 300)
         noise = UNSURE.turn_rate / np.sqrt(PERIOD) * rng.standard_normal()
-        truth, _ = propagate_state(truth, TrackOdometry(speed, asked - noise, PERIOD), GEOMETRY)
-        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(STATES)
         kept = np.exp(-abs(speed) * PERIOD / SETTLING)
+        recent = kept * (0.0 if k == 600 else recent) + (1 - kept) * asked / abs(speed)
+        truly = TrackOdometry(speed, asked - noise, PERIOD, recent)
+        truth, _ = propagate_state(truth, truly, GEOMETRY)
+        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(STATES)
         turns = kept * turns + (1 - kept) * truth[SlipState.YAW_EFFICIENCY] * asked / speed
         truth[UNSTEADY] += np.sqrt(1 - kept**2) * unsteady(turns) * changes * rng.standard_normal(2)
-        estimator.move(TrackOdometry(speed, asked, PERIOD))
+        estimator.move(TrackOdometry(speed, asked, PERIOD, recent))
         d = laser_offset(truth, GEOMETRY)[0]
         d += np.hypot(SIGMA, UNSURE.unevenness) * rng.standard_normal()
         estimator.read(d, SIGMA)
@@ -114,3 +117,17 @@ def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
     np.testing.assert_array_equal(moved.P[2:, 2:], known.P[2:, 2:])
     assert (moved.x[:2] == 0).all()
     assert moved.sigma(SlipState.OFFSET) == pytest.approx(UNSURE.offset)
+
+
+def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:
+    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    for k in range(400):
+        estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
+        estimator.read(1e-3 * np.sin(k / 40), SIGMA)
+    before = estimator.belief
+    estimator.move(TrackOdometry(-0.02, 0.0, 1e-6, turned_back=True))
+    after = estimator.belief
+    assert before.sigma(SlipState.UNSTEADY_DRIFT) < 0.9 * UNSURE.unsteady_drift
+    assert after.sigma(SlipState.UNSTEADY_DRIFT) == pytest.approx(UNSURE.unsteady_drift, rel=0.1)
+    assert after.x[UNSTEADY] == pytest.approx(0.0)
+    np.testing.assert_allclose(after.x[2:8], before.x[2:8])

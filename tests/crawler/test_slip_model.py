@@ -1,11 +1,14 @@
 """Derivatives, symmetry, and what can be seen of slip."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
+from tjscan.crawler.odometry_filter import OdometryFilter
 from tjscan.crawler.slip_model import (
     SETTLING,
     STATES,
@@ -15,6 +18,9 @@ from tjscan.crawler.slip_model import (
     laser_offset,
     propagate_state,
 )
+from tjscan.vehicle.pad_plant import PadPlant, PadSettings
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import Twist
 
 GEOMETRY = CrawlerGeometry(0.5, 0.1)
 
@@ -27,6 +33,7 @@ states = st.tuples(
     st.floats(-0.01, 0.01),
     st.floats(-0.2, 0.2),
     st.floats(-0.05, 0.05),
+    st.floats(-0.1, 0.1),
     st.floats(-0.01, 0.01),
     st.floats(-0.02, 0.02),
 ).map(np.array)
@@ -35,8 +42,9 @@ odometries = st.builds(
     st.sampled_from([-0.04, -0.005, 0.005, 0.02]),
     st.sampled_from([-5e-3, -1e-3, 1e-3, 4e-3]),
     st.floats(0.005, 0.05),
+    st.floats(-0.5, 0.5),
 )
-MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, -1, -1])
+MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, -1, -1])
 """A mirror image of vehicle, joint and slip: what is to the right comes to the left."""
 
 
@@ -71,7 +79,7 @@ def test_the_derivative_of_a_reading_is_that_of_finite_differences(x: Array) -> 
 
 @given(states, odometries)
 def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometry) -> None:
-    mirrored = TrackOdometry(odometry.speed, -odometry.turn_rate, odometry.period)
+    mirrored = replace(odometry, turn_rate=-odometry.turn_rate, recent_turn=-odometry.recent_turn)
     after, _ = propagate_state(x, odometry, GEOMETRY)
     image, _ = propagate_state(MIRROR * x, mirrored, GEOMETRY)
     np.testing.assert_allclose(image, MIRROR * after, atol=1e-15)
@@ -79,7 +87,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 
 
 def observability(speeds: list[float]) -> Array:
-    """Rows of how each reading depends on the state at first, shape (n, 10)."""
+    """Rows of how each reading depends on the state at first, shape (n, 11)."""
     x = np.zeros(STATES)
     x[SlipState.YAW_EFFICIENCY] = 0.8
     onward, rows = np.eye(STATES), []
@@ -118,3 +126,41 @@ def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> N
     assert abs(x[SlipState.OFFSET]) < 1e-12
     # The laser, ahead on the tangent, is outside the arc by D² / 2 R.
     assert laser_offset(x, still)[0] == pytest.approx(-(0.5**2) / 40)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_centre_of_rotation_comes_ahead_as_the_contact_fills(way: float) -> None:
+    x = np.zeros(STATES)
+    x[SlipState.YAW_EFFICIENCY], x[SlipState.SETTLED_CENTRE] = 0.5, 0.1
+    tracks, speed, turn = OdometryFilter(0.05), 0.02 * way, 2e-5
+    sideways = []
+    for _ in range(3000):
+        odometry = tracks.smooth(Twist(speed, turn), 0.01, Twist(speed, turn))
+        level = x.copy()
+        level[[SlipState.OFFSET, SlipState.HEADING]] = 0.0
+        x, _ = propagate_state(level, odometry, CrawlerGeometry(0.5, 0.0))
+        sideways.append(x[SlipState.OFFSET] / (0.02 * 0.01))
+    settled = -way * 0.1 * 0.5 * turn / 0.02
+    assert abs(sideways[50]) < 0.1 * abs(settled)
+    assert sideways[-1] == pytest.approx(settled, rel=0.02)
+
+
+def centre_ahead_on_pads(curvature: float) -> tuple[float, float]:
+    """Where the centre of rotation lies in a turn by the tracks: at its start, and later, m."""
+    plant = PadPlant(PadSettings(mass=0.0), TrackGeometry(), np.zeros(3))
+    step, moves = 0.7 / 24 / 3, []  # a third of the way from pad to pad
+    for k in range(140):  # straight until no foot remembers the start
+        half = 0.2 * curvature * step if k >= 80 else 0.0
+        before = plant.pose_w
+        plant.advance(step + half, step - half, 1.0)
+        forward, right, turn = plant.pose_w - before
+        moves.append((right - forward * (before[2] + turn / 2), turn))
+    first, late = np.sum(moves[80:86], axis=0), np.sum(moves[110:], axis=0)
+    return -first[0] / first[1], -late[0] / late[1]
+
+
+def test_so_it_does_on_pads_the_less_the_more_feet_slide() -> None:
+    first, gentle = centre_ahead_on_pads(0.04)
+    assert first < 0.3 * gentle
+    assert 0.7 / 6 - 0.04 < gentle < 0.7 / 6 + 0.04  # a sixth of the contact where feet stick
+    assert centre_ahead_on_pads(0.3)[1] < 0.5 * gentle

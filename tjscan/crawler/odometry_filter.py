@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import copysign, exp
 from typing import Final
 
-from tjscan.crawler.slip_model import TrackOdometry
+from tjscan.crawler.slip_model import SETTLING, TrackOdometry
 from tjscan.vehicle.vehicle import REST, Twist
 
 MEMORY: Final = 0.5
@@ -14,6 +15,9 @@ MEMORY: Final = 0.5
 SPEED_RAMP: Final = 2e-3
 TURN_RAMP: Final = 10e-3
 """m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
+
+CREEPS: Final = 1e-3
+"""m/s: what is slower shows no curvature, its turn being divided by hardly anything."""
 
 
 class OdometryFilter:
@@ -31,6 +35,7 @@ class OdometryFilter:
     def __init__(self, drive_lag: float) -> None:
         self._lag = drive_lag
         self._speed = self._turn_rate = 0.0
+        self._way, self._recent_turn = 0.0, 0.0
 
     def smooth(self, measured: Twist, period: float, commanded: Twist = REST) -> TrackOdometry:
         """Motion over the period that has just passed.
@@ -54,4 +59,12 @@ class OdometryFilter:
         correct = 1.0 if ramps else correct
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
-        return TrackOdometry(self._speed, self._turn_rate, period)
+        turned_back = False
+        if abs(self._speed) > CREEPS:
+            way = copysign(1.0, self._speed)
+            turned_back = way == -self._way
+            if way != self._way:
+                self._way, self._recent_turn = way, 0.0
+            new = 1 - exp(-abs(self._speed) * period / SETTLING)
+            self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
+        return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)

@@ -23,6 +23,7 @@ LEARNED = (
     SlipState.DRIFT,
     SlipState.CRAB,
     SlipState.TURNING_CRAB,
+    SlipState.SETTLED_CENTRE,
 )
 """What belongs to vehicle and hull, not to where it stands."""
 
@@ -32,15 +33,16 @@ _SHOWN = (
     ("drift", 1e3, "mrad/m"),
     ("crab", 1e3, "mrad"),
     ("crab while turning", 1e3, "mm"),
+    ("centre of rotation, farther ahead in a turn that lasts", 1e3, "mm"),
 )
 
-Row = Annotated[tuple[float, float, float, float, float], Field(strict=False)]
+Row = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
 
 class SlipCalibration(StrictFileModel):
     """Content of the file. Quantities in their SI units, in the order of the fields.
 
-    `covariance` is that of the five quantities.
+    `covariance` is that of the six quantities.
     """
 
     vehicle: str
@@ -50,7 +52,8 @@ class SlipCalibration(StrictFileModel):
     drift_rad_per_m: float
     crab_rad: float
     turning_crab_m: float
-    covariance: Annotated[tuple[Row, Row, Row, Row, Row], Field(strict=False)]
+    settled_centre_m: float
+    covariance: Annotated[tuple[Row, Row, Row, Row, Row, Row], Field(strict=False)]
 
     @model_validator(mode="after")
     def _covariance_is_one(self) -> SlipCalibration:
@@ -72,18 +75,20 @@ class SlipCalibration(StrictFileModel):
             drift_rad_per_m=values[2],
             crab_rad=values[3],
             turning_crab_m=values[4],
+            settled_centre_m=values[5],
             covariance=((P + P.T) / 2).tolist(),
         )
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The five quantities."""
+        """The six quantities."""
         return (
             self.rotation_centre_m,
             self.yaw_efficiency,
             self.drift_rad_per_m,
             self.crab_rad,
             self.turning_crab_m,
+            self.settled_centre_m,
         )
 
     @property

@@ -36,6 +36,8 @@ UNSTEADINESS: Final = (0.02, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more."""
 
+UNSTEADY: Final = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
+
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
 
@@ -48,9 +50,12 @@ class SlipUncertainty(SettingsTable):
     Parameters
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
+    settled_centre : float
         Before anything was measured; as `SlipState` names them, in its units.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
-        Of the change over one metre of travel.
+    settled_centre_walk : float
+        Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
+        what differs for now is unsteady.
     unsteady_crab, unsteady_drift : float
         Of what crab and drift are off for now, going straight. By default what feet do that give
         way by 1 mm either way within a contact of 0.7 m, or of half of it to turn.
@@ -71,11 +76,13 @@ class SlipUncertainty(SettingsTable):
     drift: Annotated[Deviation, MRAD] = 10e-3
     crab: Annotated[Deviation, MRAD] = 6e-3
     turning_crab: Annotated[Deviation, MM] = 50e-3
-    rotation_centre_walk: Annotated[Deviation, MM] = 25e-3
-    yaw_efficiency_walk: Deviation = 0.03
-    drift_walk: Annotated[Deviation, MRAD] = 0.8e-3
-    crab_walk: Annotated[Deviation, MRAD] = 0.2e-3
-    turning_crab_walk: Annotated[Deviation, MM] = 25e-3
+    settled_centre: Annotated[Deviation, MM] = 80e-3
+    rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
+    yaw_efficiency_walk: Deviation = 0.01
+    drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
+    crab_walk: Annotated[Deviation, MRAD] = 0.1e-3
+    turning_crab_walk: Annotated[Deviation, MM] = 10e-3
+    settled_centre_walk: Annotated[Deviation, MM] = 10e-3
     unsteady_crab: Annotated[Deviation, MRAD] = 0.8e-3
     unsteady_drift: Annotated[Deviation, MRAD] = 2.4e-3
     unsteady_centre: Annotated[Deviation, MM] = 34e-3
@@ -90,9 +97,9 @@ class SlipBelief:
 
     Parameters
     ----------
-    x : ndarray, shape (10,)
+    x : ndarray, shape (11,)
         As `SlipState` orders it.
-    P : ndarray, shape (10, 10)
+    P : ndarray, shape (11, 11)
         Its covariance.
     """
 
@@ -131,6 +138,7 @@ class SlipBelief:
                 own.crab,
                 curvature_sigma,
                 own.turning_crab,
+                own.settled_centre,
                 own.unsteady_crab,
                 own.unsteady_drift,
             ]
@@ -180,12 +188,13 @@ class SlipEstimator:
         self.geometry, self.belief, self._uncertainty = geometry, belief, uncertainty
         own = uncertainty
         walks = np.zeros(STATES)
-        walks[[2, 3, 4, 5, 7]] = (
+        walks[[2, 3, 4, 5, 7, 8]] = (
             own.rotation_centre_walk,
             own.yaw_efficiency_walk,
             own.drift_walk,
             own.crab_walk,
             own.turning_crab_walk,
+            own.settled_centre_walk,
         )
         self._walk_per_metre = walks**2
         self._turns = 0.0
@@ -194,6 +203,8 @@ class SlipEstimator:
 
     def move(self, odometry: TrackOdometry) -> None:
         """Go on by one period in which the tracks moved as the encoders show."""
+        if odometry.turned_back:
+            self._forget_unsteady_slip()
         x, F = propagate_state(self.belief.x, odometry, self.geometry)
         P = F @ self.belief.P @ F.T
         travel = abs(odometry.speed) * odometry.period
@@ -210,6 +221,16 @@ class SlipEstimator:
         if self._window >= WINDOW:
             self._match_covariances()
 
+    def _forget_unsteady_slip(self) -> None:
+        """Take what slip was off by for as unknown: of the other way it says nothing.
+
+        A reversal shears every foot the other way, so it is as uncertain as a track makes it.
+        """
+        x, P = self.belief.x.copy(), self.belief.P.copy()
+        x[UNSTEADY], P[UNSTEADY, :], P[:, UNSTEADY] = 0.0, 0.0, 0.0
+        P[UNSTEADY, UNSTEADY] = self._unsteady_variances()
+        self.belief = SlipBelief(x, P)
+
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
         if self._readings:
@@ -224,15 +245,20 @@ class SlipEstimator:
         In a turn the feet shear and slide the more the tighter it is, and go on doing so until
         they have left: hence the curvature that the track remembers.
         """
-        own, added = self._uncertainty, np.zeros(STATES)
+        added = np.zeros(STATES)
         if odometry.speed:
             efficiency = float(self.belief.x[SlipState.YAW_EFFICIENCY])
             curvature = efficiency * odometry.turn_rate / odometry.speed
             self._turns = kept * self._turns + (1 - kept) * curvature
+        added[UNSTEADY] = self._unsteady_variances()
+        return (1 - kept**2) * added
+
+    def _unsteady_variances(self) -> tuple[float, float]:
+        """Variances of unsteady crab and drift at the curvature that the track remembers."""
+        own = self._uncertainty
         crab = own.unsteady_crab**2 + (own.unsteady_centre * self._turns) ** 2
         drift = own.unsteady_drift**2 + (own.unsteady_efficiency * self._turns) ** 2
-        added[SlipState.UNSTEADY_CRAB :] = crab, drift
-        return (1 - kept**2) * added
+        return crab, drift
 
     def read(self, d: float, sigma: float) -> float:
         """Take in a reading of the joint.

@@ -45,7 +45,7 @@ def track_turn_rate(
 
     Parameters
     ----------
-    x : ndarray, shape (10,)
+    x : ndarray, shape (11,)
         As `SlipState` orders it.
     speed : float
         Forward, m/s; nothing is steered where it is 0.
@@ -63,7 +63,8 @@ def track_turn_rate(
     if speed == 0.0:
         return 0.0
     way, gain = copysign(1.0, speed), settings.gain
-    arm = geometry.centre_to_torch + way * x[SlipState.ROTATION_CENTRE]
+    ahead = x[SlipState.ROTATION_CENTRE] + x[SlipState.SETTLED_CENTRE]
+    arm = geometry.centre_to_torch + way * ahead
     offset = x[SlipState.OFFSET] + arm * x[SlipState.HEADING]
     slope = way * x[SlipState.HEADING] + x[SlipState.CRAB] + x[SlipState.UNSTEADY_CRAB]
     # Where it goes straight along the joint, it stands askew by the crab: so does the torch.
