@@ -30,7 +30,6 @@ class Wire:
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._writers: set[tuple[int, asyncio.StreamWriter]] = set()
         self._servers: list[asyncio.Server] = []
-        self._ports = set(PORTS)
         self.delay = 0.0
         self.garbled = 0.0
         self._swallows = False
@@ -82,6 +81,10 @@ class Wire:
             server.close()
         for _, writer in list(self._writers):
             writer.transport.abort()
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     def _serve(self, port: int) -> Callable[..., Any]:
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
