@@ -1,5 +1,5 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check bench soak setup clean
+.PHONY: scan test check bench soak licences setup clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -24,6 +24,10 @@ bench: $(READY)
 # Some ten minutes: kills, cuts, full disks, bad sensors, bad files. See docs/reliability.md.
 soak: $(READY)
 	$(BIN)/python bench/reliability.py
+
+# The licence of every installed package; fails where one is stronger than the LGPL.
+licences: $(READY)
+	$(BIN)/python bench/licences.py
 
 setup: $(READY)
 

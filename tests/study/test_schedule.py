@@ -10,6 +10,7 @@ import pytest
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of other people's imports
     distributed = pytest.importorskip("distributed")
+    psutil = pytest.importorskip("psutil")
 
 from cells import PAPER
 from study_work import double_or_die, once, threads
@@ -65,6 +66,18 @@ def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
     rows = made(DaskScheduler(address=address), trials)
     assert len(rows) == 3
     assert rows == made(DaskScheduler(1), trials)
+
+
+def test_a_study_on_this_machine_listens_on_loopback_only() -> None:
+    for _ in DaskScheduler(1)(threads, (0,)):
+        mine = psutil.Process()
+        places = {
+            socket.laddr.ip
+            for process in (mine, *mine.children(recursive=True))
+            for socket in process.net_connections("inet")
+            if socket.status == psutil.CONN_LISTEN
+        }
+        assert places == {"127.0.0.1"}
 
 
 def test_a_scheduler_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

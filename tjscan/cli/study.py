@@ -58,6 +58,10 @@ def study(
     check_study_packages()
     if not resume:
         make_study_directory(directory, trials)
+    if scheduler is not None and not scheduler.startswith("tls://"):
+        print_message(
+            f"whoever reaches {scheduler} runs programs on its workers: docs/study.md shows TLS"
+        )
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
     with study_progress_bar(len(trials)) as watch:
         rows = run_study(directory, where, watch)
