@@ -260,6 +260,7 @@ def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
         ("--steering.gain-per-m", "-1"),
         ("--simulation.joint.width-mm", "500"),
         ("--simulation.joint.width-mm", "100"),  # wider than the laser's line
+        ("--simulation.joint.width-mm", "79"),  # hardly any hull beside it
         ("--torch.reach-mm", "1.5"),  # a pass weaves by more
         ("--vehicle.driver", "replay"),
         ("--size.torque-n-m", "42"),  # the paper's motors

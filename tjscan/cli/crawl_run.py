@@ -53,6 +53,8 @@ def crawl_run(
     if calibration is not None:
         keys["calibration"] = str(calibration.resolve())
     file = job / "job.toml" if resume else job
+    if resume and not file.is_file():
+        raise ConfigurationError("holds no crawl: give the run directory of one", file=job)
     parsed = read_crawl_job(file, keys)
     if resume and (out is not None or keys):
         raise ConfigurationError("--resume goes on with the job of the run: no --out, no keys")

@@ -35,6 +35,9 @@ from tjscan.vehicle.drivers import VEHICLES
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
+HULL_SEEN: Final = 5e-3
+"""Metres of a plate at least: ten points say where it lies, and half as many may be missing."""
+
 PERCENT: Final = FileUnit("percent", 0.01)
 
 
@@ -202,10 +205,11 @@ class CrawlJob(StrictFileModel):
                 key="course.radius_m",
             )
         line = 2 * STAND_OFF * tan(self.simulation.laser.half_angle)
-        if not joint.width < line:
+        if not joint.width + 2 * HULL_SEEN < line:
             raise ConfigurationError(
                 f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
-                f"{1e3 * line:.0f} mm: it must see hull on both sides",
+                f"{1e3 * line:.0f} mm: it must see {1e3 * HULL_SEEN:g} mm of hull on both sides. "
+                "Take a wider simulation.laser.half_angle_deg",
                 key="simulation.joint.width_mm",
             )
         return self
