@@ -11,7 +11,8 @@ import numpy as np
 from tjscan.core.config import validate_table
 from tjscan.core.errors import GrooveNotFound, TjscanError
 from tjscan.core.frames import Array
-from tjscan.crawler.crawler import CrawlDevices, Crawler, CrawlPlan
+from tjscan.crawler.control_cycle import CrawlDevices
+from tjscan.crawler.crawler import Crawler, CrawlPlan
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from crawls import SHORT
 
-from tjscan.core.errors import CrawlStopped
+from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
 from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
@@ -145,6 +146,23 @@ def test_motors_that_must_give_more_than_they_have_are_stopped(tmp_path: Path) -
     with cell, pytest.raises(CrawlStopped, match="123 N m, more than 84") as caught:
         make_crawler(found, cell, found.make_method(), notes).run()
     assert caught.value.guard == "torque"
+
+
+def test_a_torch_that_fails_on_a_stop_hides_no_stop(tmp_path: Path) -> None:
+    found, notes = context(tmp_path), Notes()
+    cell = make_crawl_cell(found.job)
+
+    class BrokenTorch(SimulatedTorchAxes):
+        def set_arc(self, *, burning: bool) -> None:
+            raise VehicleLinkLost("the torch is gone")
+
+    broken = replace(cell, torch=BrokenTorch(0.03, 0.1))
+    with cell:
+        with pytest.raises(VehicleLinkLost):
+            make_crawler(found, broken, found.make_method(), notes).run()
+        with pytest.raises(VehicleStopped):
+            cell.vehicle.command(REST)
+    assert notes.events[-1] == "stop"
 
 
 def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:

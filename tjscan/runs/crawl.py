@@ -13,8 +13,8 @@ import tomli_w
 from tjscan.core.config import add_file_to_errors, table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
+from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import (
-    CrawlDevices,
     Crawler,
     CrawlPlan,
     CrawlStart,

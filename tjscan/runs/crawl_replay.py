@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.manifest import check_as_written
-from tjscan.crawler.crawler import LONGEST_PERIOD
+from tjscan.crawler.control_cycle import LONGEST_PERIOD
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.slip_estimator import SlipBelief

@@ -1,0 +1,204 @@
+"""One cycle of a crawl: command, measure, estimate, guard, record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import Final
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_sensor import JointReader, JointSensor
+from tjscan.crawler.journal import CrawlCycle, CrawlJournal
+from tjscan.crawler.method import FollowingMethod
+from tjscan.crawler.phases import Event, Phase, next_phase
+from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.profile import Profile
+from tjscan.vehicle.vehicle import REST, Twist, Vehicle
+
+STANDS: Final = 30
+"""Cycles for which it stands before it turns back."""
+
+LONGEST_PERIOD: Final = 2.0
+"""Seconds from one state of the vehicle to the next, beyond which nobody knows where it went."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrawlDevices:
+    """What a crawl works with.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    laser : LineLaser
+    torch : TorchAxes
+    reader : JointReader
+    clock : callable, optional
+        Gives the seconds on the clock that the laser's profiles are dated by.
+    """
+
+    vehicle: Vehicle
+    laser: LineLaser
+    torch: TorchAxes
+    reader: JointReader
+    clock: Callable[[], float] | None = None
+
+
+class ControlCycle:
+    """The cycles of one crawl, and what they go on from.
+
+    Parameters
+    ----------
+    devices : CrawlDevices
+        Connected.
+    method : FollowingMethod
+        Which estimates and steers.
+    guards : Guards
+    journal : CrawlJournal
+
+    Attributes
+    ----------
+    phase : Phase
+        What the crawler does.
+    number : int
+        Of the pass, from 1; 0 before the first.
+    travel : float
+        Along the joint from where the weld begins, by the encoders, metres.
+    arc : bool
+        Whether the arc burns.
+    deviation : float
+        Of the torch from its path, as estimated, metres.
+    all_welded : bool
+        Whether nothing is left to weld: the joint need not be seen then.
+    """
+
+    def __init__(
+        self,
+        devices: CrawlDevices,
+        method: FollowingMethod,
+        guards: Guards,
+        journal: CrawlJournal,
+    ) -> None:
+        self._devices, self._method, self._guards = devices, method, guards
+        self._journal = journal
+        self._joint = JointSensor(devices.laser, devices.reader, devices.clock, journal)
+        self._time: float | None = None
+        self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
+        self.arc, self.deviation, self.all_welded = False, 0.0, False
+
+    @property
+    def seen(self) -> Sequence[tuple[float, Profile]]:
+        """The last profiles that were read; see `JointSensor.seen`."""
+        return self._joint.seen
+
+    def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
+        """Stand before the way is turned: what pads and drives do meanwhile, no model knows."""
+        for _ in range(STANDS):
+            self.run(REST, path, height)
+
+    def set_arc(self, *, burning: bool) -> None:
+        """Strike the arc, or end it."""
+        self._devices.torch.set_arc(burning=burning)
+        self.arc = burning
+        where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
+        self._journal.record_event("arc on" if burning else "arc off", where)
+
+    def drive(
+        self, speed: float, path: float = 0.0, height: float = 0.0, *, turns_back: bool = False
+    ) -> float:
+        """Drive for one cycle, steered along the joint; returns its seconds.
+
+        Parameters
+        ----------
+        speed : float
+            Forward, m/s.
+        path, height : float, optional
+            Of the torch beside the joint and out of the hull, metres.
+        turns_back : bool, optional
+            Whether it is about to turn back.
+        """
+        turn = self._method.turn_rate(speed, turns_back=turns_back)
+        return self.run(Twist(speed, turn), path, height)[0]
+
+    def run(self, twist: Twist, path: float = 0.0, height: float = 0.0) -> tuple[float, bool]:
+        """Command, measure, estimate, guard.
+
+        Parameters
+        ----------
+        twist : Twist
+            To be commanded.
+        path, height : float, optional
+            Of the torch beside the joint and out of the hull, metres.
+
+        Returns
+        -------
+        period : float
+            Seconds since the last state.
+        read : bool
+            Whether the joint was read.
+
+        Raises
+        ------
+        CrawlStopped, VehicleFault, LaserFault
+            If a guard sees danger, or a device fails; nothing is stopped here.
+        """
+        devices, method = self._devices, self._method
+        self._guards.check_command(twist)
+        devices.vehicle.command(twist)
+        state = devices.vehicle.next_state()
+        period = self._period_until(state.time)
+        self._guards.watch_vehicle(state, period)
+        self._guards.watch_progress(twist.speed, state.odometry.speed, period)
+        if period > 0:
+            method.move(state.odometry, period, twist)
+        self.travel += state.odometry.speed * period
+
+        profile, reading = self._joint.look(self.travel)
+        d = d_sigma = None
+        if reading is not None:
+            d, d_sigma = -reading.centre, reading.centre_sigma
+            method.read(d, d_sigma)
+        torch = method.torch
+        torch_y = devices.torch.move(path - torch.offset, height, period)
+        self.deviation = torch.offset + torch_y - path
+        self._journal.record_cycle(
+            CrawlCycle(
+                self.phase,
+                self.number,
+                self.travel,
+                state,
+                twist,
+                torch,
+                torch_y,
+                path,
+                self.arc,
+                nan if d is None else d,
+                nan if d_sigma is None else d_sigma,
+                method.slip,
+            ),
+            profile,
+        )
+        if self.phase is not Phase.MANUAL:
+            believed = method.laser if self.all_welded else None
+            self._guards.watch_joint(d, state.odometry.speed, period, believed=believed)
+        return period, d is not None
+
+    def _period_until(self, time: float) -> float:
+        """Seconds since the last state; none where it stood, and an operator was waited for."""
+        period = 0.0 if self._time is None else time - self._time
+        if self.phase in (Phase.MANUAL, Phase.READY) and period > LONGEST_PERIOD:
+            period = 0.0
+        if not 0 <= period <= LONGEST_PERIOD:
+            raise CrawlStopped(
+                "clock",
+                f"the vehicle's clock went on by {period:.3f} s from one state to the next",
+            )
+        self._time = time
+        return period
+
+    def enter(self, event: Event, detail: str) -> None:
+        """Go on to the phase that an event leads to."""
+        self.phase = next_phase(self.phase, event)
+        self._journal.record_event(str(self.phase), detail)
