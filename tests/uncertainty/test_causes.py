@@ -17,14 +17,13 @@ from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.laser.model import LaserModel
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.tolerance import PlacementTolerance
-from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget
+from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, points_moved_by_twist
 from tjscan.uncertainty.causes import (
     ViewCause,
     arm_geometry_cause,
     budget_of_causes,
     calibrated_arm_cause,
     hand_eye_cause,
-    points_moved_by_twist,
     reading_cause,
     repeatability_cause,
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from tjscan.cli.console import print_message
 from tjscan.comparison.compare import Comparison, comparison_to_dict
+from tjscan.uncertainty.summary import budget_in_words
 
 
 def print_comparison(comparison: Comparison, *, json: bool) -> None:
@@ -34,6 +35,8 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
             f"  median {s.median:.4f}, p95 {s.p95:.4f}, rms {s.rms:.4f}, mean {s.mean:.4f}, "
             f"max {s.max:.4f} mm{within}"
         )
+    if c.uncertainty is not None:
+        print(budget_in_words(c.uncertainty))
     for warning in c.warnings:
         print_message(f"warning: {warning}")
     if c.tolerance is not None:

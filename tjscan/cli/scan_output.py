@@ -11,10 +11,10 @@ from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, progress_bars, stderr
 from tjscan.result.summary import ScanSummary, summary_to_json
-from tjscan.result.uncertainty import budget_in_words
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.uncertainty.summary import budget_in_words
 
 
 class ProgressJournal:

@@ -26,6 +26,8 @@ from tjscan.comparison.shapes import Shape
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.uncertainty.alignment import aligned_budget
+from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
 
 AlignmentMethod = Literal["none", "joint", "icp"]
 
@@ -103,6 +105,8 @@ class Comparison:
         Metres.
     warnings : tuple of str
         What limits the meaning of the distances.
+    uncertainty : BudgetSummary or None
+        How sure the corners are once they are aligned; None where that is not known.
     """
 
     measured: Shape
@@ -111,6 +115,7 @@ class Comparison:
     deviations: tuple[DeviationDistances, ...]
     tolerance: float | None = None
     warnings: tuple[str, ...] = ()
+    uncertainty: BudgetSummary | None = None
 
     @property
     def passed(self) -> bool:
@@ -196,7 +201,24 @@ def compare_shapes(
     warnings = tuple(_warnings(moved, reference, surface))
     if alignment.note:
         warnings = (*warnings, alignment.note)
-    return Comparison(moved, reference, alignment, found, tolerance, warnings)
+    uncertainty = _corner_uncertainty(moved, alignment, in_joint=measured.is_in_joint_frame)
+    return Comparison(moved, reference, alignment, found, tolerance, warnings, uncertainty)
+
+
+def _corner_uncertainty(
+    measured: Shape, alignment: Alignment, *, in_joint: bool
+) -> BudgetSummary | None:
+    """How sure the aligned corners are: what the alignment takes back does no harm."""
+    budget, corners, normals = measured.budget, measured.corners, measured.wall_normals
+    if budget is None or corners is None:
+        return None
+    # What stands in its joint's own frame was aligned when that was found.
+    if alignment.method == "icp" or (alignment.method == "joint" and not in_joint):
+        if normals is None:
+            return None
+        budget = aligned_budget(budget, corners, normals, by_tubes=alignment.method == "joint")
+    absent = np.zeros((len(corners), 3), bool) if measured.absent is None else measured.absent
+    return summarise_budget(budget, ~absent)
 
 
 def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
@@ -332,5 +354,24 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
             }
             for d in c.deviations
         ],
+        "uncertainty": None if c.uncertainty is None else _uncertainty_to_dict(c.uncertainty),
         "warnings": list(c.warnings),
+    }
+
+
+def _uncertainty_to_dict(budget: BudgetSummary) -> dict[str, Any]:
+    """Uncertainty of a corner's place, by its components."""
+    return {
+        "components": [
+            {
+                "name": one.name,
+                "evidence": one.evidence,
+                "shared": one.shared,
+                "corner_mm": one.corner_mm,
+            }
+            for one in budget.components
+        ],
+        "combined_corner_mm": budget.combined.corner_mm,
+        "expanded_corner_mm": budget.expanded.corner_mm,
+        "coverage_factor": budget.coverage_factor,
     }

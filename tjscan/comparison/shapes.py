@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tjscan.comparison.facets import IndexArray
 from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.joint.edges import FeatureEdges
+from tjscan.uncertainty.budget import UncertaintyBudget
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,10 @@ class Shape:
         How many points of the file were no finite points, and left out.
     is_in_joint_frame : bool
         Whether its frame is its joint's own: by definition, or as found in its own data.
+    budget : UncertaintyBudget, optional
+        Of the corners of a run.
+    wall_normals : ndarray, shape (k, 2, 3), optional
+        Out of the brace's wall and the leg at each section of a run.
     """
 
     name: str
@@ -82,6 +87,8 @@ class Shape:
     edges: FeatureEdges | None = None
     dropped: int = 0
     is_in_joint_frame: bool = False
+    budget: UncertaintyBudget | None = None
+    wall_normals: Array | None = None
 
     @property
     def extent(self) -> float:
@@ -112,4 +119,6 @@ class Shape:
             None if self.corners is None else readonly_copy(transform_points(T, self.corners)),
             self.absent,
             dropped=self.dropped,
+            budget=None if self.budget is None else self.budget.rotated(T[:3, :3]),
+            wall_normals=None if self.wall_normals is None else self.wall_normals @ T[:3, :3].T,
         )

@@ -12,12 +12,15 @@ from tjscan.comparison.shapes import Shape, UnitAndFrame
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
-from tjscan.core.frames import readonly_copy
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.manifest import check_as_written
-from tjscan.result.directory import CLOUD, SECTIONS, SUMMARY
+from tjscan.groove.measured import MeasuredSection
+from tjscan.result.directions import section_directions
+from tjscan.result.directory import BUDGET, CLOUD, SECTIONS, SUMMARY
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.result.table import read_sections_csv
+from tjscan.result.uncertainty import read_budget
 
 
 def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
@@ -53,7 +56,7 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     ConfigurationError
         If the directory holds no finished run, or files that lead out of it.
     """
-    refuse_links_outside(directory, SUMMARY, SECTIONS, CLOUD)
+    refuse_links_outside(directory, SUMMARY, SECTIONS, CLOUD, BUDGET)
     if not (directory / SUMMARY).is_file():
         hint = ""
         if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
@@ -86,4 +89,14 @@ def read_run_shape(directory: Path) -> Shape:
         dropped=cloud.dropped,
         # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
         is_in_joint_frame=frame == "j" and bool(summary.stations),
+        budget=read_budget(directory / BUDGET, len(sections)),
+        wall_normals=_wall_normals(sections),
     )
+
+
+def _wall_normals(sections: tuple[MeasuredSection, ...]) -> Array | None:
+    """Out of the brace's wall and the leg; None where one section alone has no direction."""
+    if len(sections) < 2:
+        return None
+    found = section_directions(sections)
+    return np.stack((found.wall, found.leg), axis=1)

@@ -19,7 +19,7 @@ from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
-from tjscan.result.uncertainty import BudgetSummary
+from tjscan.uncertainty.summary import BudgetSummary
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""

@@ -20,7 +20,6 @@ from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics
-from tjscan.result.uncertainty import BudgetSummary, summarise_budget
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.uncertainty import StatedCauses
@@ -29,6 +28,7 @@ from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_leng
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.uncertainty.causes import budget_of_causes
+from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
 
 
 def calibration_label(directory: Path) -> str:
@@ -165,7 +165,7 @@ def write_scan_results(
     error = None
     if joint is not None:
         error = corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
-    uncertainty = summarise_budget(budget, sections, causes.left_out)
+    uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
     summary = summarise_scan(result, plan, frame, error, calibration_label(directory), uncertainty)
     middle = result.sections[len(result.sections) // 2]
     picture = draw_groove_overview(

@@ -39,7 +39,6 @@ from tjscan.result.summary import (
     read_summary,
     summarise_stations,
 )
-from tjscan.result.uncertainty import summarise_budget
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
@@ -53,6 +52,7 @@ from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import DEFAULT, StitchSettings
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.uncertainty.summary import summarise_budget
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,7 +251,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         closed=stitched.is_closed,
         uncertainty=summarise_budget(
             stitched.budget,
-            stitched.sections,
+            ~absent_corners(stitched.sections),
             list(dict.fromkeys(words for one in read for words in one.left_out)),
         ),
     )

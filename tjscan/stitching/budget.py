@@ -20,10 +20,14 @@ from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import StationRegistration
 from tjscan.stitching.stations import StationTubeFit
-from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, covariance_factor
+from tjscan.uncertainty.budget import (
+    BudgetComponent,
+    UncertaintyBudget,
+    covariance_factor,
+    points_moved_by_twist,
+)
 from tjscan.uncertainty.causes import (
     ViewCause,
-    points_moved_by_twist,
     reading_cause,
     repeatability_cause,
 )

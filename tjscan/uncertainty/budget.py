@@ -19,7 +19,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, readonly_copy, skew_matrix
 from tjscan.groove.measured import MeasuredSection
 
 COVERAGE_FACTOR: Final = 2.0
@@ -218,6 +218,20 @@ def _made_of(
             points[k, ..., own] += share.points @ component.points[share.number]
             measures[k, ..., own] += share.measures @ component.measures[share.number]
     return replace(component, points=points, measures=measures)
+
+
+def points_moved_by_twist(points: Array, twists: Array) -> Array:
+    """How points move with twists about the origin, shape (..., k, 3, m), metres.
+
+    Parameters
+    ----------
+    points : ndarray, shape (..., k, 3)
+        Metres.
+    twists : ndarray, shape (..., 6, m)
+        Translations, metres, before rotation vectors, radians.
+    """
+    translation, rotation = twists[..., None, :3, :], twists[..., None, 3:, :]
+    return np.asarray(translation - skew_matrix(points) @ rotation)
 
 
 def covariance_factor(covariance: Array) -> Array:

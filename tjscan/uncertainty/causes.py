@@ -14,10 +14,15 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, pose, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, pose, readonly_copy
 from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
-from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, covariance_factor
+from tjscan.uncertainty.budget import (
+    BudgetComponent,
+    UncertaintyBudget,
+    covariance_factor,
+    points_moved_by_twist,
+)
 
 READING: Final = "reading of the profile"
 HAND_EYE: Final = "laser on the hand"
@@ -68,20 +73,6 @@ class ViewCause:
         return BudgetComponent(
             self.name, self.evidence, self.is_shared, points, self.measures[:count]
         )
-
-
-def points_moved_by_twist(points: Array, twists: Array) -> Array:
-    """How points move with twists about the origin, shape (..., k, 3, m), metres.
-
-    Parameters
-    ----------
-    points : ndarray, shape (..., k, 3)
-        Metres.
-    twists : ndarray, shape (..., 6, m)
-        Translations, metres, before rotation vectors, radians.
-    """
-    translation, rotation = twists[..., None, :3, :], twists[..., None, 3:, :]
-    return np.asarray(translation - skew_matrix(points) @ rotation)
 
 
 def motion_cause(
