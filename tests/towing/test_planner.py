@@ -132,6 +132,14 @@ def test_a_vehicle_that_stands_keeps_its_place(begun: TowingPlan) -> None:
         np.testing.assert_allclose(plan.held_poses[2], begun.held_poses[2], atol=1e-3)
 
 
+def test_a_welder_beyond_reach_of_one_that_stands_halts_and_says_so(begun: TowingPlan) -> None:
+    """Programs without a solution are given up after so many steps."""
+    for ahead in (0.15, 0.3):
+        tip = WELDER + np.array((0.0, ahead, 0.0))
+        plan = planner().plan(begun.held_poses, tip, dt=0.1, last=begun, stopped=(4,))
+        assert "does not reach" in plan.halt
+
+
 def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
     x, y, _ = begun.link_poses[25]
     plan = planner().plan(

@@ -36,6 +36,12 @@ SLACK: Final = 1e3
 SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
 
+OUTER: Final = 100
+"""Iterations of ProxQP; 10 to 50 are usual. One without a solution would take it minutes."""
+
+INNER: Final = 20
+"""Its steps in each of them; one or two are usual."""
+
 MOST_ACTIVE: Final = 20
 """Rows that may be active in a guess; beyond, ProxQP looks for them."""
 
@@ -278,6 +284,7 @@ def _solve_program(
         qp = proxsuite.proxqp.dense.QP(n + 1, m, len(rows))
         qp.settings.eps_abs = 1e-8
         qp.init(hessian, gradient, A, -reach * now.c, rows, low, high)
+        qp.settings.max_iter, qp.settings.max_iter_in = OUTER, INNER
         qp.solve()
         found = qp.results
         if found.info.status == SOLVED:

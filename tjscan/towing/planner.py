@@ -155,6 +155,8 @@ class TowingPlanner:
             shape = CheckedShape(begun, limits, found.angles)
             if shape.keeps_all:
                 plans.append(shape.plan(self._held, found.iterations))
+        # What is compiled is loaded before anything moves: no plan may have to wait for it.
+        optimise_limited(problem, limits, plans[0].angles if plans else resting, most=1)
         nowhere = CheckedShape(problem, limits, resting)
         return plans or [nowhere.plan(self._held, 0, (), NOWHERE)]
 
