@@ -53,6 +53,11 @@ app.command(
     help="Stitch scans from several stations into one groove.",
 )
 app.command(
+    "tjscan.cli.chain:chain",
+    name="chain",
+    help="Calibrate, scan, stitch and compare in simulation; where the error comes from.",
+)
+app.command(
     "tjscan.cli.compare:compare",
     name="compare",
     help="Compare a run or a cloud with a mesh, a cloud or a joint.",

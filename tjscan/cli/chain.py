@@ -1,0 +1,40 @@
+"""``tjscan chain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def chain(
+    chain: Path,
+    *,
+    arm: bool = True,
+    sources: bool = True,
+    out: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Calibrate, scan, stitch and compare in simulation, and show where the error comes from.
+
+    Parameters
+    ----------
+    chain
+        The chain's file (TOML): the two jobs of a simulated cell and what it errs by.
+    arm
+        Calibrate the arm with the sensor.
+    sources
+        Run the chain again with each source of error alone, and with none.
+    out
+        The directory to make; ``runs/CHAIN-DATE`` where left out.
+    json
+        Print the table as JSON on stdout.
+    """
+    from tjscan.cli.chain_output import print_sources
+    from tjscan.cli.console import print_message
+    from tjscan.runs.chain.settings import read_chain
+    from tjscan.runs.chain.sources import run_sources
+    from tjscan.runs.directory import default_run_directory
+
+    read = read_chain(chain)
+    directory = out or default_run_directory(chain)
+    rows = run_sources(read, directory, arm=arm, begin=print_message, alone=sources)
+    print_sources(list(rows), json=json)

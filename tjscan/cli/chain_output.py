@@ -1,0 +1,65 @@
+"""What ``tjscan chain`` prints."""
+
+from __future__ import annotations
+
+import json as json_library
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.runs.chain.run import ChainOutcome, mount_error_in_words
+from tjscan.runs.chain.sources import SourceRow
+
+
+def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
+    """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
+    table = Table(box=None, pad_edge=False)
+    names = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
+    for name in names:
+        table.add_column(name, justify="left" if name == names[0] else "right")
+    for row in rows:
+        add_text_row(table, row.source, *_cells(row.outcome))
+    stderr.print(table)
+    for row in rows:
+        if row.outcome is None:
+            print_message(f"{row.source}: {row.refusal}")
+        elif row.outcome.held_out is not None and row is rows[0]:
+            before, after = row.outcome.held_out
+            print_message(
+                f"the arm in postures that took no part: {1e3 * before:.3f} mm before, "
+                f"{1e3 * after:.3f} mm calibrated"
+            )
+    if json:
+        print(json_library.dumps([_values(row) for row in rows], indent=2))
+
+
+def _cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
+    if outcome is None:
+        return ("refused", "", "", "")
+    return (
+        f"{1e3 * outcome.corners_mean:.3f}",
+        f"{1e3 * outcome.corners_p95:.3f}",
+        f"{1e3 * outcome.in_own_frame_mean:.3f}",
+        mount_error_in_words(outcome),
+    )
+
+
+def _values(row: SourceRow) -> dict[str, Any]:
+    one = row.outcome
+    if one is None:
+        return {"source": row.source, "refused": row.refusal}
+    return {
+        "source": row.source,
+        "corners_mean_mm": 1e3 * one.corners_mean,
+        "corners_p95_mm": 1e3 * one.corners_p95,
+        "corners_in_own_frame_mean_mm": 1e3 * one.in_own_frame_mean,
+        "mount_error_mm_deg": [
+            *(1e3 * one.mount_error[:3]).tolist(),
+            *np.degrees(one.mount_error[3:]).tolist(),
+        ],
+        "mount_nees": one.mount_nees,
+        "held_out_mm": None if one.held_out is None else [1e3 * v for v in one.held_out],
+    }
