@@ -125,6 +125,19 @@ def test_a_vehicle_that_is_told_to_drive_and_does_not_is_noticed() -> None:
         rig.run()
 
 
+def test_a_vehicle_that_stands_for_good_makes_the_weld_wait_once() -> None:
+    """It is tried again meanwhile, and as it does not drive, nothing goes on."""
+
+    def jam(rig: Rig, time: float) -> None:
+        rig.team.vehicles[0].jammed = time > 1.0
+
+    rig = Rig(disturb=jam, patience=40.0)
+    with pytest.raises(VehicleFault, match="vehicle 1 stands, and the cable beside it is taut"):
+        rig.run()
+    assert rig.kept.names == ["start", "stands", "waits", "stop"]
+    assert {()} < {tuple(asked) for asked in rig.planner.asked[-350:]}
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

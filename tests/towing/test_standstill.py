@@ -39,3 +39,22 @@ def test_a_fault_counts_at_once_and_no_longer_than_it_is_reported() -> None:
     check = StandstillCheck()
     assert check.update(0.0, np.zeros(3), np.zeros(2), fault=True)
     assert not check.update(0.1, np.zeros(3), np.zeros(2), fault=False)
+
+
+def test_each_trial_in_vain_makes_the_next_one_wait_twice_as_long() -> None:
+    found = run([ALONG] * 900, 0.05)
+    begins = [k for k in range(1, len(found)) if found[k] and not found[k - 1]]
+    ends = [k for k in range(1, len(found)) if found[k - 1] and not found[k]]
+    lasted = [PERIOD * (end - begin) for begin, end in zip(begins, ends, strict=False)]
+    np.testing.assert_allclose(lasted, [RETRY, 2 * RETRY, 4 * RETRY][: len(lasted)], atol=PERIOD)
+    assert len(lasted) >= 2
+
+
+def test_one_that_stood_is_doubted_until_it_is_seen_to_drive() -> None:
+    check, pose = StandstillCheck(), np.zeros(3)
+    for k in range(200):
+        pose[:2] += ALONG if k > 60 else 0.0
+        check.update(k * PERIOD, pose.copy(), ALONG, fault=False)
+        if k == 110:
+            assert check.doubted
+    assert not check.doubted

@@ -35,7 +35,11 @@ TAUT: Final = 0.98
 welder waits."""
 
 SLACK: Final = 0.95
-"""The same from which on it goes slower."""
+"""The same from which on it goes slower, and below which it goes on after it waited: what noise of
+the poses changes is less than the way between the two."""
+
+LEAST_PACE: Final = 0.1
+"""Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
 KNOWN: Final = 0.3e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
@@ -131,6 +135,8 @@ class CableTow:
         self._waits: Waiting | None = None
         self._waited_since = 0.0
         self._stopped: tuple[int, ...] = ()
+        self._doubted: tuple[int, ...] = ()
+        self._taut = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
         """Tow until the seam is welded.
@@ -302,19 +308,21 @@ class CableTow:
 
     def _watch_vehicles(self, now: float, estimate: TeamEstimate) -> None:
         """Notice vehicles that stand for good, and those that drive again."""
-        stopped = []
+        stopped, doubted = [], []
         for v, (state, check) in enumerate(zip(self._states, self._checks, strict=True)):
             fault = isinstance(state, VehicleFault) or bool(state.fault)
             pose = estimate.poses[v]
             asked = PERIOD * velocity_from_twist(self._asked[v], pose[2])[:2]
             if check.update(now, pose, asked, fault=fault):
                 stopped.append(v)
-                if v not in self._stopped and not isinstance(state, VehicleLinkLost):
+                if v not in self._doubted and not isinstance(state, VehicleLinkLost):
                     why = _fault_of(state) or "it is told to drive, and does not move"
                     self._journal.record_event("stands", f"vehicle {v + 1}: {why}")
-        for v in sorted(set(self._stopped) - set(stopped)):
+            if check.doubted:
+                doubted.append(v)
+        for v in sorted(set(self._doubted) - set(doubted)):
             self._journal.record_event("drives again", f"vehicle {v + 1}")
-        self._stopped = tuple(stopped)
+        self._stopped, self._doubted = tuple(stopped), tuple(doubted)
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
         """Why the welder must stand, whatever the plan says."""
@@ -330,7 +338,8 @@ class CableTow:
             why = _fault_of(self._states[welder]) or "it does not move"
             return Waiting(f"the welder stands: {why}", device=True)
         share, standing = self._tautest(estimate)
-        if share >= TAUT:
+        self._taut = share >= (SLACK if self._taut else TAUT)
+        if self._taut:
             return Waiting(
                 f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
             )
@@ -343,13 +352,13 @@ class CableTow:
         places = np.vstack((self._setting.cable.root[:2], estimate.poses[:, :2]))
         steps = np.diff(places, axis=0)
         shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
-        beside = [(float(shares[k]), v) for v in self._stopped for k in (v, v + 1) if k < len(held)]
+        beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
         return max(beside, default=(0.0, 0))
 
     def _pace(self, estimate: TeamEstimate) -> float:
         """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
         share, _ = self._tautest(estimate)
-        return float(np.clip((TAUT - share) / (TAUT - SLACK), 0.0, 1.0))
+        return float(np.clip((TAUT - share) / (TAUT - SLACK), LEAST_PACE, 1.0))
 
     def _wait(self, now: float, waiting: Waiting | None) -> None:
         """Report that the welder waits, or goes on; give up when it has waited for too long."""

@@ -20,7 +20,8 @@ SHARE: Final = 0.3
 """Share of what was asked below which it counts as standing."""
 
 RETRY: Final = 10.0
-"""Seconds after which a vehicle that stood is told to drive again."""
+"""Seconds after which a vehicle that stood is told to drive again; twice as long after each
+time that it did not."""
 
 
 class StandstillCheck:
@@ -29,6 +30,13 @@ class StandstillCheck:
     def __init__(self) -> None:
         self._way: deque[tuple[float, Array, Array]] = deque()
         self._since: float | None = None
+        self._retry = RETRY
+        self._doubted = self._faulty = False
+
+    @property
+    def doubted(self) -> bool:
+        """Whether it stands, or stood and was not seen to drive since, though it is tried again."""
+        return self._doubted
 
     def update(self, time: float, pose: Array, asked: Array, *, fault: bool) -> bool:
         """Whether it stands for good.
@@ -46,11 +54,15 @@ class StandstillCheck:
         """
         if fault:  # when it is mended, the vehicle says so itself
             self._since = None
+            self._faulty = self._doubted = True
             self._way.clear()
             return True
+        if self._faulty:
+            self._faulty = self._doubted = False
         if self._since is not None:
-            if time - self._since < RETRY:
+            if time - self._since < self._retry:
                 return True
+            self._retry *= 2
             self._since = None
             self._way.clear()
         self._way.append((time, pose[:2], asked))
@@ -60,7 +72,11 @@ class StandstillCheck:
             return False
         total = np.sum([way for *_, way in list(self._way)[1:]], axis=0)
         moved = pose[:2] - self._way[0][1]
-        if hypot(*total) > ASKED and hypot(*moved) < SHARE * hypot(*total):
+        if hypot(*total) <= ASKED:
+            return False
+        self._doubted = hypot(*moved) < SHARE * hypot(*total)
+        if self._doubted:
             self._since = time
-            return True
-        return False
+        else:
+            self._retry = RETRY
+        return self._doubted
