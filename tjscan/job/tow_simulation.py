@@ -41,7 +41,11 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
     walls += [_polygon_of(one) for one in job.obstacles if not one.speed]
     return TowingWorldModel(
         cable=model,
-        vehicle=replace(job.simulation.towing_vehicle, body_radius=job.vehicles.radius),
+        vehicle=replace(
+            job.simulation.towing_vehicle,
+            body_radius=job.vehicles.radius,
+            force=job.vehicles.force,
+        ),
         walls=tuple(walls),
         passers_by=tuple(
             PasserBy(one.radius, np.array(one.points), one.speed, one.start)

@@ -64,7 +64,7 @@ class TowSimulationSettings(SettingsTable):
     settle : float
         Seconds for which cable and vehicles stand before the clock starts.
     towing_vehicle : TowingVehicleModel
-        What every vehicle is; its radius is that of [vehicles].
+        What every vehicle is; its radius and its force are those of [vehicles].
     localisation : LocalisationSimulationSettings
         How well poses are truly measured.
     faults : tuple of FaultSettings

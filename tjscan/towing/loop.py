@@ -282,7 +282,9 @@ class CableTow:
 
     def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
         """Command each vehicle towards its pose; returns where they are sent."""
-        before = estimate.poses if self._targets is None else self._targets
+        before = self._targets
+        if before is None:
+            before = estimate.poses if self._last is None else self._last.held_poses
         targets = before.copy() if plan.halt else plan.held_poses.copy()
         seam = self._setting.seam
         before = before.copy()
