@@ -1,5 +1,5 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check bench soak licences setup clean
+.PHONY: scan test check bench soak licences pins setup clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -28,6 +28,15 @@ soak: $(READY)
 # The licence of every installed package; fails where one is stronger than the LGPL.
 licences: $(READY)
 	$(BIN)/python bench/licences.py
+
+# Hashes of what constraints.txt pins, all extras included.
+pins: $(READY)
+	$(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+		print(*p["dependencies"], *sum(p["optional-dependencies"].values(), []), sep="\n")' \
+		> $(VENV)/needed.txt
+	$(BIN)/pip install --quiet --dry-run --ignore-installed --only-binary :all: \
+		--report $(VENV)/report.json -c constraints.txt -r $(VENV)/needed.txt
+	$(BIN)/python bench/_pins.py < $(VENV)/report.json > requirements-hashed.txt
 
 setup: $(READY)
 
