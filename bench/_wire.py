@@ -91,7 +91,8 @@ class Wire:
             there, back = await asyncio.open_connection(self._controller, port)
             ends = {(port, writer), (port, back)}
             self._writers |= ends
-            await asyncio.gather(self._pass(reader, back), self._pass(there, writer))
+            with suppress(asyncio.CancelledError):  # the wire closes
+                await asyncio.gather(self._pass(reader, back), self._pass(there, writer))
             self._writers -= ends
 
         return serve
