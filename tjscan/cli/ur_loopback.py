@@ -14,6 +14,7 @@ def ur_loopback(
     hz: float = 125.0,
     realtime: Annotated[bool, Parameter(negative="--fast")] = True,
     home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
+    calibration_seed: int | None = None,
     attached: bool = False,
 ) -> None:
     """Stand in for a Universal Robots controller on this machine, until interrupted.
@@ -35,9 +36,20 @@ def ur_loopback(
         Whether moves take their time; with --fast they run 25 times as fast.
     home_deg
         Where the arm stands, six joint angles in degrees.
+    calibration_seed
+        Draws a calibration of the arm's own, some tenths of a millimetre, which the controller
+        states and follows; without it the arm is as its model has it.
     attached
         End when stdin ends.
     """
     from tjscan.robot.loopback.serve import run_loopback_server
 
-    run_loopback_server(model, host, hz, home_deg=home_deg, fast=not realtime, attached=attached)
+    run_loopback_server(
+        model,
+        host,
+        hz,
+        home_deg=home_deg,
+        fast=not realtime,
+        attached=attached,
+        calibration_seed=calibration_seed,
+    )

@@ -13,13 +13,22 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.loopback import check_is_loopback_address
+from tjscan.robot.dh import DhParameters
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
+from tjscan.robot.loopback.primary import draw_calibration, with_dh_parameters
 from tjscan.robot.loopback.server import LoopbackServer
 
 
 def run_loopback_server(
-    model: str, host: str, hz: float, *, home_deg: Sequence[float], fast: bool, attached: bool
+    model: str,
+    host: str,
+    hz: float,
+    *,
+    home_deg: Sequence[float],
+    fast: bool,
+    attached: bool,
+    calibration_seed: int | None = None,
 ) -> None:
     """Run the loopback controller's server until interrupted, or until an attached stdin ends.
 
@@ -35,6 +44,10 @@ def run_loopback_server(
         raise ConfigurationError(f"it ticks 1 to 1000 times a second (found {hz:g})", key="hz")
     with add_file_to_errors(key="model"):
         kinematics = Kinematics.load(model)
+    dh = nominal = DhParameters.nominal(model)
+    if nominal is not None and calibration_seed is not None:
+        dh = draw_calibration(nominal, calibration_seed)
+        kinematics = with_dh_parameters(kinematics, nominal, dh)
     q = np.radians(home_deg)
     stands = q.shape == kinematics.lower.shape and np.all(
         (q >= kinematics.lower) & (q <= kinematics.upper)  # not where an angle is no number
@@ -47,7 +60,7 @@ def run_loopback_server(
         # In the background there is a terminal, but nobody to read from: carry on without.
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=_tell)
-    asyncio.run(LoopbackServer(controller, model, host, hz, _tell).run(attached=attached))
+    asyncio.run(LoopbackServer(controller, model, host, hz, _tell, dh).run(attached=attached))
 
 
 def _tell(line: str) -> None:

@@ -13,15 +13,19 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.loopback import check_is_loopback_address
+from tjscan.robot.dh import DhParameters
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
 from tjscan.robot.loopback.faults import parse_scheduled_fault
+from tjscan.robot.loopback.primary import kinematics_message
 from tjscan.robot.loopback.urscript.incoming import IncomingScripts
 from tjscan.robot.loopback.urscript.tokens import ScriptError
 from tjscan.robot.loopback.wire import HEADER, InputOwners, RtdeSession
 
 RTDE_PORT: Final = 30004
 SCRIPT_PORTS: Final = (30001, 30002, 30003)
+STATE_PORTS: Final = (30001, 30002)
+"""Those that send robot states, too."""
 DASHBOARD_PORT: Final = 29999
 
 VERSION: Final = (5, 23, 0, 1101319)
@@ -50,6 +54,8 @@ class LoopbackServer:
         Its ticks per second.
     tell : callable
         Receives a line when it is ready, and one for each command.
+    dh : DhParameters, optional
+        What it states of its arm's kinematics; nothing where left out, as older controllers.
     """
 
     controller: LoopbackController
@@ -57,6 +63,7 @@ class LoopbackServer:
     host: str
     hz: float
     tell: Callable[[str], None]
+    dh: DhParameters | None = None
 
     def __post_init__(self) -> None:
         check_is_loopback_address(self.host)
@@ -75,7 +82,9 @@ class LoopbackServer:
             If another program has one of the ports.
         """
         services = [(RTDE_PORT, self._rtde), (DASHBOARD_PORT, self._dash)]
-        services += [(port, self._script) for port in SCRIPT_PORTS]
+        services += [
+            (port, self._state if port in STATE_PORTS else self._script) for port in SCRIPT_PORTS
+        ]
         for port, service in services:
             try:
                 await asyncio.start_server(service, self.host, port)
@@ -159,6 +168,11 @@ class LoopbackServer:
             payload = await reader.readexactly(size - HEADER.size)
             await self._awake()
             session.answer_package(kind, payload)
+
+    async def _state(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self.dh is not None:
+            writer.write(kinematics_message(self.dh))
+        await self._script(reader, writer)
 
     async def _script(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await self._serve(self._scripts(reader), writer)

@@ -25,6 +25,7 @@ from tjscan.robot.path import joint_path, linear_path
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect_to_controller
 from tjscan.robot.ur.identity import UrIdentity, read_ur_identity
+from tjscan.robot.ur.kinematics_info import read_controller_kinematics
 from tjscan.robot.ur.moving import POLL, await_arrival, check_target_is_safe, execute_move
 from tjscan.robot.ur.session import ControllerSession
 from tjscan.robot.ur.settings import UrSettings
@@ -72,7 +73,12 @@ class UrArm(DeviceBase):
             self._note,
         )
         try:
-            self._identity = read_ur_identity(session.dashboard, session.read_state().payload)
+            stated = read_controller_kinematics(self.settings.host)
+            self._identity = read_ur_identity(
+                session.dashboard,
+                session.read_state().payload,
+                "" if stated is None else stated.compared_with(self.kinematics),
+            )
         except BaseException as error:
             session.end_program_and_disconnect(error)
             raise

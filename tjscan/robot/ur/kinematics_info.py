@@ -1,0 +1,120 @@
+"""The kinematic calibration that a controller states of its own arm.
+
+The primary interface (port 30001) sends robot states, big-endian: size (int32), type 16 (uint8),
+and packages of size (int32), type (uint8) and content. Package 5, "Kinematics Info", holds six
+checksums (uint32), then theta, a, d and alpha of the six joints (double), as calibrated: nominal
+parameters and deltas together. See Universal Robots, *Client Interface*, and the class
+KinematicsInfo of their client library. Controllers before 3.6 do not send it.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.robot.dh import DhParameters, compare_with_model
+from tjscan.robot.kinematics import Kinematics
+
+PRIMARY_PORT: Final = 30001
+LIMIT: Final = 2.0
+"""Seconds: a controller sends ten states a second, this package with the first ones."""
+
+ROBOT_STATE: Final = 16
+KINEMATICS_INFO: Final = 5
+HEAD: Final = struct.Struct(">iB")
+CONTENT: Final = struct.Struct(">6I24d")
+MOST_BYTES: Final = 1 << 16
+"""A longer message is none."""
+
+SAME: Final = 1e-5
+"""Metres within which a controller's calibration is the model itself."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControllerKinematics:
+    """What a controller states of its arm's kinematics.
+
+    Parameters
+    ----------
+    checksums : tuple of int
+        Of each joint: they name the calibration.
+    dh : DhParameters
+        As calibrated.
+    """
+
+    checksums: tuple[int, ...]
+    dh: DhParameters
+
+    def compared_with(self, kinematics: Kinematics) -> str:
+        """Where this and a model of the arm disagree, in words."""
+        off = compare_with_model(self.dh, kinematics)
+        if off.largest < SAME:
+            return f"the controller's kinematics are those of the model {kinematics.name}"
+        return (
+            f"the controller's own calibration has the flange {1e3 * off.rms:.2f} mm RMS, "
+            f"{1e3 * off.largest:.2f} mm at most from where the model {kinematics.name} has it; "
+            "poses are the controller's"
+        )
+
+
+def read_controller_kinematics(host: str, limit: float = LIMIT) -> ControllerKinematics | None:
+    """Read what a controller states of its kinematics; None where it states nothing in time.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+    limit : float
+        Seconds to wait.
+    """
+    end = time.monotonic() + limit
+    try:
+        with socket.create_connection((host, PRIMARY_PORT), timeout=limit) as stream:
+            while (left := end - time.monotonic()) > 0:
+                stream.settimeout(left)
+                size, kind = HEAD.unpack(_exactly(stream, HEAD.size))
+                if not HEAD.size <= size <= MOST_BYTES:
+                    return None
+                body = _exactly(stream, size - HEAD.size)
+                found = find_kinematics(body) if kind == ROBOT_STATE else None
+                if found is not None:
+                    return found
+    except (OSError, EOFError):
+        return None
+    return None
+
+
+def find_kinematics(body: bytes) -> ControllerKinematics | None:
+    """Find the kinematics among the packages of a robot state, without its own head.
+
+    A package that can't be, or holds no numbers, is as good as none.
+    """
+    at = 0
+    while at + HEAD.size <= len(body):
+        size, kind = HEAD.unpack_from(body, at)
+        if size < HEAD.size or at + size > len(body):
+            return None
+        if kind == KINEMATICS_INFO and size >= HEAD.size + CONTENT.size:
+            values = CONTENT.unpack_from(body, at + HEAD.size)
+            numbers = np.array(values[6:]).reshape(4, 6)
+            if not np.isfinite(numbers).all():
+                return None
+            theta, a, d, alpha = numbers
+            return ControllerKinematics(values[:6], DhParameters(theta, a, d, alpha))
+        at += size
+    return None
+
+
+def _exactly(stream: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        part = stream.recv(count - len(data))
+        if not part:
+            raise EOFError
+        data += part
+    return data
