@@ -92,11 +92,11 @@ class TargetSimulator:
     ) -> Array:
         """Flange poses with the ``ball`` or the ``roof`` in view, shape (count, 4, 4)."""
         ball = target == "ball"
-        tilt = tilt if tilt is not None else 35.0 if ball else 25.0
-        centre, high = (BALL_B, (0.01, 0.018, 0.27)) if ball else (EDGE_B, (0.01, 0.05, 0.25))
+        tilt = tilt if tilt is not None else 35.0 if ball else 18.0
+        centre, high = (BALL_B, (0.01, 0.018, 0.27)) if ball else (EDGE_B, (0.01, 0.05, 0.24))
         found = []
         for _ in range(count):
-            turn = rng.uniform(-1, 1, 3) * (tilt, tilt, 1.7 * tilt if ball else tilt)
+            turn = rng.uniform(-1, 1, 3) * (tilt, tilt, 1.7 * tilt if ball else 1.5 * tilt)
             R = Rotation.from_euler("xyz", np.add(turn, (180, 0, 0)), degrees=True).as_matrix()
             seen_at = rng.uniform((-high[0], -high[1], 0.22), high)
             found.append(pose(R, centre - R @ seen_at) @ inverse_pose(self.T_f_s))

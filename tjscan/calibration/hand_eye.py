@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,49 +15,25 @@ from tjscan.calibration.acceptance import (
     residual_excess,
     sample_residuals,
 )
-from tjscan.calibration.arm_error import geometry_correlation
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
-from tjscan.calibration.combined import CombinedModel
-from tjscan.calibration.fixed_sensor import FixedSensorModel, inverse_pose_errors
-from tjscan.calibration.model import TargetModel
+from tjscan.calibration.evidence import check_pairing, check_pose_convention, swapped_pairs
 from tjscan.calibration.motion import check_motion, check_rotation_condition, check_tilts_vary
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
-from tjscan.calibration.refine import RefinedEstimate, refine_by_least_squares, settle_targets
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
 from tjscan.calibration.roof_model import RoofModel
 from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
 from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof, SeenTarget
-from tjscan.calibration.snooping import reject_outlying_profiles
+from tjscan.calibration.solving import Solution, solve_targets, stack_poses, with_poses
 from tjscan.calibration.targets import PlaneTarget, RoofTarget, SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 
-MIN_LINES: Final = 5
-"""Eq. (20) needs five lines in general position."""
-CONFIRMED: Final = 2
-"""Starts that lead to the same best place before no more are tried."""
-SAME_CHI2: Final = 0.01
-"""Sums of squares nearer than this belong to the same place."""
 RADIUS_FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to refuse a ball whose radius is as stated."""
 SENSOR_LINEARITY: Final = 1e-3
 """Share by which lengths in a profile may be off: what data sheets of such sensors allow. A
 radius read by the sensor is not known better."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solution:
-    """The estimate from several targets, the same settled, and the model of each target."""
-
-    estimate: RefinedEstimate
-    settled: RefinedEstimate
-    models: tuple[TargetModel, ...]
-
-    def part(self, k: int) -> slice:
-        """Where the parameters of target k stand behind the six of the sensor."""
-        ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
-        return slice(int(ends[k]), int(ends[k + 1]))
 
 
 def calibrate_on_plane(
@@ -153,6 +129,7 @@ def calibrate_on_targets(
     *,
     T_f_s_guess: Array | None = None,
     sensor_is_fixed: bool = False,
+    check_conventions: bool = False,
 ) -> HandEyeCalibration:
     """Calibrate one sensor from profiles of one or several targets, all solved together.
 
@@ -166,6 +143,9 @@ def calibrate_on_targets(
         About how the sensor sits (on the base, where it is fixed).
     sensor_is_fixed : bool
         The sensor stands fixed in the room, and the arm carries the targets.
+    check_conventions : bool
+        Refuse poses that fit far better when read by another convention, and profiles that fit
+        no better than with each other's poses: for poses that were converted by somebody.
 
     Raises
     ------
@@ -175,8 +155,8 @@ def calibrate_on_targets(
         stated.
     """
     if sensor_is_fixed:
-        targets = [one.with_inverse_poses() for one in targets]
-    T_b_f = _poses(targets)
+        targets = with_poses(targets, np.stack([inverse_pose(T) for T in stack_poses(targets)]))
+    T_b_f = stack_poses(targets)
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
     check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
@@ -185,11 +165,15 @@ def calibrate_on_targets(
         starts.append(T_f_s_guess)
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
-        free = _solve(_with_free_radius(targets), noise, starts, sensor_is_fixed)
+        free = solve_targets(_with_free_radius(targets), noise, starts, sensor_is_fixed)
         measured_radius = _check_radius(targets, free)
         starts = [free.estimate.T_f_s]
-    solution = _solve(targets, noise, starts, sensor_is_fixed)
+    solution = solve_targets(targets, noise, starts, sensor_is_fixed)
     estimate = solution.estimate
+    if check_conventions:
+        check_pose_convention(targets, noise, solution, sensor_is_fixed)
+        check_pairing(targets, noise, solution, sensor_is_fixed)
+    notes = swapped_pairs(targets, noise, solution, sensor_is_fixed)
     condition = _check_geometry(targets, solution, R_guess)
     names = [name for one in targets for name in one.names]
     residuals = sample_residuals(names, estimate, solution.settled)
@@ -208,61 +192,11 @@ def calibrate_on_targets(
         measured_radius=measured_radius,
         geometry=estimate.geometry,
         sensor_is_fixed=sensor_is_fixed,
+        notes=notes,
     )
     for k, one in reversed(list(enumerate(targets))):
         result = _with_target(result, one, solution, k)
     return result
-
-
-def _poses(targets: Sequence[SeenTarget]) -> Array:
-    count = sum(len(one.names) for one in targets)
-    if count < MIN_LINES:
-        raise CalibrationRefused(
-            "too few lines",
-            f"{count} were taken, at least {MIN_LINES} are needed and twelve are good; take "
-            "more, each with another tilt of the sensor",
-        )
-    return np.concatenate([one.T_b_f for one in targets if one.names])
-
-
-def _solve(
-    targets: Sequence[SeenTarget], noise: NoiseModel, begin: list[Array], sensor_is_fixed: bool
-) -> _Solution:
-    """The best of many starts, without the profiles that contradict the others."""
-    T_b_f = _poses(targets)
-    true_poses = np.stack([inverse_pose(T) for T in T_b_f]) if sensor_is_fixed else T_b_f
-    correlation = geometry_correlation(true_poses)
-    every = np.ones(len(T_b_f), dtype=bool)
-    starts = []
-    for T_f_s in begin:
-        begun = [one.start_at(T_f_s) for one in targets]
-        models = [start.model for start in begun]
-        if sensor_is_fixed:
-            ends = np.cumsum([len(one.names) for one in targets])[:-1]
-            errors = np.split(inverse_pose_errors(true_poses), ends)
-            models = [FixedSensorModel(m, e) for m, e in zip(models, errors, strict=True)]
-        combined = CombinedModel(tuple(models), correlation, noise.geometry)
-        target = np.concatenate([start.target for start in begun])
-        starts.append((combined.misfit(T_f_s, target), T_f_s, target, begun, combined))
-    starts.sort(key=lambda start: start[0])
-    found = []
-    for _, T_f_s, target, begun, combined in starts:
-        estimate = refine_by_least_squares(combined, T_f_s, target, every)
-        solution = _Solution(estimate, estimate, tuple(start.model for start in begun))
-        behind = not sensor_is_fixed and any(
-            one.is_behind(start, estimate.T_f_s, estimate.target[solution.part(k)])
-            for k, (one, start) in enumerate(zip(targets, begun, strict=True))
-        )
-        found.append((behind, estimate.chi2, combined, solution))
-        lowest = min(found, key=lambda one: one[:2])
-        if (
-            sum(one[0] == lowest[0] and one[1] < lowest[1] + SAME_CHI2 for one in found)
-            == CONFIRMED
-        ):
-            break
-    _, _, combined, best = min(found, key=lambda one: one[:2])
-    final = reject_outlying_profiles(combined, best.estimate, noise.geometry)
-    return replace(best, estimate=final, settled=settle_targets(combined, final))
 
 
 def _with_free_radius(
@@ -274,7 +208,7 @@ def _with_free_radius(
 
 
 def _check_radius(
-    targets: Sequence[SeenBoard | SeenBall | SeenRoof], solution: _Solution
+    targets: Sequence[SeenBoard | SeenBall | SeenRoof], solution: Solution
 ) -> MeasuredRadius:
     """The first ball's radius as the profiles show it; refused where it is not the stated one."""
     k = next(k for k, one in enumerate(targets) if isinstance(one, SeenBall))
@@ -300,7 +234,7 @@ def _check_radius(
 
 
 def _check_geometry(
-    targets: Sequence[SeenBoard | SeenBall | SeenRoof], solution: _Solution, R_guess: Array | None
+    targets: Sequence[SeenBoard | SeenBall | SeenRoof], solution: Solution, R_guess: Array | None
 ) -> float:
     """Condition number; refuses profiles that leave the sensor's pose open."""
     estimate, first = solution.estimate, solution.models[0]
@@ -316,7 +250,7 @@ def _check_geometry(
 
 
 def _with_target(
-    result: HandEyeCalibration, seen: SeenTarget, solution: _Solution, k: int
+    result: HandEyeCalibration, seen: SeenTarget, solution: Solution, k: int
 ) -> HandEyeCalibration:
     """The result with where one target came out."""
     estimate, model = solution.settled, solution.models[k]

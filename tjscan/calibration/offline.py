@@ -68,6 +68,7 @@ def calibrate_from_profiles(
         [_seen(recording, noise, report) for recording in recordings],
         noise,
         sensor_is_fixed=sensor_is_fixed,
+        check_conventions=True,
     )
 
 

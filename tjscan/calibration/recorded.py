@@ -11,8 +11,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.arm_formats import (
+    CONVENTIONS,
+    FANUC,
+    KUKA,
+    OrientationConvention,
+    poses_of_fanuc_program,
+    poses_of_kuka_data,
+)
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
@@ -24,18 +31,8 @@ RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 """Radians in each unit of angle."""
 MAX_FILE_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
-QUATERNION_NORM_TOLERANCE: Final = 0.01
-"""A quaternion whose length is further from one is not one."""
-
-ROTATION_COLUMNS: Final[dict[str, tuple[str, ...]]] = {
-    "quaternion": ("qx", "qy", "qz", "qw"),
-    "rotation vector": ("rx", "ry", "rz"),
-    "Euler angles": ("a", "b", "c"),
-}
-"""Columns of each notation of an orientation; angles have their unit in the name.
-
-Euler angles turn about the moving z, y, x axes in turn: R = Rz(a) Ry(b) Rx(c).
-"""
+PROGRAMS: Final = {".ls": (poses_of_fanuc_program, FANUC), ".dat": (poses_of_kuka_data, KUKA)}
+"""Files of arms that are no tables, by how their names end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,29 +45,36 @@ class FlangePoseList:
         By what their column profile, frame or index holds, or else by their number.
     with_key : bool
         Whether there was such a column.
+    convention : str
+        How orientations were read, for messages.
     """
 
     T_b_f: dict[str, Array]
     with_key: bool
+    convention: str
 
 
 def read_flange_poses(file: Path) -> FlangePoseList:
-    """Read flange poses in frame b from a CSV file.
+    """Read flange poses in frame b from a CSV file, a FANUC or a KUKA program.
 
     Parameters
     ----------
     file : Path
-        CSV whose header names position (``x_mm, y_mm, z_mm``; or m, um) and orientation: a
-        quaternion ``qx, qy, qz, qw``, a rotation vector ``rx_deg, ry_deg, rz_deg`` or Euler
-        angles ``a_deg, b_deg, c_deg`` (or rad); beside them ``profile``, ``frame`` or ``index``.
+        CSV whose header names position (``x_mm, y_mm, z_mm``; or m, um) and orientation, as one
+        of `CONVENTIONS` has it (``w_deg, p_deg, r_deg``; or rad); columns of arms' makers need no
+        units. Beside them ``profile``, ``frame`` or ``index``. Or a file that ends in one of
+        `PROGRAMS`.
 
     Raises
     ------
     ConfigurationError
         If the file is missing, or a column or a number is missing or wrong.
     """
+    program = PROGRAMS.get(file.suffix.lower())
+    if program is not None:
+        return _read_program(file, *program)
     names, rows = _read_table(file)
-    read = _reader(file, names)
+    convention, read = _reader(file, names)
     key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
     poses: dict[str, Array] = {}
     for number, row in enumerate(rows, start=1):
@@ -81,7 +85,22 @@ def read_flange_poses(file: Path) -> FlangePoseList:
             poses[key] = read(row)
         except ValueError as error:
             raise ConfigurationError(f"pose {number}: {error}", file=file) from None
-    return FlangePoseList(poses, key_at is not None)
+    return FlangePoseList(poses, key_at is not None, convention.meaning)
+
+
+def _read_program(
+    file: Path, read: Callable[[str], dict[str, Array]], convention: OrientationConvention
+) -> FlangePoseList:
+    try:
+        check_file_size(file, MAX_FILE_BYTES, "a list of poses")
+        poses = read(file.read_text(encoding="utf-8-sig", errors="replace"))
+    except FileNotFoundError:
+        raise ConfigurationError("there is no such file", file=file) from None
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except ValueError as error:
+        raise ConfigurationError(str(error), file=file) from None
+    return FlangePoseList(poses, all(key.isdigit() for key in poses), convention.meaning)
 
 
 def read_points_in_base_frame(file: Path) -> Array:
@@ -163,8 +182,8 @@ def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     return names, rows[1:]
 
 
-def _position(file: Path, names: Sequence[str]) -> list[tuple[int, float]]:
-    columns = _columns(names, ("x", "y", "z"), METRES_PER_UNIT)
+def _position(file: Path, names: Sequence[str], unit: str = "") -> list[tuple[int, float]]:
+    columns = _columns(names, ("x", "y", "z"), METRES_PER_UNIT, unit)
     if columns is None:
         raise ConfigurationError(
             f"has no columns x_mm, y_mm, z_mm (found: {', '.join(names[:12])})", file=file
@@ -172,50 +191,51 @@ def _position(file: Path, names: Sequence[str]) -> list[tuple[int, float]]:
     return columns
 
 
-def _reader(file: Path, names: Sequence[str]) -> Callable[[Sequence[str]], Array]:
-    """How to make a pose of a row, from what the header names."""
-    position = _position(file, names)
-    found = {
-        notation: columns
-        for notation, axes in ROTATION_COLUMNS.items()
-        if (columns := _columns(names, axes, {} if axes[0] == "qx" else RADIANS_PER_UNIT))
-        is not None
-    }
+def _reader(
+    file: Path, names: Sequence[str]
+) -> tuple[OrientationConvention, Callable[[Sequence[str]], Array]]:
+    """What the header names mean, and how to make a pose of a row."""
+    found = [
+        (convention, columns)
+        for convention in CONVENTIONS
+        if (columns := _orientation(names, convention)) is not None
+    ]
     if len(found) != 1:
         raise ConfigurationError(
-            "needs the columns of one orientation: qx, qy, qz, qw, or rx_deg, ry_deg, rz_deg, or "
-            f"a_deg, b_deg, c_deg (found: {', '.join(names[:12])})",
+            "needs the columns of one orientation: qx, qy, qz, qw, or q1, q2, q3, q4 (ABB), or "
+            "w_deg, p_deg, r_deg (FANUC), or a_deg, b_deg, c_deg (KUKA), or rx_deg, ry_deg, rz_deg "
+            f"(UR) (found: {', '.join(names[:12])})",
             file=file,
         )
-    ((notation, columns),) = found.items()
+    ((convention, columns),) = found
+    position = _position(file, names, convention.length_unit)
 
     def read(row: Sequence[str]) -> Array:
         p = np.array([scale * _finite(row[k]) for k, scale in position])
         values = np.array([scale * _finite(row[k]) for k, scale in columns])
-        return pose(_rotation(notation, values).as_matrix(), p)
+        return pose(convention.matrix(values), p)
 
-    return read
+    return convention, read
 
 
-def _rotation(notation: str, values: Array) -> Rotation:
-    if notation == "quaternion":
-        if not abs(np.linalg.norm(values) - 1) < QUATERNION_NORM_TOLERANCE:
-            raise ValueError(f"its quaternion has length {np.linalg.norm(values):.3f}, not 1")
-        return Rotation.from_quat(values)
-    if notation == "rotation vector":
-        return Rotation.from_rotvec(values)
-    return Rotation.from_euler("ZYX", values)
+def _orientation(
+    names: Sequence[str], convention: OrientationConvention
+) -> list[tuple[int, float]] | None:
+    units = {} if len(convention.columns) == 4 else RADIANS_PER_UNIT
+    return _columns(names, convention.columns, units, convention.angle_unit)
 
 
 def _columns(
-    names: Sequence[str], axes: Sequence[str], units: Mapping[str, float]
+    names: Sequence[str], axes: Sequence[str], units: Mapping[str, float], unit: str = ""
 ) -> list[tuple[int, float]] | None:
-    """Place and unit of each axis' column; None where one is missing."""
+    """Place and unit of each axis' column, `unit` where none is named; None where one lacks."""
     found = []
     ending = rf"_({'|'.join(units)})" if units else "()"
     for axis in axes:
         matches = ((i, re.fullmatch(axis + ending, name)) for i, name in enumerate(names))
         first = next(((i, units.get(m[1], 1.0)) for i, m in matches if m), None)
+        if first is None and unit and axis in names:
+            first = (names.index(axis), units[unit])
         if first is None:
             return None
         found.append(first)

@@ -16,6 +16,8 @@ from tjscan.core.pose_vector import boxplus, left_jacobian
 
 MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
+MAX_EVALUATIONS: Final = 60
+"""Of each round: starts that lead anywhere get there in ten."""
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 MIN_REDUNDANCY: Final = 1e-6
@@ -96,7 +98,11 @@ class LeaveOneOutChanges:
 
 
 def refine_by_least_squares(
-    model: CombinedModel, T_f_s: Array, target: Array, used: Mask
+    model: CombinedModel,
+    T_f_s: Array,
+    target: Array,
+    used: Mask,
+    rounds: int = MAX_REWEIGHTINGS,
 ) -> RefinedEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
@@ -113,10 +119,12 @@ def refine_by_least_squares(
         Start for the targets' parameters.
     used : ndarray of bool, shape (n,)
         Which profiles count.
+    rounds : int
+        How often to weigh anew at most.
     """
     prior = _root(model.prior_information)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))
-    for _ in range(MAX_REWEIGHTINGS):
+    for _ in range(rounds):
         first = model.linearise(base, start[6:])
         rows = used[first.profile]
         L = _lower_root(first.covariance[np.ix_(rows, rows)])
@@ -132,7 +140,14 @@ def refine_by_least_squares(
             return _with_prior(_whiten(L, J), prior)
 
         found = least_squares(
-            residuals, start, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14
+            residuals,
+            start,
+            jacobian,
+            method="lm",
+            x_scale="jac",
+            xtol=1e-12,
+            ftol=1e-14,
+            max_nfev=MAX_EVALUATIONS,
         )
         moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
         base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))

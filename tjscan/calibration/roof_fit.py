@@ -35,9 +35,12 @@ NEIGHBOURS: Final = 12
 SCORED_POINTS: Final = 240
 MIN_ANGLE: Final = float(np.radians(20.0))
 """Radians between the flanks; on flatter roofs the edge lies anywhere."""
-MAX_GAP: Final = 4e-3
+MAX_GAP: Final = 5e-3
 """Metres between the edge and the next point of a flank: the edge itself may be rounded or
 glare."""
+
+CROSSING_POINTS: Final = 5
+"""Points of the other flank that may lie near a line where both meet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +151,6 @@ def _meeting(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
         x, z = profile.x_s[line.inlier], profile.z_s[line.inlier]
         along = side * ((x - edge[0]) * line.direction_s[0] + (z - edge[2]) * line.direction_s[2])
         # Some points of the other flank may lie on a line's continuation.
-        if not -MAX_GAP < np.quantile(along, 0.05) < MAX_GAP:
+        if not -MAX_GAP < np.partition(along, CROSSING_POINTS)[CROSSING_POINTS] < MAX_GAP:
             return None
     return RoofFit(left, right, edge)

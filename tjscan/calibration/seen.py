@@ -27,7 +27,7 @@ from tjscan.calibration.starts import (
     sphere_start_parameters,
 )
 from tjscan.calibration.targets import PlaneTarget, RoofTarget, SphereTarget
-from tjscan.core.frames import Array, inverse_pose, transform_points
+from tjscan.core.frames import Array, transform_points
 
 REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
@@ -67,8 +67,8 @@ class SeenTarget(Protocol):
         """What the result calls it: its method."""
         ...
 
-    def with_inverse_poses(self) -> Self:
-        """The same seen by a fixed sensor, as if the base moved before the flange."""
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
         ...
 
     def starts(self) -> list[Array]:
@@ -122,9 +122,9 @@ class SeenBoard:
         """``plane touched`` or ``plane unknown``."""
         return "plane unknown" if self.target is None else "plane touched"
 
-    def with_inverse_poses(self) -> Self:
-        """The same seen by a fixed sensor, as if the base moved before the flange."""
-        samples = [replace(s, T_b_f=inverse_pose(s.T_b_f)) for s in self.samples]
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
+        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
         return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:
@@ -189,9 +189,9 @@ class SeenBall:
         fits = [sample.fit for sample in self.samples]
         return SphereModel.from_arc_fits(self.T_b_f, fits, self.sphere, self.noise)
 
-    def with_inverse_poses(self) -> Self:
-        """The same seen by a fixed sensor, as if the base moved before the flange."""
-        samples = [replace(s, T_b_f=inverse_pose(s.T_b_f)) for s in self.samples]
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
+        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
         return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:
@@ -239,9 +239,9 @@ class SeenRoof:
         """``roof edge``."""
         return "roof edge"
 
-    def with_inverse_poses(self) -> Self:
-        """The same seen by a fixed sensor, as if the base moved before the flange."""
-        samples = [replace(s, T_b_f=inverse_pose(s.T_b_f)) for s in self.samples]
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
+        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
         return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:

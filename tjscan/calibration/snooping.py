@@ -54,8 +54,7 @@ def reject_outlying_profiles(
     stated : float
         Geometry error to allow for at least, metres.
     """
-    sizes = estimate.residuals_per_profile
-    prices = chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes))
+    prices = blame_prices(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
     if not (chi2_is_plausible(estimate) and (leave_one_out_changes(estimate).chi2 <= prices).all()):
@@ -71,6 +70,12 @@ def reject_outlying_profiles(
     return refine_by_least_squares(
         model.with_geometry(geometry), best.T_f_s, best.target, best.used
     )
+
+
+def blame_prices(estimate: RefinedEstimate) -> Array:
+    """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
+    sizes = estimate.residuals_per_profile
+    return np.asarray(chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes)))
 
 
 def chi2_is_plausible(estimate: RefinedEstimate) -> bool:

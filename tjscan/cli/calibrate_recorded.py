@@ -95,7 +95,9 @@ def _shots(options: RecordedProfileOptions, lines: Path, poses: Path) -> list[Po
     table = read_profiles(lines, form)
     for bad in table.bad:
         print_message(f"{lines}: {bad}; left out")
-    return pair_profiles_with_poses(table.profiles, read_flange_poses(poses), poses)
+    found = read_flange_poses(poses)
+    print_message(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
+    return pair_profiles_with_poses(table.profiles, found, poses)
 
 
 def _noise(options: RecordedProfileOptions) -> NoiseModel:
