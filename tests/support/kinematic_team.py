@@ -87,6 +87,7 @@ class RowPlanner:
     spacing: float
     vehicles: int
     halt: Callable[[Array], str] = lambda tip: ""
+    bend: Callable[[Array], float] = lambda tip: 0.0
     asked: list[Collection[int]] = field(default_factory=list)
 
     def starts(
@@ -95,7 +96,7 @@ class RowPlanner:
         return [self.start(welder_pose)]
 
     def start(self, welder_pose: Array) -> TowingPlan:
-        angles = np.zeros(self.links)
+        angles = np.full(self.links, self.bend(welder_pose))
         behind = self.spacing * np.arange(self.vehicles - 1, -1, -1.0)
         heading = np.array((np.cos(welder_pose[2]), np.sin(welder_pose[2])))
         held = np.column_stack(

@@ -138,6 +138,20 @@ def test_a_vehicle_that_stands_for_good_makes_the_weld_wait_once() -> None:
     assert {()} < {tuple(asked) for asked in rig.planner.asked[-350:]}
 
 
+def test_the_welder_waits_before_the_cable_beside_one_that_stands_is_bent_too_far() -> None:
+    def break_down(rig: Rig, time: float) -> None:
+        rig.team.vehicles[1].fault = "left drive: over temperature"
+
+    limit = Cable(links=33).joint_limit
+    rig = Rig(disturb=break_down)
+    rig.planner.bend = lambda tip: 0.8 * limit + 4.0 * (tip[0] - 3.0)
+    with pytest.raises(
+        VehicleFault, match="vehicle 2 stands, and the cable beside it nears its limit"
+    ):
+        rig.run()
+    assert abs(rig.kept.cycles[-1].plan.angles).max() < 0.92 * limit
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

@@ -38,6 +38,13 @@ SLACK: Final = 0.95
 """The same from which on it goes slower, and below which it goes on after it waited: what noise of
 the poses changes is less than the way between the two."""
 
+BENT: Final = 0.9
+"""Share of the joints' limit to which the cable beside a vehicle that stands may be planned to bend
+before the welder waits: pulled from its other end, it bends more than planned at the vehicle."""
+
+EASED: Final = 0.85
+"""The same below which the welder goes on after it waited."""
+
 LEAST_PACE: Final = 0.1
 """Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
@@ -136,7 +143,7 @@ class CableTow:
         self._waited_since = 0.0
         self._stopped: tuple[int, ...] = ()
         self._doubted: tuple[int, ...] = ()
-        self._taut = False
+        self._taut = self._bent = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
         """Tow until the seam is welded.
@@ -345,6 +352,13 @@ class CableTow:
             return Waiting(
                 f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
             )
+        share, standing = self._most_bent()
+        self._bent = share >= (EASED if self._bent else BENT)
+        if self._bent:
+            return Waiting(
+                f"vehicle {standing + 1} stands, and the cable beside it nears its limit of bend",
+                device=True,
+            )
         return None
 
     def _tautest(self, estimate: TeamEstimate) -> tuple[float, int]:
@@ -356,6 +370,20 @@ class CableTow:
         shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
         beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
         return max(beside, default=(0.0, 0))
+
+    def _most_bent(self) -> tuple[float, int]:
+        """Largest joint angle planned beside a standing vehicle, over its limit, and which one."""
+        if self._last is None:
+            return 0.0, 0
+        ends = (0, *(link + 1 for link in self._setting.team.held_links))
+        angles = np.abs(self._last.angles) / self._setting.cable.joint_limit
+        return max(
+            (
+                (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
+                for v in self._doubted
+            ),
+            default=(0.0, 0),
+        )
 
     def _pace(self, estimate: TeamEstimate) -> float:
         """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
