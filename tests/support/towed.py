@@ -9,6 +9,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.cable import Cable
+from tjscan.towing.pull import CablePull
 from tjscan.towing.shape_problem import ShapeProblem
 from tjscan.towing.weights import EffortTargets, TowingWeights
 
@@ -22,6 +23,12 @@ NOTCHED = Area(
 """A floor with a dent in a wall and a pillar."""
 
 PASSER_BY = DiscObstacle(0.5, 2.0, 0.2, (0.1, -0.05))
+
+
+PULL = CablePull(
+    np.array((2.0, -4.0)), np.array(((300.0, 80.0), (50.0, 900.0))), 49, np.zeros(2), 5e-4
+)
+"""Of a cable whose last vehicle would stand at the origin."""
 
 
 def bent_angles(rng: np.random.Generator, links: int = 60, most: float = 0.3) -> Array:
@@ -40,7 +47,7 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
     return ShapeProblem(
         cable,
         Obstacles.of_area(area).with_discs([PASSER_BY], 1.0),
-        TowingWeights(),
+        TowingWeights(pull=1.0),
         EffortTargets(),
         estimate,
         np.array([links - 1]),
@@ -48,6 +55,7 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
         held,
         poses[held, :2] + 2e-3,
         0.1,
+        PULL.moved(poses[held[-1], :2]),
     )
 
 

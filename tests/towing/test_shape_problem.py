@@ -1,5 +1,6 @@
 """Derivatives against differences, and what must not depend on where the yard lies."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.distance import obstacle_distances
 from tjscan.towing.effort import free_share, rising_loss
+from tjscan.towing.pull import CablePull
 from tjscan.towing.shape_problem import ShapeProblem
 
 STEP = 1e-6
@@ -105,7 +107,18 @@ def moved(problem: ShapeProblem, angle: float, shift: Array, area: Area) -> Shap
         cable=cable,
         obstacles=Obstacles.of_area(there).with_discs([disc], 1.0),
         pace_from=place(problem.pace_from),
+        pull=pulled_elsewhere(problem, place, lambda points: turned(points, angle)),
     )
+
+
+def pulled_elsewhere(
+    problem: ShapeProblem, place: Callable[[Array], Array], turn: Callable[[Array], Array]
+) -> CablePull:
+    """The pull at a welder that stands elsewhere."""
+    pull = problem.pull
+    assert pull is not None
+    stiffness = turn(turn(pull.stiffness).T).T
+    return replace(pull, force=turn(pull.force), stiffness=stiffness, place=place(pull.place))
 
 
 PASSER_BY_AT = np.array((PASSER_BY.x, PASSER_BY.y))
@@ -132,6 +145,7 @@ def test_a_mirror_image_costs_the_same(seed: int) -> None:
         cable=replace(here.cable, root=(x, -y, -heading)),
         estimate=-here.estimate,
         pace_from=here.pace_from * flip,
+        pull=pulled_elsewhere(here, lambda points: points * flip, lambda points: points * flip),
     )
     angles = here.estimate + 0.01
     assert there.terms(-angles).total == pytest.approx(here.terms(angles).total, rel=1e-12)

@@ -9,12 +9,13 @@ from annotated_types import Ge, Gt, Le, Len, MaxLen
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.registry import Registry
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.tow_world import TowSimulationSettings
 from tjscan.towing.area import Area
 from tjscan.towing.cable import Cable
 from tjscan.towing.tables import (
+    NEWTON,
     AreaSettings,
     CableSettings,
     FollowingSettings,
@@ -38,8 +39,6 @@ millimetres of where they are planned."""
 
 BEND_RESERVE: Final = 1.02
 """The same of the smallest bend radius."""
-
-NEWTON: Final = FileUnit("n")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,10 +161,12 @@ class TowJob(StrictFileModel):
     def objective_weights(self) -> TowingWeights:
         """Weights of the objective."""
         weights = self.weights
-        return TowingWeights(weights.bending, weights.distance, weights.change, weights.pace)
+        return TowingWeights(
+            weights.bending, weights.distance, weights.change, weights.pace, weights.pull
+        )
 
     @property
     def effort_targets(self) -> EffortTargets:
         """Where the loss functions turn."""
         targets = self.targets
-        return EffortTargets(targets.bending, targets.distance, targets.change)
+        return EffortTargets(targets.bending, targets.distance, targets.change, targets.pull)

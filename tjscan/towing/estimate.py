@@ -65,11 +65,12 @@ def estimate_terms(
         if slide[i] > 0.0:
             x, y = links[i, 0] - rest[i, 0], links[i, 1] - rest[i, 1]
             d = sqrt(x * x + y * y)
+            slides = d > (1.0 + 1e-9) * SLIDES  # one that slid is held there again
             pull = slide[i] / max(d, SLIDES)
-            energy += slide[i] * (0.5 * d * d / SLIDES if d < SLIDES else d - 0.5 * SLIDES)
+            energy += slide[i] * (d - 0.5 * SLIDES if slides else 0.5 * d * d / SLIDES)
             point[i, 0], point[i, 1] = pull * x, pull * y
             point[i, 2], point[i, 4] = pull, pull
-            if d >= SLIDES:
+            if slides:
                 point[i, 2] -= pull * (x / d) ** 2
                 point[i, 3] -= pull * (x / d) * (y / d)
                 point[i, 4] -= pull * (y / d) ** 2
@@ -223,7 +224,7 @@ def estimate_shape(
         starts, rest = _guesses(cable, held, at), np.zeros((cable.links, 2))
         slide = np.zeros(cable.links)
     else:
-        starts, rest, slide = [last.angles], last.rest, _friction(cable, held_links)
+        starts, rest, slide = [last.angles], last.rest, friction_at_ends(cable, held_links)
     best, least = np.zeros(cable.links), np.inf
     for start in starts:
         angles = np.array(start, dtype=float)
@@ -241,7 +242,7 @@ def estimate_shape(
     return CableEstimate(best, lie - off * np.minimum(1.0, SLIDES / np.maximum(far, 1e-300)))
 
 
-def _friction(cable: Cable, held_links: Sequence[int]) -> Array:
+def friction_at_ends(cable: Cable, held_links: Sequence[int]) -> Array:
     """Friction at the links' far ends over a joint's stiffness, shape (N,), 1/m."""
     # Half of the link on either side, where that lies on the floor.
     lies = np.ones(cable.links + 1)

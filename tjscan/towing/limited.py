@@ -72,7 +72,7 @@ class _Look:
     def __init__(self, problem: ShapeProblem, limits: HardLimits) -> None:
         n, m = problem.cable.links, 3 * len(problem.fixed)
         self.of_problem, self.of_limits = problem.arguments, limits.arguments
-        self.angles, self.links, self.terms = np.empty(n), np.empty((n, 5)), np.empty(4)
+        self.angles, self.links, self.terms = np.empty(n), np.empty((n, 5)), np.empty(5)
         self.joint, self.point = np.empty((n, 2)), np.empty((n, 5))
         self.c, self.jacobian = np.zeros(m), np.zeros((m, n))
         self.all_rows = np.empty((128, COLUMNS))
@@ -103,12 +103,12 @@ def _assess(
 ) -> tuple[float, float, float, int]:  # fmt: skip
     """Fill all that `_Look` holds; objective, constraints' sum, worst limit, number of rows."""
     (
-        estimate, root, length, scale, targets, paced, pace_from,
+        estimate, root, length, scale, targets, moved, costs,
         walls, corners, starts, discs, fixed, poses,
     ) = of_problem  # fmt: skip
     place_links(angles, root, length, links)
     f = shape_terms(
-        angles, estimate, links, scale, targets, paced, pace_from,
+        angles, estimate, links, scale, targets, moved, costs,
         walls, corners, starts, discs, terms, joint, point,
     )  # fmt: skip
     pose_constraints(links, root, fixed, poses, c, jacobian)

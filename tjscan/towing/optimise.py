@@ -34,8 +34,8 @@ def newton_shape(
     length: float,
     scale: Array,
     targets: Array,
-    paced: Indices,
-    pace_from: Array,
+    moved: Indices,
+    costs: Array,
     walls: Array,
     corners: Array,
     starts: Indices,
@@ -71,7 +71,7 @@ def newton_shape(
     shape_terms, pose_constraints : for the others.
     """
     n, m = len(angles), 3 * len(fixed)
-    links, terms = np.empty((n, 5)), np.empty(4)
+    links, terms = np.empty((n, 5)), np.empty(5)
     joint, point, turn = np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2))
     gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
     hessian, factor, rows = np.empty((n, n)), np.zeros((n, n)), np.zeros((m, n))
@@ -80,7 +80,7 @@ def newton_shape(
     penalty, shift, residual, violation, iteration, done = 0.0, 0.0, 0.0, 0.0, 0, False
     place_links(angles, root, length, links)
     f = shape_terms(
-        angles, estimate, links, scale, targets, paced, pace_from,
+        angles, estimate, links, scale, targets, moved, costs,
         walls, corners, starts, discs, terms, joint, point,
     )  # fmt: skip
     pose_constraints(links, root, fixed, poses, c, rows)
@@ -109,7 +109,7 @@ def newton_shape(
                 trial[i] = angles[i] + share * step[i] + (second[i] if corrected else 0.0)
             place_links(trial, root, length, links)
             f = shape_terms(
-                trial, estimate, links, scale, targets, paced, pace_from,
+                trial, estimate, links, scale, targets, moved, costs,
                 walls, corners, starts, discs, terms, joint, point,
             )  # fmt: skip
             pose_constraints(links, root, fixed, poses, after_c, after_rows)

@@ -24,22 +24,25 @@ class PlanTerms:
         w_c f_c / N.
     pace : float
         Of the vehicles' steps, which the paper does not weigh.
+    pull : float
+        Of the cable's force on the welder, which it does not weigh either.
     """
 
     bend: float
     obstacle: float
     change: float
     pace: float = 0.0
+    pull: float = 0.0
 
     @property
     def paper(self) -> float:
-        """The paper's f: all but the pace."""
+        """The paper's f: all but pace and pull."""
         return self.bend + self.obstacle + self.change
 
     @property
     def total(self) -> float:
         """What is minimised."""
-        return self.paper + self.pace
+        return self.paper + self.pace + self.pull
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,6 +17,7 @@ from tjscan.towing.limited import optimise_limited
 from tjscan.towing.limits import KEPT, HardLimits
 from tjscan.towing.optimise import newton_shape
 from tjscan.towing.plan import TowingPlan
+from tjscan.towing.pull import pull_on_welder
 from tjscan.towing.shape_problem import ShapeProblem
 from tjscan.towing.start_shape import start_shapes
 from tjscan.towing.team import TowingLimits, TowingTeam
@@ -122,6 +123,11 @@ class TowingPlanner:
         )
         estimate = lies.angles
         problem, limits = self.problem(estimate, welder_pose, dt, last, obstacles, stopped)
+        if last is not None and self.settings.weights.pull and self.team.welder - 1 not in stopped:
+            held, trust = self.team.held_links, self.settings.trust
+            pull = pull_on_welder(self.cable, held, lies, poses, trust)
+            if pull is not None:
+                problem = replace(problem, pull=pull.moved((welder_pose - poses[-1])[:2]))
         iterations, shape = 0, None
         pressed: tuple[str, ...] = ()
         if last is None or not last.limits:

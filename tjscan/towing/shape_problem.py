@@ -16,10 +16,14 @@ from tjscan.towing.compiled import Indices, compiled
 from tjscan.towing.distance import distance_to_obstacle
 from tjscan.towing.effort import free_share, rising_loss
 from tjscan.towing.plan import PlanTerms
+from tjscan.towing.pull import CablePull
 from tjscan.towing.weights import EffortTargets, TowingWeights
 
 SMOOTH_CHANGE = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink where the planner starts."""
+
+PACE_TERM = 3
+"""Which term the vehicles' steps are."""
 
 FAR = 10.0
 """Times the target distance, beyond which an obstacle's loss is below 1e-7 and left out."""
@@ -68,8 +72,8 @@ def shape_terms(
     links: Array,
     scale: Array,
     targets: Array,
-    paced: Indices,
-    pace_from: Array,
+    moved: Indices,
+    costs: Array,
     walls: Array,
     corners: Array,
     starts: Indices,
@@ -85,15 +89,16 @@ def shape_terms(
     angles, estimate : ndarray, shape (N,)
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
-    scale : ndarray, shape (4,)
-        Weights of bend, obstacle, change and pace, each over N; pace over dt too.
+    scale : ndarray, shape (3,)
+        Weights of bend, obstacle and change, over N.
     targets : ndarray, shape (3,)
         Of bend (squared), distance and change.
-    paced : ndarray of int, shape (M,)
-        Links whose steps are weighed, and `pace_from`, shape (M, 2), where they come from.
+    moved : ndarray of int, shape (Q,)
+        Links whose positions cost something by themselves, see `costs`, shape (Q, 9): the term
+        that it counts for, x and y of a place, the cost there, its gradient and its Hessian.
     walls, corners, starts, discs : ndarray
         Obstacles, see `area.Obstacles`.
-    terms, joint, point : ndarray, shapes (4,), (N, 2), (N, 5)
+    terms, joint, point : ndarray, shapes (5,), (N, 2), (N, 5)
         Filled: terms; first and second derivative by each angle; gradient and Hessian by each
         position.
     """
@@ -116,15 +121,19 @@ def shape_terms(
         joint[i, 0], joint[i, 1] = one, two
         for m in range(5):
             point[i, m] = scale[1] * loss[m + 1]
-    for m in range(len(paced)):
-        k = paced[m]
-        x, y = links[k, 0] - pace_from[m, 0], links[k, 1] - pace_from[m, 1]
-        terms[3] += scale[3] * (x * x + y * y)
-        point[k, 0] += 2.0 * scale[3] * x
-        point[k, 1] += 2.0 * scale[3] * y
-        point[k, 2] += 2.0 * scale[3]
-        point[k, 4] += 2.0 * scale[3]
-    return float(terms[0] + terms[1] + terms[2] + terms[3])
+    for m in range(len(moved)):
+        k = moved[m]
+        x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
+        gx, gy, xx, xy, yy = costs[m, 4], costs[m, 5], costs[m, 6], costs[m, 7], costs[m, 8]
+        terms[int(costs[m, 0])] += (
+            costs[m, 3] + gx * x + gy * y + 0.5 * (xx * x * x + yy * y * y) + xy * x * y
+        )
+        point[k, 0] += gx + xx * x + xy * y
+        point[k, 1] += gy + xy * x + yy * y
+        point[k, 2] += xx
+        point[k, 3] += xy
+        point[k, 4] += yy
+    return float(terms.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +155,8 @@ class ShapeProblem:
         Links of the vehicles that drive, and where their steps begin: `pace_from`, shape (M, 2).
     period : float
         Seconds.
+    pull : CablePull or None
+        At the welder; None where it is not known.
     """
 
     cable: Cable
@@ -158,6 +169,7 @@ class ShapeProblem:
     paced: Indices
     pace_from: Array
     period: float
+    pull: CablePull | None = None
 
     @property
     def root(self) -> Array:
@@ -168,7 +180,19 @@ class ShapeProblem:
     def scale(self) -> Array:
         """Weights over the number of links, as `shape_terms` takes them."""
         w = self.weights
-        return np.array((w.bend, w.obstacle, w.change, w.pace / self.period)) / self.cable.links
+        return np.array((w.bend, w.obstacle, w.change)) / self.cable.links
+
+    @property
+    def costs(self) -> tuple[Indices, Array]:
+        """What the vehicles' steps and the pull at the welder cost, see `shape_terms`."""
+        w, links = self.weights, self.cable.links
+        steps = np.zeros((len(self.paced), 9))
+        steps[:, 0], steps[:, 1:3] = PACE_TERM, self.pace_from
+        steps[:, 6] = steps[:, 8] = 2 * w.pace / (self.period * links)
+        if self.pull is None:
+            return self.paced, steps
+        pull = self.pull.cost(w.pull / links, self.targets.pull, self.period)
+        return np.append(self.paced, self.pull.link), np.vstack((steps, pull))
 
     @property
     def inflections(self) -> Array:
@@ -180,7 +204,7 @@ class ShapeProblem:
         """What `newton_shape` takes from the estimate on."""
         return (
             self.estimate, self.root, self.cable.link_length, self.scale, self.inflections,
-            self.paced, self.pace_from, *self.obstacles.arrays, self.fixed, self.fixed_poses,
+            *self.costs, *self.obstacles.arrays, self.fixed, self.fixed_poses,
         )  # fmt: skip
 
     def links(self, angles: Array) -> Array:
@@ -191,10 +215,11 @@ class ShapeProblem:
 
     def contributions(self, angles: Array) -> tuple[PlanTerms, Array, Array]:
         """Terms, and what joints and links contribute to derivatives, see `shape_terms`."""
-        terms, joint, point = np.empty(4), np.empty((len(angles), 2)), np.empty((len(angles), 5))
+        terms, joint, point = np.empty(5), np.empty((len(angles), 2)), np.empty((len(angles), 5))
+        moved, costs = self.costs
         shape_terms(
             angles, self.estimate, self.links(angles), self.scale, self.inflections,
-            self.paced, self.pace_from, *self.obstacles.arrays, terms, joint, point,
+            moved, costs, *self.obstacles.arrays, terms, joint, point,
         )  # fmt: skip
         return PlanTerms(*terms.tolist()), joint, point
 

@@ -14,6 +14,7 @@ from tjscan.core.units import DEG, FARTHEST_MM, MM, SECONDS, FileUnit, SettingsT
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 N_M_RAD: Final = FileUnit("n_m_rad")
 N_M_S_RAD: Final = FileUnit("n_m_s_rad")
+NEWTON: Final = FileUnit("n")
 KG_M: Final = FileUnit("kg_m")
 
 MOST_LINKS: Final = 1000
@@ -184,12 +185,15 @@ class WeightSettings(SettingsTable):
         Of bending stress, of nearness to obstacles, and of change; the paper's w_θ, w_d, w_c.
     pace : float
         Of the vehicles' steps, s/m²; the paper has none.
+    pull : float
+        Of the cable's force on the welder; the paper has none.
     """
 
     bending: Annotated[float, Gt(0), Le(1e6)] = 75.0
     distance: Annotated[float, Gt(0), Le(1e6)] = 24.0
     change: Annotated[float, Gt(0), Le(1e6)] = 1.0
     pace: Annotated[float, Ge(0), Le(1e9)] = 200.0
+    pull: Annotated[float, Ge(0), Le(1e6)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,11 +208,14 @@ class TargetSettings(SettingsTable):
         From a link to the next obstacle, metres.
     change : float
         Of a joint's angle, radians.
+    pull : float
+        Of the cable on the welder, newton.
     """
 
     bending: Annotated[float, Gt(0), Le(180), DEG] = 0.77
     distance: Annotated[float, Gt(0), Le(1e4), MM] = 0.30
     change: Annotated[float, Gt(0), Le(180), DEG] = 0.60
+    pull: Annotated[float, Gt(0), Le(1e5), NEWTON] = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

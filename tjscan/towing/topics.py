@@ -51,7 +51,7 @@ UNSEEN: Final = 1e6
 CYCLE_ROWS: Final = {"seen": 3, "poses": 3, "sigmas": 2, "targets": 3, "asked": 3, "obstacles": 5}
 """Tables of a cycle, and how many columns each has."""
 
-TERMS: Final = ("bend", "obstacle", "change", "pace")
+TERMS: Final = ("bend", "obstacle", "change", "pace", "pull")
 
 
 def _flat(values: Array) -> list[float]:
