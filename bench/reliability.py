@@ -27,6 +27,7 @@ from typing import Final, TypeVar
 from _corpus import EXAMPLES, readers
 from _faulty import FaultyScan, faulty_scan
 from _fuzz import Reader, Tally, fuzz, section_ends
+from _hostile import read_hostile_files
 from _processes import SAME_MM, Outcome, killed, on_a_small_disk, unbroken, without_room
 from _spoilt_runs import SpoiltTally, make_runs, spoil_runs
 from _table import Row, main
@@ -181,7 +182,8 @@ def _files(count: int) -> list[Row]:
             for seed in range(ceil(count * share / sum(shares) / size))
         ]
         tallies = _spread(partial(_fuzz_batch, folder, size), batches)
-    _say_what_is_wrong([told for tally in tallies for _, told in tally.wrong])
+        (lies,) = _spread(read_hostile_files, [folder])
+    _say_what_is_wrong([told for tally in (*tallies, lies) for _, told in tally.wrong])
     inputs = sum(tally.inputs for tally in tallies)
     return [
         Row("spoiled files read", inputs, float("inf"), at_least=0.99 * count),
@@ -195,6 +197,10 @@ def _files(count: int) -> list[Row]:
         Row("… that ended otherwise", sum(len(t.wrong) for t in tallies), 0),
         Row("… the slowest", max(t.slowest for t in tallies), HANG, "s"),
         Row("… memory they added", max(t.grown for t in tallies) / 1e6, GROWTH_MB, "MB"),
+        Row("files that lie, each to two readers", lies.inputs, float("inf"), at_least=60),
+        Row("… that ended otherwise", len(lies.wrong), 0),
+        Row("… the slowest", lies.slowest, HANG, "s"),
+        Row("… memory they added", lies.grown / 1e6, GROWTH_MB, "MB"),
     ]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from _corpus import readers
 from _fuzz import Reader, fuzz
+from _hostile import read_hostile_files
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +25,9 @@ INPUTS = 25
 
 SLOWEST = 5.0
 """Seconds that one input may take: more is a hang."""
+
+MOST_BYTES = 500_000_000
+"""By which reading one input may let the process grow."""
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +48,15 @@ def test_spoiled_files_end_in_an_answer_or_in_an_error_of_the_tree(
         assert tally.slowest < SLOWEST, reader.name
         # Of a study's rows those that are spoiled are left out: they are scanned again.
         assert tally.refused > 0 or reader.name == "rows"
+
+
+def test_files_that_lie_end_in_an_answer_or_in_an_error_of_the_tree(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        tally = read_hostile_files(tmp_path)
+    assert not tally.wrong, tally.wrong[0][1]
+    assert tally.slowest < SLOWEST
+    assert tally.grown < MOST_BYTES
 
 
 def test_whole_files_are_read(corpus: list[Reader], tmp_path: Path) -> None:
