@@ -24,7 +24,7 @@ from tjscan.job import read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.scan import check_joint_angles, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import Substep
@@ -108,6 +108,19 @@ def test_a_scan_goes_on_where_the_end_of_its_recording_is_damaged(
     np.testing.assert_allclose(corners(run), corners(whole), atol=1.1e-4)  # four decimals
     (damaged,) = (one for one in read_recorded_scan(run).events if one.name == "damaged")
     assert "checksum" in damaged.detail
+
+
+def test_a_scan_does_not_go_on_where_joints_and_flange_contradict_each_other(whole: Path) -> None:
+    view = read_recorded_scan(whole).views[-1]
+    arm = Kinematics.load("ur10e")
+    check_joint_angles(view, arm, whole)
+    for joint in range(5):  # the last turns the flange where it stands
+        q = view.q.copy()
+        q[joint] += 0.3
+        with pytest.raises(RecordingError, match=r"lead \d+ mm away from its flange pose"):
+            check_joint_angles(replace(view, q=q), arm, whole)
+    with pytest.raises(RecordingError, match="5 joint angles, the arm has 6"):
+        check_joint_angles(replace(view, q=view.q[:5]), arm, whole)
 
 
 def test_a_scan_does_not_go_on_over_a_hole(

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import (
     ConfigurationError,
@@ -23,6 +25,7 @@ from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
 from tjscan.runs.results import write_scan_results
@@ -36,6 +39,7 @@ from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle
 from tjscan.scanning.scanner import Scanner
+from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 
 RESUMABLE: Final = (
@@ -55,6 +59,11 @@ RESUMABLE: Final = (
     "simulation.",
 )
 """Keys that may change while a scan goes on."""
+
+
+NOMINAL_FLANGE_TOLERANCE: Final = 0.02
+"""Metres between an arm's flange as its model has it and as its controller knows it: arms differ
+from their model by some millimetres."""
 
 
 def check_scan_job(context: RunContext) -> None:
@@ -180,7 +189,10 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
                 sections, done.views, done.stop, done.stop_reason, done.retry_counts
             )
             return write_job_results(context, directory, result)
-        cell = context.make_cell(left=done.views[-1] if done and done.views else None)
+        left = done.views[-1] if done and done.views else None
+        if left is not None:
+            check_joint_angles(left, Kinematics.load(context.job.arm.model), directory)
+        cell = context.make_cell(left=left)
         with context.open_recording(directory) as journal:
             for damage in damages:
                 journal.record_event(ScanEvent.DAMAGED, str(damage))
@@ -188,6 +200,28 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
                 journal.record_event("changed", f"{key} {what}")
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
         return write_job_results(context, directory, result)
+
+
+def check_joint_angles(view: ProfileView, arm: Kinematics, directory: Path) -> None:
+    """Check that the joint angles of a view, in which a scan goes on, lead to its flange pose.
+
+    Raises
+    ------
+    RecordingError
+        If they do not, so that one of them is damaged.
+    """
+    if len(view.q) != len(arm.joint_names):
+        raise RecordingError(
+            f"{directory}: its recording holds {len(view.q)} joint angles, the arm has "
+            f"{len(arm.joint_names)}"
+        )
+    apart = float(np.linalg.norm(arm.forward(view.q)[:3, 3] - view.T_b_f[:3, 3]))
+    if apart > NOMINAL_FLANGE_TOLERANCE:
+        raise RecordingError(
+            f"{directory}: its recording is damaged: the joint angles of the last view, of section "
+            f"{view.index}, lead {1e3 * apart:.0f} mm away from its flange pose. Nothing was "
+            f"moved; what is recorded is read by: tjscan reprocess {directory}"
+        )
 
 
 def check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) -> None:
