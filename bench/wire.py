@@ -143,7 +143,8 @@ class Tally:
 def _case(name: str, seed: int, tally: Tally) -> None:
     """Move, bring the fault about, and note how that ends."""
     fault, random = FAULTS[name], Random(seed)
-    controller, host = (f"127.7.{next(_numbers)}.{i}" for i in (1, 2))
+    block, row = divmod(next(_numbers), 250)
+    controller, host = (f"127.{7 + block}.{row + 1}.{i}" for i in (1, 2))
     with LoopbackProcess(controller) as loopback, Wire(host, controller, seed) as wire:
         error: list[ArmFault | None] = []
         with UrArm(KINEMATICS, UrSettings(host), SLOWLY) as arm:
