@@ -12,32 +12,45 @@ from typing import Any, Final
 
 import numpy as np
 from _board import BoardSimulator, points_rms
+from _mistakes import KINDS, RADIUS, MistakeMaker
 from _stopwatch import Stopwatch
 from _table import Row, main
+from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.advice import BoardRectangle
+from tjscan.calibration.circle_fit import fit_dominant_circle
 from tjscan.calibration.closed_form import solve_closed_form, stack_lines
 from tjscan.calibration.design import HandEyeUncertainty, predict_uncertainty
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.hand_eye import (
+    calibrate_on_plane,
+    calibrate_on_sphere,
+    calibrate_on_targets,
+)
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
-from tjscan.calibration.posed_profile import PosedProfile
+from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_roof_samples
+from tjscan.calibration.recorded import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import LineSample
+from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
+from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof
 from tjscan.calibration.session import CalibrationPlan, current_progress, suggest_next_line_pose
-from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
+from tjscan.core.pose_vector import boxminus
 from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.laser.faults import correlated_noise
+from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibrate import start_calibration
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import run_scan
@@ -50,6 +63,10 @@ SPOILED_RUNS: Final = 240
 SPOILED_BY: Final = 2 * MM
 HALF_BOARD: Final = (0.15, 0.15)
 """Half the sides of the touched pattern, 3 x 3 points, in metres."""
+SETS: Final = 100
+"""Of each kind: a thousand in all."""
+QUICK_SETS: Final = 3
+REAL: Final = Path(__file__).resolve().parents[2] / "shared" / "data" / "line-laser-calibration"
 DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data" / "openlmd-lines"
 
 T_F_S: Final = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
@@ -351,7 +368,125 @@ def corner_error(keys: dict[str, Any], folder: Path) -> float:
     return summary.corner_error_mm.mean
 
 
-def measure() -> list[Row]:
+def real_sets() -> list[Row]:
+    """A ball and a roof edge that one real sensor saw, where they lie beside the checkout."""
+    if not REAL.is_dir():
+        print(f"left out: no recorded ball and edge at {REAL}", file=sys.stderr)
+        return []
+    noise = NoiseModel()
+    roofs, _ = fit_roof_samples(real_set("edge"), noise)
+    arcs, _ = fit_arc_samples(real_set("ball40"), noise)
+    edge, ball = SeenRoof(roofs, noise), SeenBall(arcs, SphereTarget(0.040), noise)
+    sets: list[list[SeenBoard | SeenBall | SeenRoof]] = [[edge], [ball], [edge, ball]]
+    on_edge, on_ball, both = (
+        calibrate_on_targets(seen, noise, check_conventions=True) for seen in sets
+    )
+    off = boxminus(on_ball.T_f_s, on_edge.T_f_s)
+    apart = float(off @ np.linalg.solve(on_ball.covariance + on_edge.covariance, off))
+    rows = [
+        Row("real edge: points off its planes, RMS", roof_rms(on_edge, roofs) / MM, 0.10, "mm"),
+        Row("real ball: points off its surface, RMS", ball_rms(on_ball, arcs) / MM, 0.09, "mm"),
+        Row("edge and ball alone: difference squared over its covariance, /6", apart / 6, 2.1),
+    ]
+    for one, name in ((on_edge, "edge"), (on_ball, "ball")):
+        off = boxminus(both.T_f_s, one.T_f_s)
+        away = float(off @ np.linalg.solve(one.covariance, off)) / 6
+        rows.append(Row(f"both together against the {name} alone, the same", away, 2.1))
+    refused = 0
+    for wrong in (-0.5 * MM, 0.5 * MM):
+        try:
+            calibrate_on_sphere(arcs, SphereTarget(0.040 + wrong), noise)
+        except CalibrationRefused as refusal:
+            refused += "radius" in refusal.reason
+    return [*rows, Row("real ball, radius stated 0.5 mm off: refused", refused / 2, 1, "", 1)]
+
+
+def real_set(name: str) -> list[PosedProfile]:
+    form = ProfileFormat(None, None, (), z_offset=0.0)
+    profiles = read_profiles(REAL / f"{name}_profiles.csv", form).profiles
+    poses = REAL / f"{name}_poses.csv"
+    return pair_profiles_with_poses(profiles, read_flange_poses(poses), poses)
+
+
+def roof_rms(result: HandEyeCalibration, taken: list[RoofSample]) -> float:
+    """RMS distance of the flanks' points from the planes, metres."""
+    if result.roof is None:
+        raise ValueError("a roof edge was calibrated on")
+    squares, count = 0.0, 0
+    for sample in taken:
+        for fit, plane in (
+            (sample.fit.left, result.roof.left),
+            (sample.fit.right, result.roof.right),
+        ):
+            T = sample.T_b_f @ result.T_f_s
+            offset = plane.plane.signed_distances(T[:3, :3] @ fit.point_s + T[:3, 3])
+            tilt = plane.plane.u @ T[:3, :3] @ fit.direction_s
+            each = offset**2 + (tilt * fit.span) ** 2 / 12 + fit.scatter**2
+            squares, count = squares + fit.point_count * float(each), count + fit.point_count
+    return float(np.sqrt(squares / count))
+
+
+def ball_rms(result: HandEyeCalibration, taken: list[ArcSample]) -> float:
+    """RMS distance of points all along the arcs from the ball, metres."""
+    if result.centre_b is None or result.radius is None:
+        raise ValueError("a ball was calibrated on")
+    squares = []
+    for sample, residual in zip(taken, result.residuals, strict=True):
+        if not residual.used:
+            continue
+        angle = np.linspace(-1.0, 1.0, 50)  # radians either side of the top, seen from above
+        circle = np.column_stack((np.sin(angle), np.zeros(50), np.cos(angle)))
+        points = sample.fit.centre_s + sample.fit.radius * circle
+        T = sample.T_b_f @ result.T_f_s
+        away = np.linalg.norm(points @ T[:3, :3].T + T[:3, 3] - result.centre_b, axis=1)
+        squares.append(np.mean((away - result.radius) ** 2) + sample.fit.scatter**2)
+    return float(np.sqrt(np.mean(squares)))
+
+
+def straight_lines() -> list[Row]:
+    """Straight lines of all lengths and roughnesses, offered as arcs."""
+    refused = 0
+    for seed in range(1000):
+        rng = np.random.default_rng(seed)
+        count, noise = (
+            int(rng.integers(60, 640)),
+            NoiseModel(range=rng.choice([0.01, 0.03, 0.15]) * MM),
+        )
+        along, angle = np.linspace(-0.5, 0.5, count) * rng.uniform(0.004, 0.1), rng.uniform(-1, 1)
+        z = 0.24 + along * np.sin(angle)
+        rough = noise.range * rng.choice([1, 1, 2])
+        z += correlated_noise(rng, count, rough, noise.correlation)
+        try:
+            fit_dominant_circle(Profile(along * np.cos(angle), z), noise)
+        except CalibrationRefused:
+            refused += 1
+    return [Row("straight lines refused as arcs, of 1,000", refused / 10, 100, "%", 100)]
+
+
+def made_sets(count: int) -> list[Row]:
+    """Sets with every mistake, and good ones, on arms drawn anew for each."""
+    stage, noise = Stage.set_up(), NoiseModel()
+    hand = TargetSimulator(T_F_S, stage.window, noise, RADIUS)
+    maker = MistakeMaker(hand, noise, Kinematics.load("ur10e"))
+    caught = {
+        kind: sum(maker.verdict(seed, kind).caught for seed in range(count)) for kind in KINDS
+    }
+    bad = [100 * caught[kind] / count for kind in KINDS if kind != "good"]
+    return [
+        Row(f"good sets refused, of {count}", 100 * caught["good"] / count, 1, "%"),
+        Row(
+            f"sets with a mistake refused or named, of {count * len(bad)}",
+            float(np.mean(bad)),
+            100,
+            "%",
+            100,
+        ),
+    ]
+
+
+def measure(quick: bool) -> list[Row]:
+    if quick:
+        return [*real_sets(), *straight_lines(), *recorded(), *made_sets(QUICK_SETS)]
     stage = Stage.set_up()
     return [
         *noise_free(stage),
@@ -360,8 +495,13 @@ def measure() -> list[Row]:
         *refusals(stage),
         *end_to_end(),
         *recorded(),
+        *real_sets(),
+        *straight_lines(),
+        *made_sets(SETS),
     ]
 
 
 if __name__ == "__main__":
-    sys.exit(main("Hand-eye calibration of the laser", measure, sys.argv[1:]))
+    options = [word for word in sys.argv[1:] if word != "--quick"]
+    quick = len(options) < len(sys.argv) - 1
+    sys.exit(main("Hand-eye calibration of the laser", lambda: measure(quick), options))

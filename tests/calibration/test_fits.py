@@ -122,3 +122,15 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
 def test_a_straight_line_is_no_circle() -> None:
     with pytest.raises(CalibrationRefused, match="no arc seen"):
         fit_dominant_circle(noisy(*board(0.1)), NOISE, largest=0.1)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    half=st.floats(0.003, 0.05),
+    stated=st.sampled_from((10, 30, 150)),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_straight_line_is_no_arc(seed: int, half: float, stated: int) -> None:
+    noise = NoiseModel(range=1e-6 * stated)
+    with pytest.raises(CalibrationRefused, match="no arc seen"):
+        fit_dominant_circle(noisy(*board(0.3, half=half), seed, noise), noise)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.special import chdtri
 
 from tjscan.calibration.consensus import (
     MAX_SCATTER_RATIO,
@@ -16,9 +17,11 @@ from tjscan.calibration.consensus import (
     InlierMask,
     best_hypothesis,
     evenly_spaced_indices,
+    inlier_scatter,
     refit_and_trim,
     sample_index_sets,
 )
+from tjscan.calibration.line_fit import distances_from_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
@@ -33,6 +36,8 @@ MIN_ARC_ANGLE: Final = float(np.radians(30.0))
 """Radians; on a shorter arc radius and centre hardly come apart."""
 MAX_RADIUS: Final = 1.0
 """Metres; a larger circle is a straight line."""
+STRAIGHT_PROBABILITY: Final = 1e-6
+"""Probability to take a straight line for an arc: most profiles are of straight things."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +115,35 @@ def fit_dominant_circle(
             "let the line cross the ball nearer to "
             "its middle",
         )
+    _check_curved(points, inlier, noise)
     return _describe(points, inlier, valid, noise, largest)
+
+
+def _check_curved(points: Array, inlier: InlierMask, noise: NoiseModel) -> None:
+    """Refuse points that a straight line explains as well, by the ratio of the likelihoods.
+
+    All points from one end of the arc to the other count, and those that are no part of either
+    curve cost the same: an arc that was picked out of a line has left the line's points out.
+    """
+    at = np.flatnonzero(inlier)
+    span = points[at[0] : at[-1] + 1]
+    off_circle = _distances(span, _algebraic(points[inlier]))
+    sigma = inlier_scatter(off_circle, noise.range)
+    straight = refit_and_trim(
+        lambda m: distances_from_line(span, m), np.ones(len(span), dtype=bool), sigma
+    )
+    off_line = distances_from_line(span, straight)
+    costs = [
+        np.minimum((off / sigma) ** 2, OUTLIER_SIGMAS**2).sum() for off in (off_circle, off_line)
+    ]
+    # Neighbours err alike: n points count as fewer. The circle has one more unknown.
+    gain = (costs[1] - costs[0]) / noise.mean_variance_inflation
+    if gain < float(chdtri(1, STRAIGHT_PROBABILITY)):
+        raise CalibrationRefused(
+            "no arc seen",
+            f"{len(span)} points lie on a straight line as well as on a circle; let the line cross "
+            "the ball nearer to its middle",
+        )
 
 
 def _start(points: Array, sigma: float, largest: float) -> InlierMask:
