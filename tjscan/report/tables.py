@@ -68,10 +68,7 @@ def uncertainty_rows(data: ReportData) -> list[tuple[str, ...]]:
     if budget is None:
         return []
     rows = [
-        *(
-            (one, "shared by all sections" if one.shared else "each section its own")
-            for one in budget.components
-        ),
+        *((one, "all alike" if one.shared else "each by itself") for one in budget.components),
         (budget.combined, ""),
         (budget.expanded, ""),
     ]
