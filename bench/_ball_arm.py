@@ -113,8 +113,8 @@ def posture_errors(arm: BallArm) -> tuple[float, float, float, float]:
     Over the work space of the middle of the sensor's range, the base frame being fitted, as a
     laser tracker would.
     """
-    used, held_out = ([v for v in views() if v.held_out is kind] for kind in (False, True))
-    found = calibrate_arm(arm.seen(used), arm.seen(held_out), PlacementTolerance(), T_F_S)
+    held_out = np.array([view.held_out for view in views()])
+    found = calibrate_arm(arm.seen(list(views())), held_out, PlacementTolerance(), T_F_S)
     true = _places(arm.true, T_F_S)
     calibrated = with_deviations(kinematics(), found.deviations)
     return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -64,4 +64,12 @@ class TargetModel(Protocol):
         target : ndarray, shape (m,)
             The target's parameters.
         """
+        ...
+
+
+class MovableTargetModel(TargetModel, Protocol):
+    """Model of a target's profiles that can be seen from other flange poses than were read."""
+
+    def seen_from(self, T_b_f: Array) -> Self:
+        """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
         ...

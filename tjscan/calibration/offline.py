@@ -65,16 +65,17 @@ def calibrate_from_profiles(
         As `calibrate_on_targets` does.
     """
     return calibrate_on_targets(
-        [_seen(recording, noise, report) for recording in recordings],
+        [seen_in_recording(recording, noise, report) for recording in recordings],
         noise,
         sensor_is_fixed=sensor_is_fixed,
         check_conventions=True,
     )
 
 
-def _seen(
+def seen_in_recording(
     recording: TargetRecording, noise: NoiseModel, report: Callable[[str], None]
 ) -> SeenBoard | SeenBall | SeenRoof:
+    """Fit line, arc or edge to every profile of a recording, and report those that hold none."""
     target = recording.target
     seen: SeenBoard | SeenBall | SeenRoof
     unread: dict[str, CalibrationRefused]

@@ -28,11 +28,14 @@ class PosedProfile:
         Flange pose, as the arm read it.
     profile : Profile
         What the laser saw from there.
+    q : ndarray, shape (joints,), or None
+        Joint angles there, radians, where they are known.
     """
 
     name: str
     T_b_f: Array
     profile: Profile
+    q: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))

@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -47,11 +47,14 @@ class FlangePoseList:
         Whether there was such a column.
     convention : str
         How orientations were read, for messages.
+    q : dict of str to ndarray, shape (joints,)
+        Joint angles by the same keys, radians; empty where the file has none.
     """
 
     T_b_f: dict[str, Array]
     with_key: bool
     convention: str
+    q: dict[str, Array] = field(default_factory=dict)
 
 
 def read_flange_poses(file: Path) -> FlangePoseList:
@@ -62,7 +65,8 @@ def read_flange_poses(file: Path) -> FlangePoseList:
     file : Path
         CSV whose header names position (``x_mm, y_mm, z_mm``; or m, um) and orientation, as one
         of `CONVENTIONS` has it (``w_deg, p_deg, r_deg``; or rad); columns of arms' makers need no
-        units. Beside them ``profile``, ``frame`` or ``index``. Or a file that ends in one of
+        units. Beside them ``profile``, ``frame`` or ``index``, and joint angles ``q1_deg``,
+        ``q2_deg`` and so on (or rad). Or a file that ends in one of
         `PROGRAMS`.
 
     Raises
@@ -76,16 +80,20 @@ def read_flange_poses(file: Path) -> FlangePoseList:
     names, rows = _read_table(file)
     convention, read = _reader(file, names)
     key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
+    joints = _joint_columns(names)
     poses: dict[str, Array] = {}
+    q: dict[str, Array] = {}
     for number, row in enumerate(rows, start=1):
         key = str(number) if key_at is None else _key(row[key_at])
         if key in poses:
             raise ConfigurationError(f"{names[key_at or 0]} {key} stands there twice", file=file)
         try:
             poses[key] = read(row)
+            if joints:
+                q[key] = np.array([scale * _finite(row[k]) for k, scale in joints])
         except ValueError as error:
             raise ConfigurationError(f"pose {number}: {error}", file=file) from None
-    return FlangePoseList(poses, key_at is not None, convention.meaning)
+    return FlangePoseList(poses, key_at is not None, convention.meaning, q)
 
 
 def _read_program(
@@ -153,7 +161,7 @@ def pair_profiles_with_poses(
             f"number {', '.join(alone[:8])} has a profile or a pose, but not both", file=file
         )
     return [
-        PosedProfile(name, poses.T_b_f[key], profile)
+        PosedProfile(name, poses.T_b_f[key], profile, poses.q.get(key))
         for key, (name, profile) in zip(keys, profiles.items(), strict=True)
     ]
 
@@ -239,6 +247,14 @@ def _columns(
         if first is None:
             return None
         found.append(first)
+    return found
+
+
+def _joint_columns(names: Sequence[str]) -> list[tuple[int, float]]:
+    """Place and unit of the columns ``q1_deg``, ``q2_deg`` and so on; as many as there are."""
+    found: list[tuple[int, float]] = []
+    while (one := _columns(names, (f"q{len(found) + 1}",), RADIANS_PER_UNIT)) is not None:
+        found += one
     return found
 
 

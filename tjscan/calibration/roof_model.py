@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -51,6 +51,11 @@ class RoofModel:
             PlaneModel.from_line_fits(T_b_f, [fit.left for fit in fits], roof.left, noise),
             PlaneModel.from_line_fits(T_b_f, [fit.right for fit in fits], roof.right, noise),
         )
+
+    def seen_from(self, T_b_f: Array) -> Self:
+        """Return the same flanks, taken from other flange poses, shape (n, 4, 4)."""
+        left, right = (one.seen_from(T_b_f) for one in (self.left, self.right))
+        return replace(self, left=left, right=right)
 
     @property
     def prior_information(self) -> Array:

@@ -14,7 +14,7 @@ from tjscan.calibration.closed_form import (
     stack_lines,
 )
 from tjscan.calibration.line_fit import LineFit
-from tjscan.calibration.model import TargetModel
+from tjscan.calibration.model import MovableTargetModel
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane
@@ -39,13 +39,13 @@ class TargetStart:
 
     Parameters
     ----------
-    model : TargetModel
+    model : MovableTargetModel
         Of the profiles.
     target : ndarray, shape (m,)
         The target's parameters.
     """
 
-    model: TargetModel
+    model: MovableTargetModel
     target: Array
 
 

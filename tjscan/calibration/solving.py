@@ -144,7 +144,7 @@ def fit_targets(
     starts = []
     for T_f_s in begin:
         begun = [one.start_at(T_f_s) for one in targets]
-        models = [start.model for start in begun]
+        models: list[TargetModel] = [start.model for start in begun]
         if errors is not None:
             models = [FixedSensorModel(m, e) for m, e in zip(models, errors, strict=True)]
         combined = CombinedModel(tuple(models), correlation, noise.geometry)

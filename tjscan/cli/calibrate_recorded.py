@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from tjscan.calibration.arm.recorded import calibrate_recorded_arm, joint_angles_by_name
 from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
@@ -24,6 +25,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 from tjscan.laser.files import ProfileFormat, read_profiles
 from tjscan.result.directory import CALIBRATION
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.directory import default_run_directory
 
 NOISE: Final = (
@@ -56,6 +58,8 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
     file = (out or default_run_directory(options.lines[0])) / CALIBRATION
     if file.exists():
         raise ConfigurationError("stands there already; choose another --out", file=file)
+    if options.arm_model is not None and options.fixed_sensor:
+        raise ConfigurationError("--arm-model calibrates an arm that carries the sensor")
     noise = _noise(options)
     words = target_words(options, len(options.lines))
     recordings = []
@@ -64,15 +68,24 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
         if len(words) > 1:
             shots = [replace(shot, name=f"{lines.stem} {shot.name}") for shot in shots]
         recordings.append(TargetRecording(shots, read_target(word, shots, noise)))
+    arm = None if options.arm_model is None else Kinematics.load(options.arm_model)
+    if arm is not None:
+        joint_angles_by_name(recordings, arm)  # before anything is solved
     result = calibrate_from_profiles(
         recordings, noise, print_message, sensor_is_fixed=options.fixed_sensor
     )
+    kinematics = None
+    if arm is not None:
+        result, kinematics = calibrate_recorded_arm(
+            recordings, arm, noise, result.T_f_s, print_message
+        )
     found = to_calibration_file(
         result,
         noise,
         arm=options.arm_id or UNNAMED,
         laser=options.laser_id or UNNAMED,
         date=datetime.now(UTC).replace(microsecond=0),
+        kinematics=kinematics,
     )
     write_calibration(
         file,

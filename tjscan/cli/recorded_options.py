@@ -58,6 +58,9 @@ class RecordedProfileOptions:
     geometry_mm
         Standard deviation of the flange's position that the arm's own geometry leaves, alike at
         poses that are alike; 0.3.
+    arm_model
+        Calibrate the kinematics of this arm, a model or the path of its URDF, with the sensor: the
+        poses have joint angles beside them, q1_deg, q2_deg and so on.
     arm_id
         The arm it holds for; a scan with another refuses it.
     laser_id
@@ -83,6 +86,7 @@ class RecordedProfileOptions:
     rotation_deg: float | None = None
     touch_mm: float | None = None
     geometry_mm: float | None = None
+    arm_model: str | None = None
     arm_id: str | None = None
     laser_id: str | None = None
 

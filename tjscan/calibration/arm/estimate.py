@@ -73,7 +73,9 @@ class ArmEstimate:
         return float(np.sqrt(self.chi2 / self.dof))
 
 
-def estimate_deviations(model: ArmModel, sigmas: Array, T_f_s: Array) -> ArmEstimate:
+def estimate_deviations(
+    model: ArmModel, sigmas: Array, T_f_s: Array, held_out: Mask | None = None
+) -> ArmEstimate:
     """Estimate deviations, sensor and targets, without the profiles that contradict the others.
 
     Parameters
@@ -85,15 +87,18 @@ def estimate_deviations(model: ArmModel, sigmas: Array, T_f_s: Array) -> ArmEsti
         zero for an arm that is taken as its model has it.
     T_f_s : ndarray, shape (4, 4)
         About how the sensor sits.
+    held_out : ndarray of bool, shape (n,), optional
+        Profiles that take no part.
     """
-    used = np.ones(model.profiles, dtype=bool)
+    used = np.ones(model.profiles, dtype=bool) if held_out is None else ~held_out
+    offered = int(used.sum())
     estimate = _solve(model, sigmas, T_f_s, model.start, used)
-    while used.sum() > (1 - MAX_REJECTED_SHARE) * len(used):
+    while used.sum() > (1 - MAX_REJECTED_SHARE) * offered:
         falls, _ = without_each_profile(estimate)
         worst = int(falls.argmax())
         count = int((estimate.stacked.profile == worst).sum())
         widened = max(1.0, estimate.chi2 / estimate.dof)
-        if falls[worst] <= widened * chdtri(count, FALSE_ALARM_PROBABILITY / len(used)):
+        if falls[worst] <= widened * chdtri(count, FALSE_ALARM_PROBABILITY / offered):
             return estimate
         used = used.copy()
         used[worst] = False

@@ -24,7 +24,7 @@ def as_hand_eye_calibration(found: ArmCalibration, names: Sequence[str]) -> Hand
     found : ArmCalibration
         What was found.
     names : sequence of str
-        Of its profiles.
+        Of all profiles, those held out as well.
     """
     estimate = found.estimate
     return HandEyeCalibration(
@@ -58,6 +58,8 @@ def _residuals(found: ArmCalibration, names: Sequence[str]) -> tuple[SampleResid
     falls, steps = without_each_profile(estimate)
     residuals = []
     for i, name in enumerate(names):
+        if found.held_out[i]:
+            continue
         own = stacked.profile == i
         lengths = stacked.residuals[own & stacked.is_length]
         residuals.append(

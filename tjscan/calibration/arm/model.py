@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tjscan.calibration.model import TargetModel
+from tjscan.calibration.model import MovableTargetModel
 from tjscan.core.frames import Array, inverse_pose, readonly_copy, skew_matrix
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics
-
-
-class MovableTargetModel(TargetModel, Protocol):
-    """Model of a target's profiles that can be seen from other flange poses than were read."""
-
-    def seen_from(self, T_b_f: Array) -> Self:
-        """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,8 +167,8 @@ class ArmModel:
             )
             by_target.append(found.by_target.reshape(n * k, -1))
             blocks.extend(found.covariance)
-            # Of a line offset and tilt, of an arc three lengths.
-            lengths.append(np.tile(np.arange(k) < (3 if k == 3 else k // 2), n))
+            # Of each line offset and tilt, of an arc three lengths.
+            lengths.append(np.tile(np.ones(k, bool) if k == 3 else np.arange(k) % 2 == 0, n))
             profile.append(np.repeat(np.arange(first, first + n), k))
             first += n
         stacked = np.concatenate(parts)

@@ -8,7 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.arm.estimate import ArmEstimate, estimate_deviations, whitened_jacobian
+from tjscan.calibration.arm.estimate import (
+    ArmEstimate,
+    Mask,
+    estimate_deviations,
+    whitened_jacobian,
+)
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
 from tjscan.core.errors import CalibrationRefused
@@ -17,6 +22,9 @@ from tjscan.robot.tolerance import PlacementTolerance
 
 MIN_PROFILES: Final = 20
 """Fewer say less than the maker does; forty are good."""
+
+MIN_HELD_OUT: Final = 3
+"""Fewer check nothing."""
 
 MAX_SIGMA_SCALE: Final = 5.0
 """Residuals so much larger than stated are no matter of the arm's lengths and zeros."""
@@ -59,12 +67,18 @@ class ArmCalibration:
         What is still known no better.
     cross_check : CrossCheck
         What profiles that took no part say.
+    held_out : ndarray of bool, shape (n,)
+        Which these are.
     """
 
     estimate: ArmEstimate
     tolerance: PlacementTolerance
     undetermined: tuple[UndeterminedDeviation, ...]
     cross_check: CrossCheck
+    held_out: Mask
+
+    def __post_init__(self) -> None:
+        self.held_out.flags.writeable = False
 
     @property
     def covariance(self) -> Array:
@@ -84,7 +98,7 @@ class ArmCalibration:
 
 
 def calibrate_arm(
-    model: ArmModel, held_out: ArmModel, tolerance: PlacementTolerance, T_f_s: Array
+    model: ArmModel, held_out: Mask, tolerance: PlacementTolerance, T_f_s: Array
 ) -> ArmCalibration:
     """Calibrate an arm's deviations and the sensor on it, and check them with other profiles.
 
@@ -92,8 +106,8 @@ def calibrate_arm(
     ----------
     model : ArmModel
         Profiles from 40 poses or more, the joints' postures as different as can be.
-    held_out : ArmModel
-        Profiles of the same targets that take no part.
+    held_out : ndarray of bool, shape (n,)
+        Which of them take no part, and check the result.
     tolerance : PlacementTolerance
         What the maker leaves of deviations.
     T_f_s : ndarray, shape (4, 4)
@@ -105,15 +119,17 @@ def calibrate_arm(
         If there are too few profiles, if residuals stay larger than the stated noise explains, or
         if the profiles that took no part fit worse than before.
     """
-    if model.profiles < MIN_PROFILES:
+    count, checking = int((~held_out).sum()), int(held_out.sum())
+    if count < MIN_PROFILES or checking < MIN_HELD_OUT:
         raise CalibrationRefused(
             "too few poses",
-            f"{model.profiles} show the target, at least {MIN_PROFILES} are needed and forty are "
-            "good; take more, each in another posture of the arm",
+            f"{count} show the target, and {checking} to check with; at least {MIN_PROFILES} and "
+            f"{MIN_HELD_OUT} are needed, and forty are good; take more, each in another posture "
+            "of the arm",
         )
     prior = np.tile(tolerance.sigmas, (model.joints, 1))
-    plain = estimate_deviations(model, np.zeros_like(prior), T_f_s)
-    found = estimate_deviations(model, prior, plain.T_f_s)
+    plain = estimate_deviations(model, np.zeros_like(prior), T_f_s, held_out)
+    found = estimate_deviations(model, prior, plain.T_f_s, held_out)
     if found.sigma_scale > MAX_SIGMA_SCALE:
         raise CalibrationRefused(
             "residuals that no arm explains",
@@ -122,7 +138,7 @@ def calibrate_arm(
             "tight, that each profile belongs to its joint angles, and that the arm is of the "
             "model stated",
         )
-    check = CrossCheck(held_out.profiles, _off(held_out, plain), _off(held_out, found))
+    check = CrossCheck(checking, _off(plain, held_out), _off(found, held_out))
     if check.after > MAX_WORSE * check.before:
         raise CalibrationRefused(
             "poses that took no part fit worse",
@@ -135,6 +151,7 @@ def calibrate_arm(
         tolerance,
         undetermined_deviations(whitened_jacobian(found, prior), model.joints),
         check,
+        held_out.copy(),
     )
 
 
@@ -149,8 +166,8 @@ def list_undetermined(undetermined: Sequence[UndeterminedDeviation]) -> list[str
     ]
 
 
-def _off(held_out: ArmModel, estimate: ArmEstimate) -> float:
+def _off(estimate: ArmEstimate, held_out: Mask) -> float:
     """RMS distance of the target in held-out profiles, in metres."""
-    found = held_out.linearise(estimate.T_f_s, estimate.deviations, estimate.target)
-    lengths = found.residuals[found.is_length]
-    return float(np.sqrt(lengths @ lengths / held_out.profiles))
+    stacked = estimate.stacked
+    lengths = stacked.residuals[stacked.is_length & held_out[stacked.profile]]
+    return float(np.sqrt(lengths @ lengths / held_out.sum()))

@@ -74,10 +74,10 @@ class ArmWizard:
         """
         for held_out, wanted in ((False, self.plan.poses), (True, self.plan.held_out)):
             self._take(held_out=held_out, wanted=wanted)
-        used, checking = (self._samples(held_out=held_out) for held_out in (False, True))
-        found = calibrate_arm(
-            self._model(used), self._model(checking), self.plan.tolerance, self.plan.T_f_s
-        )
+        used, checking = self._samples(held_out=False), self._samples(held_out=True)
+        checks = np.arange(len(used) + len(checking)) >= len(used)
+        samples = [*used, *checking]
+        found = calibrate_arm(self._model(samples), checks, self.plan.tolerance, self.plan.T_f_s)
         check = found.cross_check
         self.operator.report(
             f"{check.count} postures that took no part: the ball is {1e3 * check.before:.3f} mm "
@@ -85,7 +85,7 @@ class ArmWizard:
         )
         for line in list_undetermined(found.undetermined):
             self.operator.report(line)
-        return found, tuple(sample for _, sample in used)
+        return found, tuple(sample for _, sample in samples)
 
     def _take(self, *, held_out: bool, wanted: int) -> None:
         """Take profiles until as many show the ball as are wanted; the nearest posture next."""
