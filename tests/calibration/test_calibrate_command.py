@@ -24,7 +24,7 @@ from command import tjscan
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.file import read_calibration
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.laser.profile import Profile
 
 OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
@@ -274,3 +274,53 @@ def test_real_lines_are_calibrated_or_refused(
         assert read_calibration(tmp_path / "run" / "calibration.toml").lines == len(poses)
     else:
         assert "noise model can't explain" in told
+
+
+def test_recordings_of_two_targets_are_solved_together(tmp_path: Path) -> None:
+    files = [
+        option for k, seed in enumerate((3, 4)) for option in _recording_in(tmp_path / str(k), seed)
+    ]
+    targets = ["--target", KNOWN[0].removeprefix("--"), "--target", "plane"]
+    assert tjscan("calibrate", *files, *targets, "--out", tmp_path / "run") == 0
+    found = read_calibration(tmp_path / "run" / "calibration.toml")
+    assert found.method == "plane touched and plane unknown"
+    assert found.residuals[0].name == "plane 1, profile 1"
+    assert found.geometry_mm == 0.3
+    assert np.linalg.norm(error(found.T_f_s)[:3]) < 2 * GOOD[0]
+
+
+def _recording_in(folder: Path, seed: int) -> list[object]:
+    folder.mkdir()
+    return record(folder, varied(np.random.default_rng(seed), 8), seed)
+
+
+def test_a_fixed_sensor_is_kept_in_the_base(tmp_path: Path) -> None:
+    """What the arm carried is seen from where the sensor was: base and flange change places."""
+    poses = varied(np.random.default_rng(3), 14)
+    record(tmp_path, poses)
+    places = write_poses(tmp_path, np.stack([inverse_pose(T) for T in poses]))
+    options = ["--lines", tmp_path / "lines.csv", "--poses", places, "--unknown-plane"]
+    run = tmp_path / "run"
+    assert tjscan("calibrate", *options, "--fixed-sensor", "--out", run) == 0
+    found = read_calibration(run / "calibration.toml")
+    assert found.T_f_s_mm is None
+    assert found.T_b_s_mm is not None
+    off = np.array(found.T_b_s_mm)[:3, 3] - 1e3 * T_F_S[:3, 3]
+    assert np.linalg.norm(off) < 4e3 * GOOD[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--target", "cube"], "cube"),
+        (["--target", "ball=-3"], "positive radius"),
+        (["--target", "plane", "--target", "ball"], "each --lines has its --target"),
+        (["--target", "plane", "--roof-edge"], "takes one of"),
+    ],
+)
+def test_a_target_that_is_none_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[object], said: str
+) -> None:
+    files = record(tmp_path, varied(np.random.default_rng(3), 5))
+    assert tjscan("calibrate", *files, *options, "--out", tmp_path / "run") == 2
+    assert said in " ".join(capsys.readouterr().err.split())

@@ -63,10 +63,14 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
     noise = _noise(options)
     words = target_words(options, len(options.lines))
     recordings = []
-    for lines, poses, word in zip(options.lines, options.poses, words, strict=True):
+    kinds = [word.partition("=")[0] for word in words]
+    for k, (lines, poses, word) in enumerate(zip(options.lines, options.poses, words, strict=True)):
         shots = _shots(options, lines, poses)
         if len(words) > 1:
-            shots = [replace(shot, name=f"{lines.stem} {shot.name}") for shot in shots]
+            which = kinds[k]
+            if kinds.count(which) > 1:
+                which += f" {kinds[: k + 1].count(which)},"
+            shots = [replace(shot, name=f"{which} {shot.name}") for shot in shots]
         recordings.append(TargetRecording(shots, read_target(word, shots, noise)))
     arm = None if options.arm_model is None else Kinematics.load(options.arm_model)
     if arm is not None:
