@@ -103,3 +103,23 @@ def test_without_shared_causes_the_budget_is_of_reading_arm_and_places_alone() -
             stitched.sections, stitched.budget.corner_covariances, strict=True
         )
     )
+
+
+def test_causes_of_other_names_are_not_shared() -> None:
+    """Two devices err each by itself: less alike than one that errs the same at both stations."""
+    covariance = np.diag(np.repeat((3e-5, 5e-5), 3) ** 2)
+
+    def stitched(names: tuple[str, str]) -> StitchedGroove:
+        stations = []
+        for station, name in zip(two(), names, strict=True):
+            cause = hand_eye_cause(station.sections, T_F_S, covariance, "stated")
+            stations.append(replace(station, causes=(replace(cause, name=name),)))
+        return stitch_stations(stations, SMALL)
+
+    same, apart = stitched(("hand", "hand")), stitched(("hand 1", "hand 2"))
+    assert len(apart.budget.components) == len(same.budget.components) + 1
+    first = [k for k, one in enumerate(apart.sections) if one.station == "left"]
+    second = [k for k, one in enumerate(apart.sections) if one.station == "right"]
+    pair = (first[3], 2), (second[3], 2)
+    alike, unlike = (one.budget.covariance_between(*pair) for one in (same, apart))
+    assert np.linalg.norm(alike - unlike) > 0.1 * np.linalg.norm(alike)

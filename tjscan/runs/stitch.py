@@ -71,6 +71,8 @@ class StationRun:
         The joint that its job names, for the comparison alone.
     left_out : tuple of str
         What may err by an amount that nobody states.
+    devices : tuple of str
+        Arm, laser and how the one sits on the other: stations with the same share their errors.
     """
 
     directory: Path
@@ -78,6 +80,7 @@ class StationRun:
     summary: ScanSummary
     joint: JointDefinition | None
     left_out: tuple[str, ...] = ()
+    devices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +132,9 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = [read_station_run(run) for run in station_directories(runs)]
+    read = with_errors_of_devices_apart(
+        [read_station_run(run) for run in station_directories(runs)]
+    )
     _check_names(read)
     try:
         stitched = stitch_stations([one.station for one in read], settings)
@@ -143,6 +148,19 @@ def stitch_run_directories(
     done = _write(directory, read, stitched)
     finished(directory)
     return done
+
+
+def with_errors_of_devices_apart(read: Sequence[StationRun]) -> list[StationRun]:
+    """Stations of different devices, their shared errors named apart: they share none of them."""
+    kinds = list(dict.fromkeys(one.devices for one in read))
+    if len(kinds) < 2:
+        return list(read)
+    apart = []
+    for one in read:
+        which = f", devices {kinds.index(one.devices) + 1}"
+        causes = tuple(replace(cause, name=cause.name + which) for cause in one.station.causes)
+        apart.append(replace(one, station=replace(one.station, causes=causes)))
+    return apart
 
 
 def _check_names(read: Sequence[StationRun]) -> None:
@@ -194,7 +212,12 @@ def read_station_run(directory: Path) -> StationRun:
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
     return StationRun(
-        directory, replace(station, causes=causes.shared), summary, joint, causes.left_out
+        directory,
+        replace(station, causes=causes.shared),
+        summary,
+        joint,
+        causes.left_out,
+        (job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())),
     )
 
 
