@@ -17,7 +17,7 @@ from tjscan.runs.chain.run import ChainOutcome, run_chain
 from tjscan.runs.chain.settings import read_chain
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "paper-chain.toml"
-CHAINS: Final = {"quick": 2, "full": 30}
+CHAINS: Final = {"quick": 1, "full": 30}
 ARMS: Final = 30
 
 

@@ -28,7 +28,7 @@ def chain(
     json
         Print the table as JSON on stdout.
     """
-    from tjscan.cli.chain_output import print_sources
+    from tjscan.cli.chain_output import one_line, print_sources
     from tjscan.cli.console import print_message
     from tjscan.runs.chain.settings import read_chain
     from tjscan.runs.chain.sources import run_sources
@@ -36,5 +36,8 @@ def chain(
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)
-    rows = run_sources(read, directory, arm=arm, begin=print_message, alone=sources)
-    print_sources(list(rows), json=json)
+    rows = []
+    for row in run_sources(read, directory, arm=arm, begin=print_message, alone=sources):
+        rows.append(row)
+        print_message(one_line(row))
+    print_sources(rows, json=json)

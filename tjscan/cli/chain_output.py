@@ -36,6 +36,16 @@ def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
         print(json_library.dumps([_values(row) for row in rows], indent=2))
 
 
+def one_line(row: SourceRow) -> str:
+    """What one source leaves, in a line, as soon as it is known."""
+    if row.outcome is None:
+        return "  refused"
+    return (
+        f"  corners {1e3 * row.outcome.corners_mean:.3f} mm off in the mean, "
+        f"{1e3 * row.outcome.corners_p95:.3f} mm at the 95th percentile"
+    )
+
+
 def _cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
