@@ -119,6 +119,12 @@ def test_options_that_are_none_are_refused(tokens: list[str]) -> None:
         parse_overrides(tokens)
 
 
+@pytest.mark.parametrize("text", ['[{"kind": "jam", "at_s": 2}]', "[1, 2", '{"x": 1}'])
+def test_a_list_or_table_not_written_as_toml_is_refused_with_how_it_is(text: str) -> None:
+    with pytest.raises(ConfigurationError, match=r'--a\.b .* TOML .*\[\{key = "word"\}\]'):
+        parse_overrides([f"--a.b={text}"])
+
+
 @pytest.mark.parametrize("key", ["scan.step_mm.x", "scan.step-mmm", "scann.step_mm"])
 def test_an_option_for_a_key_that_is_none_is_refused(tmp_path: Path, key: str) -> None:
     with pytest.raises(ConfigurationError):

@@ -18,7 +18,8 @@ def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        If a token is no dotted option, or has no value.
+        If a token is no dotted option, has no value, or one that begins as a list or a table and is
+        none.
     """
     overrides: dict[str, Any] = {}
     rest = iter(tokens)
@@ -32,14 +33,19 @@ def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
         text = value if equals else next(rest, None)
         if text is None:
             raise ConfigurationError(f"option {option} needs a value")
-        key, found = option[2:].replace("-", "_"), _toml_value(text)
+        key, found = option[2:].replace("-", "_"), _toml_value(option, text)
         is_path = key.endswith((".file", ".recording")) and isinstance(found, str)
         overrides[key] = str(Path(found).absolute()) if is_path else found
     return overrides
 
 
-def _toml_value(text: str) -> Any:
+def _toml_value(option: str, text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):  # a bare word, or what TOML can't hold
-        return text
+    except (ValueError, RecursionError) as error:
+        if text.lstrip().startswith(("[", "{")):
+            raise ConfigurationError(
+                f"option {option} has no value as TOML writes it, for instance [1, 2], or "
+                f'[{{key = "word"}}] with an equals sign after each key: {error} (found {text!r})'
+            ) from None
+        return text  # a bare word
