@@ -68,3 +68,33 @@ def test_what_cannot_be_is_refused_and_named(fault: object, why: str) -> None:
     assert found[-1].refused == why
     assert found[-1].age > 1.0
     assert found[-1].pose[0] == pytest.approx(truth[-1], abs=15e-3)
+
+
+def scattered(sigma: float, rng: np.random.Generator, slip: float = 1.0) -> object:
+    return lambda k, x: VehiclePose(
+        k * PERIOD,
+        slip * x + sigma * rng.standard_normal(),
+        sigma * rng.standard_normal(),
+        6 * sigma * rng.standard_normal(),
+    )
+
+
+def test_poses_that_scatter_more_than_stated_count_for_less() -> None:
+    one, rng = make_filter(0.5e-3), np.random.default_rng(2)
+    found, truth = drive(one, 600, scattered(3e-3, rng))
+    off = np.array([one.pose[0] for one in found])[100:] - truth[100:]
+    assert one.scatter[0] == pytest.approx(3e-3, rel=0.4)
+    assert np.sqrt(np.mean(off**2)) < 1e-3
+
+
+def test_poses_that_scatter_as_stated_count_for_what_is_stated_though_wheels_slip() -> None:
+    one = make_filter(0.5e-3)
+    drive(one, 300, scattered(0.5e-3, np.random.default_rng(3), slip=0.5))
+    assert one.scatter[0] == pytest.approx(0.5e-3, rel=0.4)
+
+
+def test_scatter_that_ends_is_forgotten() -> None:
+    one, rng = make_filter(0.5e-3), np.random.default_rng(4)
+    drive(one, 200, scattered(3e-3, rng))
+    drive(one, 100, scattered(0.2e-3, rng), start=200)
+    assert one.scatter[0] == 0.5e-3

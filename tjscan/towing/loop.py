@@ -322,7 +322,7 @@ class CableTow:
             fault = isinstance(state, VehicleFault) or bool(state.fault)
             pose = estimate.poses[v]
             asked = PERIOD * velocity_from_twist(self._asked[v], pose[2])[:2]
-            if check.update(now, pose, asked, fault=fault):
+            if check.update(now, pose, asked, sigma=estimate.sigmas[v, 0], fault=fault):
                 stopped.append(v)
                 if v not in self._doubted and not isinstance(state, VehicleLinkLost):
                     why = _fault_of(state) or "it is told to drive, and does not move"

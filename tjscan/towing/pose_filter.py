@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import hypot, inf, isfinite
+from math import hypot, inf, isfinite, sqrt
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.robust import MAD_TO_SIGMA
 from tjscan.towing.following import velocity_from_twist, wrap_angle
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
@@ -25,6 +26,9 @@ SIGMAS: Final = 5.0
 
 REMEMBERED: Final = 20
 """Cycles that are kept, so that a late pose meets the estimate of its own time."""
+
+SCATTER_FROM: Final = 30
+"""Poses from whose differences their scatter is found."""
 
 SAME_POSES: Final = 10
 """Poses equal in every digit, while the vehicle drives, that show a frozen measurement."""
@@ -60,10 +64,16 @@ class VehiclePoseFilter:
     driven at top speed since the last one that was taken, and five standard deviations, is
     refused. So is one that is older than the last, and one that never changes on the way.
 
+    Measured poses count for as much as they are stated to, and for less where they are seen to
+    scatter more. How much is read off the second differences of measured poses less odometry: the
+    autocovariances of what is measured tell its noise from what drives the state (Mehra, On the
+    identification of variances and adaptive Kalman filtering, 1970), and neither a push nor wheels
+    that slip all the time add to the median of these differences.
+
     Parameters
     ----------
     position_sigma, heading_sigma : float
-        Of measured poses, metres and radians.
+        Of measured poses, metres and radians, at least.
     top_speed : float
         Of the vehicle, m/s.
     top_turn_rate : float
@@ -81,7 +91,11 @@ class VehiclePoseFilter:
         top_turn_rate: float,
         longest_gap: float,
     ) -> None:
-        self._sigma = np.array((position_sigma, position_sigma, heading_sigma))
+        self._stated = np.array((position_sigma, position_sigma, heading_sigma))
+        self._sigma = self._stated
+        self._taken_before: tuple[float, Array] | None = None
+        self._step: Array | None = None
+        self._bends: deque[Array] = deque(maxlen=SCATTER_FROM)
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = longest_gap
         self._pose: Array | None = None
@@ -98,11 +112,17 @@ class VehiclePoseFilter:
         """Whether a pose was ever taken."""
         return self._pose is not None
 
+    @property
+    def scatter(self) -> Array:
+        """Standard deviation that measured poses count with, metres and radians, shape (3,)."""
+        return readonly_copy(self._sigma)
+
     def begin_at(self, pose: Array, time: float) -> None:
         """Begin with a pose that is known, at a time in seconds."""
         self._pose, self._variance = np.array(pose, dtype=float), np.square(self._sigma)
         self._taken, self._refused, self._denied = time, "", None
         self._equal, self._way, self._last = 0, 0.0, ()
+        self._taken_before = self._step = None
         self._trail.clear()
         self._trail.append((time, self._pose.copy()))
 
@@ -183,6 +203,7 @@ class VehiclePoseFilter:
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
             self._refused, self._denied = "jumped", self._pose + off
             return
+        self._learn_scatter(found, measured.time)
         gain = self._variance / (self._variance + self._sigma**2)
         if (np.abs(off) > spread).any():  # within reach but not as odometry has it: it slipped
             gain = np.ones(3)
@@ -190,6 +211,22 @@ class VehiclePoseFilter:
         self._variance = np.maximum(1 - gain, 0) * self._variance + (gain == 1) * self._sigma**2
         self._trail = deque(((t, p + gain * off) for t, p in self._trail), maxlen=REMEMBERED)
         self._taken, self._refused, self._denied = time, "", None
+
+    def _learn_scatter(self, found: Array, time: float) -> None:
+        """Take the poses' scatter from how they bend away from the odometry."""
+        before, self._taken_before = self._taken_before, (time, found)
+        if before is None:
+            return
+        step = found - before[1] - (self._moved_since(before[0]) - self._moved_since(time))
+        step[2] = wrap_angle(step[2])
+        if self._step is not None:
+            self._bends.append(step - self._step)
+        self._step = step
+        if len(self._bends) == SCATTER_FROM:
+            # Weights 1, -2 and 1 of three independent poses.
+            sigma = np.median(np.abs(self._bends), axis=0) * MAD_TO_SIGMA / sqrt(6)
+            place = hypot(sigma[0], sigma[1]) / sqrt(2)
+            self._sigma = np.maximum(self._stated, (place, place, sigma[2]))
 
     def _moved_since(self, time: float) -> Array:
         """Way from a time until now, shape (3,)."""
