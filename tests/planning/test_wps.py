@@ -1,0 +1,72 @@
+"""The WPS file: the user's windows, every key with its unit, nothing by default."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tomli_w import dumps
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.job.wps import read_wps
+
+EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
+
+
+def written(tmp_path: Path, key: str, value: object) -> Path:
+    """The example with one key replaced; None takes it out."""
+    data = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
+    *tables, last = key.split(".")
+    table = data
+    for name in tables:
+        table = table[name]
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    file = tmp_path / "wps.toml"
+    file.write_text(dumps(data), encoding="utf-8")
+    return file
+
+
+def test_the_example_says_that_it_is_made_up_and_is_in_si_units_inside() -> None:
+    assert "MADE-UP" in EXAMPLE.read_text(encoding="utf-8").splitlines()[0]
+    wps = read_wps(EXAMPLE)
+    assert wps.arc.wire_feed == pytest.approx((0.1, 1 / 6))
+    assert wps.arc.travel_speed == pytest.approx((4e-3, 7e-3))
+    assert wps.bead.fill_area == pytest.approx((15e-6, 45e-6))
+
+
+def test_a_bead_is_what_the_wire_brings_in() -> None:
+    """1.2 mm wire at 9 m/min, 95 %, 300 mm/min: 32.2 mm², and 28 V, 250 A give 1.12 kJ/mm."""
+    wps = read_wps(EXAMPLE)
+    rate = float(wps.deposition_rate(np.array(9 / 60)))
+    assert 1e6 * rate / 5e-3 == pytest.approx(32.2, abs=0.05)
+    # Between the rows of 8 and 10 m/min: 250 A and 27.75 V.
+    heat = float(wps.heat_input(np.array(9 / 60), np.array(5e-3)))
+    assert heat == pytest.approx(0.8 * 250 * 27.75 / 5e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("arc.travel_speed_mm_min", [420.0, 240.0], "empty window"),
+        ("bead.layer_height_mm", [3.0, 3.0], "empty window"),
+        ("bead.root_area_mm2", [-1.0, 3.0], "greater than 0"),
+        ("arc.power", [[6.0, 190.0, 24.0], [6.0, 200.0, 25.0]], "must grow"),
+        ("arc.power", [[7.0, 190.0, 24.0], [10.0, 200.0, 25.0]], "from end to end"),
+        ("wire.deposition_efficiency", 95.0, "less than or equal to 1"),
+        ("wire.diametre_mm", 1.2, "did you mean: diameter_mm"),
+        ("arc.thermal_efficiency", None, "required"),
+        ("sequence.positions", ["PZ"], "none of"),
+        ("sequence.ends", "round", "none of"),
+    ],
+)
+def test_a_wps_that_can_t_be_is_refused_with_its_key(
+    key: str, value: object, says: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigurationError, match=says) as error:
+        read_wps(written(tmp_path, key, value))
+    assert error.value.file is not None
+    assert error.value.key is not None
+    assert error.value.key.startswith(key if "grow" in says or value is None else key.split(".")[0])

@@ -1,0 +1,107 @@
+"""A bead of the plan: its path, how the torch is held, speed, heat, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tjscan.core.frames import Array, readonly_copy
+
+_ARRAYS = ("s", "T_r_torch", "speed", "area", "heat", "slope", "rotation", "relative_sigma")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedBead:
+    """A bead, sampled at q points in the order in which it is welded.
+
+    Parameters
+    ----------
+    number : int
+        In the order of welding, from 1.
+    zone, layer, place : int
+        Length of groove with one arrangement, layer from the root, and place in it from the
+        bevel; from 1.
+    kind : str
+        root, fill or cap.
+    feed : float
+        Wire feed, m/s.
+    power : float
+        Of the arc, watts.
+    s : ndarray, shape (q,)
+        Length along the groove, metres; beyond the groove's own where a bead overlaps its start.
+    T_r_torch : ndarray, shape (q, 4, 4)
+        Tip of the wire in the frame of the sections: z into the work, x the way it travels.
+    speed : ndarray, shape (q,)
+        Of the tip, m/s.
+    area : ndarray, shape (q,)
+        Laid down a metre of the tip's path, m².
+    heat : ndarray, shape (q,)
+        Heat input, J/m.
+    slope, rotation : ndarray, shape (q,)
+        Radians, see `tjscan.planning.torch.slope_and_rotation`.
+    positions : tuple of str
+        Welding position at each point.
+    relative_sigma : ndarray, shape (q,)
+        Standard deviation of the section's area, and so of speed and fill, as a share of it.
+    """
+
+    number: int
+    zone: int
+    layer: int
+    place: int
+    kind: str
+    feed: float
+    power: float
+    s: Array
+    T_r_torch: Array
+    speed: Array
+    area: Array
+    heat: Array
+    slope: Array
+    rotation: Array
+    positions: tuple[str, ...]
+    relative_sigma: Array
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    def numbered(self, number: int, zone: int) -> PlannedBead:
+        """The same bead with its number in the order of welding and that of its zone, from 1."""
+        return replace(self, number=number, zone=zone)
+
+    @property
+    def points(self) -> Array:
+        """Where the wire's tip goes, shape (q, 3), metres."""
+        return np.asarray(self.T_r_torch[:, :3, 3])
+
+    @property
+    def path_steps(self) -> Array:
+        """Lengths from point to point, shape (q - 1,), metres."""
+        return np.asarray(np.linalg.norm(np.diff(self.points, axis=0), axis=1))
+
+    @property
+    def length(self) -> float:
+        """Of its path, metres."""
+        return float(self.path_steps.sum())
+
+    @property
+    def arc_time(self) -> float:
+        """Seconds with the arc on."""
+        pace = 1 / self.speed
+        return float(np.sum(self.path_steps * 0.5 * (pace[1:] + pace[:-1])))
+
+    @property
+    def volume(self) -> float:
+        """Laid down, m³."""
+        return float(np.sum(self.path_steps * 0.5 * (self.area[1:] + self.area[:-1])))
+
+    @property
+    def fill_sigma(self) -> float:
+        """Standard deviation of what it should have laid down, as a share of that.
+
+        Sections are taken to err alike, which is the worst they can do.
+        """
+        weights = self.area * np.abs(np.gradient(self.s))
+        return float(np.sum(weights * self.relative_sigma) / np.sum(weights))

@@ -1,0 +1,164 @@
+"""``plan.json``: a plan in numbers, after a schema."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
+from tjscan.core.units import MM, MM2
+from tjscan.planning.plan import WeldPlan
+from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
+
+Range = Annotated[tuple[float, float], Field(strict=False, description="least and most")]
+
+DIGITS: Final = 6
+"""Significant ones of the numbers written."""
+
+
+class ZoneEntry(StrictFileModel):
+    """A length of groove with one number of beads."""
+
+    begin_mm: float
+    end_mm: float
+    beads_in_layers: Annotated[tuple[int, ...], Field(strict=False)]
+
+
+class BeadEntry(StrictFileModel):
+    """A bead; its points stand in ``beads.csv``."""
+
+    number: int
+    zone: int
+    layer: int
+    place: Annotated[int, Field(description="in its layer, from the bevel")]
+    kind: str
+    begin_mm: Annotated[float, Field(description="length along the groove where it starts")]
+    end_mm: float
+    length_mm: Annotated[float, Field(description="of the tip's path")]
+    feed_m_min: float
+    speed_mm_min: Range
+    area_mm2: Range
+    heat_kJ_mm: Range  # noqa: N815
+    positions: Annotated[tuple[str, ...], Field(strict=False, description="after ISO 6947")]
+    arc_time_s: float
+    volume_mm3: float
+    fill_sigma: Annotated[
+        float, Field(description="standard deviation of what is missing, as a share of the volume")
+    ]
+
+
+class FindingEntry(StrictFileModel):
+    """What of a bead is out of the WPS."""
+
+    key: str
+    bead: int
+    begin_mm: float
+    end_mm: float
+    share: Annotated[float, Field(description="of the bead's points")]
+    text: str
+
+
+class PlanDocument(StrictFileModel):
+    """A weld plan: what was computed, never that it complies with anything."""
+
+    schema_name: Literal["tjscan.plan"] = "tjscan.plan"
+    version: Literal[1] = 1
+    run: str
+    wps: Annotated[str, Field(description="name of the WPS, and its SHA-256")]
+    provenance: Provenance
+    gravity: Annotated[tuple[float, float, float], Field(strict=False)]
+    closed: bool
+    groove_mm: float
+    arc_time_s: float
+    volume_mm3: float
+    wire_m: float
+    wire_kg: float
+    gas_l: float
+    stick_out_mm: float
+    interpass_temperature_C: float  # noqa: N815
+    zones: Annotated[tuple[ZoneEntry, ...], Field(strict=False)]
+    beads: Annotated[tuple[BeadEntry, ...], Field(strict=False)]
+    out_of_wps: Annotated[tuple[FindingEntry, ...], Field(strict=False)]
+
+
+def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) -> PlanDocument:
+    """Build the document of a plan.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        The plan.
+    provenance : Provenance
+        Of the file.
+    run : str
+        Name of the run directory.
+    wps : str
+        Name of the WPS, and its SHA-256.
+    """
+    x, y, z = plan.gravity.tolist()
+    return PlanDocument(
+        run=run,
+        wps=wps,
+        provenance=provenance,
+        gravity=(x, y, z),
+        closed=plan.edges.closed,
+        groove_mm=_short(plan.edges.length, MM.factor),
+        arc_time_s=_short(plan.arc_time),
+        volume_mm3=_short(plan.volume, 1e-9),
+        wire_m=_short(plan.wire_length),
+        wire_kg=_short(plan.wire_mass),
+        gas_l=_short(plan.gas_volume, 1e-3),
+        stick_out_mm=_short(plan.wps.torch.stick_out, MM.factor),
+        interpass_temperature_C=plan.wps.sequence.interpass_temperature,
+        zones=tuple(
+            ZoneEntry(
+                begin_mm=_short(zone.begin, MM.factor),
+                end_mm=_short(zone.end, MM.factor),
+                beads_in_layers=zone.arrangement.counts,
+            )
+            for zone in plan.zones
+        ),
+        beads=tuple(
+            BeadEntry(
+                number=bead.number,
+                zone=bead.zone,
+                layer=bead.layer,
+                place=bead.place,
+                kind=bead.kind,
+                begin_mm=_short(bead.s[0], MM.factor),
+                end_mm=_short(bead.s[-1], MM.factor),
+                length_mm=_short(bead.length, MM.factor),
+                feed_m_min=_short(bead.feed, M_MIN.factor),
+                speed_mm_min=_range(bead.speed, MM_MIN.factor),
+                area_mm2=_range(bead.area, MM2.factor),
+                heat_kJ_mm=_range(bead.heat, KJ_MM.factor),
+                positions=tuple(sorted(set(bead.positions))),
+                arc_time_s=_short(bead.arc_time),
+                volume_mm3=_short(bead.volume, 1e-9),
+                fill_sigma=_short(bead.fill_sigma),
+            )
+            for bead in plan.beads
+        ),
+        out_of_wps=tuple(
+            FindingEntry(
+                key=one.key,
+                bead=one.bead,
+                begin_mm=_short(one.begin, MM.factor),
+                end_mm=_short(one.end, MM.factor),
+                share=_short(one.share),
+                text=one.text,
+            )
+            for one in plan.findings
+        ),
+    )
+
+
+def _range(values: Array, unit: float) -> tuple[float, float]:
+    return _short(float(values.min()), unit), _short(float(values.max()), unit)
+
+
+def _short(value: float, unit: float = 1.0) -> float:
+    return float(f"{value / unit:.{DIGITS}g}")

@@ -1,0 +1,164 @@
+"""Lay the beads of a layer along the groove."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.planning.bead import PlannedBead
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.path import (
+    CHORD_ERROR,
+    KINK,
+    LONGEST,
+    GrooveStations,
+    aim_points,
+    centroids,
+    chord_error_and_kink,
+    stations_at,
+    template_at,
+)
+from tjscan.planning.template import BeadCells
+from tjscan.planning.topology import Arrangement
+from tjscan.planning.torch import (
+    free_angle_middles,
+    laying_order,
+    position_names,
+    slope_and_rotation,
+    torch_rotations,
+)
+from tjscan.planning.wps import WeldingProcedure
+
+FINER: Final = 0.8
+"""What a step that is too long is multiplied by."""
+
+
+def sampling_step(
+    edges: GrooveEdges,
+    begin: float,
+    end: float,
+    arrangement: Arrangement,
+    wps: WeldingProcedure,
+) -> float:
+    """Find the step at which all beads keep within the chord error and the kink allowed.
+
+    Parameters
+    ----------
+    edges : GrooveEdges
+        The groove.
+    begin, end : float
+        Where the beads go, metres.
+    arrangement : Arrangement
+        Of the beads.
+    wps : WeldingProcedure
+        For the height of the cap.
+
+    Returns
+    -------
+    float
+        Metres along the groove.
+    """
+    step = LONGEST
+    while True:
+        count = ceil((end - begin) / step)
+        stations, cells = _cut(edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps)
+        points = stations.to_space(aim_points(cells))
+        error, kink = chord_error_and_kink(points[::2], points[1::2])
+        if error <= CHORD_ERROR and kink <= KINK:
+            return step
+        step *= FINER
+
+
+def lay_layer(
+    edges: GrooveEdges,
+    arrangement: Arrangement,
+    layer: int,
+    span: tuple[float, float],
+    step: float,
+    wps: WeldingProcedure,
+    gravity: Array,
+) -> tuple[PlannedBead, ...]:
+    """Lay the beads of one layer, in the order of welding.
+
+    A bead of cross-section a, whose centre moves by dc along the groove, fills a (dc · t), t being
+    the groove's direction; the wire's tip goes another way by dp meanwhile. What is laid down a
+    metre of the tip's path is the ratio of both, and the speed is the deposition rate divided by
+    that.
+
+    Parameters
+    ----------
+    edges : GrooveEdges
+        The groove.
+    arrangement : Arrangement
+        Of its beads.
+    layer : int
+        Number of the layer, from 0.
+    span : tuple of float
+        From where to where along the groove, metres.
+    step : float
+        Between two points along the groove, at most; metres.
+    wps : WeldingProcedure
+        Windows and values.
+    gravity : ndarray, shape (3,)
+        Unit vector downwards.
+    """
+    s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
+    stations, cells = _cut(edges, s, arrangement, wps)
+    aims, centres = stations.to_space(aim_points(cells)), stations.to_space(centroids(cells))
+    along = np.gradient(aims, s, axis=0, edge_order=2)
+    pace = np.linalg.norm(along, axis=2)
+    filled = np.sum(
+        np.gradient(centres, s, axis=0, edge_order=2) * stations.tangent[:, None], axis=2
+    )
+    middles = free_angle_middles(cells, layer) - wps.torch.work_angle
+    outward = stations.vectors_to_space(np.stack((np.sin(middles), np.cos(middles)), axis=2))
+    sigma = edges.relative_area_sigma(s)
+    first = sum(arrangement.counts[:layer])
+    found = []
+    for place in laying_order(arrangement.counts[layer], layer):
+        j = first + place
+        kind = arrangement.kinds[j]
+        area = cells.areas[:, j] * filled[:, j] / pace[:, j]
+        travel = along[:, j] / pace[:, j, None]
+        if wps.sequence.reverse:
+            travel = -travel
+        slope, rotation = slope_and_rotation(outward[:, place], travel, gravity)
+        speed = wps.deposition_rate(np.array(kind.feed)) / area
+        T = np.tile(np.eye(4), (len(s), 1, 1))
+        T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)
+        T[:, :3, 3] = aims[:, j]
+        way = slice(None, None, -1 if wps.sequence.reverse else 1)
+        found.append(
+            PlannedBead(
+                number=0,
+                zone=0,
+                layer=layer + 1,
+                place=place + 1,
+                kind=arrangement.kind_names[j],
+                feed=kind.feed,
+                power=float(wps.arc.power_at(np.array(kind.feed))),
+                s=s[way],
+                T_r_torch=T[way],
+                speed=speed[way],
+                area=area[way],
+                heat=wps.heat_input(np.array(kind.feed), speed)[way],
+                slope=slope[way],
+                rotation=rotation[way],
+                positions=position_names(slope, rotation)[way],
+                relative_sigma=sigma[way],
+            )
+        )
+    return tuple(found)
+
+
+def _cut(
+    edges: GrooveEdges, s: Array, arrangement: Arrangement, wps: WeldingProcedure
+) -> tuple[GrooveStations, BeadCells]:
+    """Sections of the groove at lengths, cut into beads."""
+    stations = stations_at(edges, s)
+    template = template_at(stations, wps.bead.cap_height)
+    areas = template.area[:, None] * arrangement.shares
+    return stations, template.cut_into_beads(arrangement.counts, areas)

@@ -1,0 +1,314 @@
+"""How many beads in how many layers: one arrangement for a whole length of groove.
+
+Counting beads afresh in every section would let beads start and stop along the groove. So the
+count stays, each bead has a constant share of the section's area, and the travel speed follows the
+area, with a wire feed that is constant for each kind of bead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, floor
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.planning.template import SectionTemplate
+from tjscan.planning.wps import WeldingProcedure
+
+FEEDS: Final = 101
+"""Wire feeds that are tried, evenly over their window."""
+
+MOST_BEADS: Final = 400
+"""More in one section are no weld of a tubular joint."""
+
+ROUNDING: Final = 1e-9
+"""Share of a limit by which a number may pass it: all are computed, none is measured."""
+
+KINDS: Final = ("root", "fill", "cap")
+
+Window = tuple[float, float]
+
+
+class DoesNotFit(Exception):
+    """No arrangement fits some sections.
+
+    Parameters
+    ----------
+    key : str
+        Of the WPS that stands in the way.
+    reason : str
+        In a sentence.
+    """
+
+    def __init__(self, key: str, reason: str) -> None:
+        self.key, self.reason = key, reason
+        super().__init__(f"{key}: {reason}")
+
+    def as_error(self, where: str) -> ConfigurationError:
+        """The error that says where along the groove this is so."""
+        return ConfigurationError(f"{where}: {self.reason}", key=self.key)
+
+
+@dataclass(frozen=True, slots=True)
+class BeadKind:
+    """What beads of one kind (root, fill or cap) have in common.
+
+    Parameters
+    ----------
+    share : float
+        Of a bead in the section's area, reinforcement included.
+    feed : float
+        Wire feed, m/s.
+    heat_fits : bool
+        Whether the heat input stays in its window everywhere.
+    """
+
+    share: float
+    feed: float
+    heat_fits: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """Layers, beads, and how each kind of bead is welded.
+
+    Parameters
+    ----------
+    counts : tuple of int
+        Beads in each layer, from the root on.
+    root, fill, cap : BeadKind
+        Of the first layer, those between, and the last.
+    """
+
+    counts: tuple[int, ...]
+    root: BeadKind
+    fill: BeadKind
+    cap: BeadKind
+
+    @property
+    def kinds(self) -> tuple[BeadKind, ...]:
+        """Kind of every bead, layer by layer, from the bevel to the leg."""
+        inner = sum(self.counts[1:-1])
+        return (self.root,) + (self.fill,) * inner + (self.cap,) * self.counts[-1]
+
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """Name of each bead's kind."""
+        return ("root",) + ("fill",) * sum(self.counts[1:-1]) + ("cap",) * self.counts[-1]
+
+    @property
+    def shares(self) -> Array:
+        """Share of each bead in the section's area, shape (n,); together one."""
+        return np.array([kind.share for kind in self.kinds])
+
+    @property
+    def feeds(self) -> Array:
+        """Wire feed of each bead, shape (n,), m/s."""
+        return np.array([kind.feed for kind in self.kinds])
+
+
+def arrange_beads(template: SectionTemplate, wps: WeldingProcedure) -> Arrangement:
+    """Choose layers, beads and wire feeds that fit all of some sections.
+
+    Of those that fit, the one that takes least time with the arc on; then the one with the fewest
+    beads, then the fewest layers. Where the heat input fits nowhere, the rest still does.
+
+    Parameters
+    ----------
+    template : SectionTemplate
+        Sections square to the groove.
+    wps : WeldingProcedure
+        The windows.
+
+    Raises
+    ------
+    DoesNotFit
+        If no number of beads fits.
+    """
+    area = template.area
+    smallest, largest = float(area.min()), float(area.max())
+    beads = wps.bead
+    low = min(beads.root_area[0], beads.fill_area[0], beads.cap_area[0])
+    high = max(beads.root_area[1], beads.fill_area[1], beads.cap_area[1])
+    first, last = max(3, ceil(largest / high - 1e-9)), min(MOST_BEADS, floor(smallest / low + 1e-9))
+    if first > last:
+        raise DoesNotFit(
+            "bead.fill_area_mm2",
+            f"no number of beads fits: {1e6 * smallest:.1f} to {1e6 * largest:.1f} mm² of groove "
+            f"take {first} beads of {1e6 * high:g} mm² or more, and at most {last} of "
+            f"{1e6 * low:g} mm²",
+        )
+    layers, widths = _layers(template, wps), _widths(template)
+    found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
+    fastest = 1 / float(wps.deposition_rate(np.array(wps.arc.wire_feed[1])))
+    problems: list[DoesNotFit] = []
+    for n in range(first, last + 1):
+        for counts in _layer_counts(n, layers, widths):
+            try:
+                one = _arrange(template, area, wps, counts)
+            except DoesNotFit as problem:
+                problems.append(problem)
+                continue
+            heat = all(kind.heat_fits for kind in one.kinds)
+            time = float(np.sum(one.shares / wps.deposition_rate(one.feeds)))
+            found.append(((not heat, round(time / fastest, 9), n, len(counts)), one))
+        if any(rank[:2] == (False, 1.0) for rank, _ in found):
+            break  # no wire feed is higher, and more beads take no less time
+    if found:
+        return min(found, key=lambda item: item[0])[1]
+    if problems:
+        # The one that came nearest to a plan: what is checked last.
+        raise max(problems, key=lambda p: _CHECKED.index(p.key.split(".")[1].split("_area")[0]))
+    height = 1e3 * wps.bead.layer_height[0], 1e3 * wps.bead.layer_height[1]
+    raise DoesNotFit(
+        "bead.layer_height_mm",
+        f"no number of layers has heights of {height[0]:g} to {height[1]:g} mm",
+    )
+
+
+_CHECKED: Final = (
+    "cap_height_mm",
+    "root",
+    "cap",
+    "fill",
+    "layer_height_mm",
+    "wire_feed_m_min",
+    "travel_speed_mm_min",
+)
+
+
+def _layer_counts(n: int, layers: range, widths: tuple[float, float]) -> list[tuple[int, ...]]:
+    """Ways to lay n beads in layers: the root bead, then by the layers' width at even heights."""
+    root, top = widths
+    found = []
+    for count in layers:
+        at = (np.arange(1, count) + 0.5) / count
+        width = root + at * (top - root)
+        ideal = (n - 1) * width / width.sum()
+        counts = np.maximum(1, np.floor(ideal).astype(int))
+        for k in np.argsort(-(ideal - counts), kind="stable")[: max(0, n - 1 - counts.sum())]:
+            counts[k] += 1
+        if counts.sum() == n - 1:
+            found.append((1, *counts.tolist()))
+    return found
+
+
+def _layers(template: SectionTemplate, wps: WeldingProcedure) -> range:
+    """Numbers of layers whose mean height is in its window."""
+    whole = template.layer_lines(np.empty((len(template.corners), 0)))
+    depth = template.layer_heights(whole)
+    lowest, highest = wps.bead.layer_height
+    fewest = max(2, ceil(float(depth.max()) / highest * (1 - ROUNDING)))
+    return range(fewest, floor(float(depth.min()) / lowest * (1 + ROUNDING)) + 1)
+
+
+def _widths(template: SectionTemplate) -> tuple[float, float]:
+    """Mean width of root and opening, metres."""
+    root = np.linalg.norm(template.corners[:, 1] - template.corners[:, 0], axis=1)
+    return float(root.mean()), float(template.opening.mean())
+
+
+def _arrange(
+    template: SectionTemplate,
+    area: Array,
+    wps: WeldingProcedure,
+    counts: tuple[int, ...],
+) -> Arrangement:
+    shares = _shares(area, wps, counts)
+    kinds = [
+        BeadKind(share, *choose_wire_feed(name, share * area, wps))
+        for name, share in zip(KINDS, shares, strict=True)
+    ]
+    below = np.cumsum([shares[0], *(count * shares[1] for count in counts[1:-1])])
+    try:
+        lines = template.layer_lines(area[:, None] * below)
+    except ValueError as error:
+        raise DoesNotFit("bead.cap_height_mm", str(error)) from None
+    heights = template.layer_heights(lines)
+    least, most = float(heights.min()), float(heights.max())
+    low, high = wps.bead.layer_height
+    if least < low * (1 - ROUNDING) or most > high * (1 + ROUNDING):
+        raise DoesNotFit(
+            "bead.layer_height_mm",
+            f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
+            f"{1e3 * most:.2f} mm high",
+        )
+    return Arrangement(counts, *kinds)
+
+
+def _shares(
+    area: Array, wps: WeldingProcedure, counts: tuple[int, ...]
+) -> tuple[float, float, float]:
+    """Shares of a root, a fill and a cap bead: equal, unless their windows part them."""
+    n, capped = sum(counts), counts[-1]
+    inner = n - 1 - capped
+
+    def nearest(kind: str, window: Window, share: float) -> float:
+        lowest, highest = window[0] / float(area.min()), window[1] / float(area.max())
+        if lowest > highest * (1 + 1e-12):
+            raise DoesNotFit(
+                f"bead.{kind}_area_mm2",
+                f"the groove's area changes by {float(area.max() / area.min()):.2f} times, more "
+                f"than the window of a {kind} bead",
+            )
+        return min(max(share, lowest), highest)
+
+    root = nearest("root", wps.bead.root_area, 1 / n)
+    cap = nearest("cap", wps.bead.cap_area, (1 - root) / (n - 1))
+    if inner == 0:
+        rest = (1 - root) / capped
+        if abs(nearest("cap", wps.bead.cap_area, rest) - rest) > 1e-12:
+            raise DoesNotFit("bead.cap_area_mm2", f"{n} beads are too large or too small")
+        return root, rest, rest
+    fill = (1 - root - capped * cap) / inner
+    if fill <= 0 or abs(nearest("fill", wps.bead.fill_area, fill) - fill) > 1e-12:
+        raise DoesNotFit(
+            "bead.fill_area_mm2",
+            f"with {n} beads in {len(counts)} layers a fill bead has "
+            f"{1e6 * fill * float(area.min()):.1f} to {1e6 * fill * float(area.max()):.1f} mm²",
+        )
+    return root, fill, cap
+
+
+def choose_wire_feed(kind: str, area: Array, wps: WeldingProcedure) -> tuple[float, bool]:
+    """Choose the highest wire feed at which speed and heat input stay in their windows.
+
+    Parameters
+    ----------
+    kind : str
+        Of the bead, for messages.
+    area : ndarray, shape (m,)
+        Of the bead along the groove, m²: the speed is deposition rate / area.
+    wps : WeldingProcedure
+        The windows.
+
+    Returns
+    -------
+    float
+        m/s.
+    bool
+        Whether the heat input fits; where it does at no wire feed, the speed alone decides.
+
+    Raises
+    ------
+    DoesNotFit
+        If the speed fits at no wire feed.
+    """
+    arc, least, most = wps.arc, float(area.min()), float(area.max())
+    feeds = np.linspace(*arc.wire_feed, FEEDS)
+    rate = wps.deposition_rate(feeds)
+    slowest, fastest = rate / most, rate / least
+    can = (slowest >= arc.travel_speed[0]) & (fastest <= arc.travel_speed[1])
+    if not can.any():
+        low, high = (f"{60e3 * slowest[i]:.0f} to {60e3 * fastest[i]:.0f} mm/min" for i in (0, -1))
+        raise DoesNotFit(
+            "arc.travel_speed_mm_min",
+            f"a {kind} bead of {1e6 * least:.1f} to {1e6 * most:.1f} mm² needs {low} at the lowest "
+            f"wire feed and {high} at the highest",
+        )
+    warmest, coldest = wps.heat_input(feeds, slowest), wps.heat_input(feeds, fastest)
+    warm = can & (coldest >= arc.heat_input[0]) & (warmest <= arc.heat_input[1])
+    return float(feeds[warm if warm.any() else can].max()), bool(warm.any())

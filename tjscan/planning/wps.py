@@ -1,0 +1,211 @@
+"""The tables of a welding procedure specification (WPS): windows and values that the user states.
+
+Nothing here has a default: what may be welded, and how, is the user's to say. A plan states what it
+computed; it never says that it complies with anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from pydantic import AfterValidator
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.frames import Array
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
+from tjscan.core.units import SettingsTable as Table
+
+MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
+M_MIN: Final = FileUnit("m_min", 1 / 60)
+KJ_MM: Final = FileUnit("kJ_mm", 1e6)
+L_MIN: Final = FileUnit("l_min", 1e-3 / 60)
+KG_M3: Final = FileUnit("kg_m3")
+CELSIUS: Final = FileUnit("C")
+
+Position = Literal["PA", "PB", "PC", "PD", "PE", "PF", "PG"]
+"""Welding positions by the letters of ISO 6947."""
+
+
+def _window(limits: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a window that holds nothing."""
+    if limits[0] >= limits[1]:
+        raise ValueError("is an empty window: its second number must be larger than its first")
+    return limits
+
+
+def _power_table(rows: Any) -> Any:
+    """Refuse a table of the power source whose wire feed does not grow."""
+    if any(a[0] >= b[0] for a, b in pairwise(rows)):
+        raise ValueError("its wire feed, the first number of a row, must grow from row to row")
+    return rows
+
+
+_Positive = Annotated[float, Gt(0)]
+_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_window)]
+_Share = Annotated[float, Gt(0), Le(1)]
+_Tilt = Annotated[float, Ge(-60), Le(60)]
+_PowerRow = tuple[_Positive, _Positive, _Positive]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WireSettings(Table):
+    """Settings of the wire.
+
+    Parameters
+    ----------
+    diameter : float
+        Metres.
+    density : float
+        kg/m³, for the mass that is told.
+    deposition_efficiency : float
+        Share of the molten wire that ends in the weld.
+    """
+
+    diameter: Annotated[float, Gt(0), Le(10), MM]
+    density: Annotated[float, Gt(0), Le(30e3), KG_M3]
+    deposition_efficiency: _Share
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArcSettings(Table):
+    """Settings of the arc: what may be set, and what it gives.
+
+    Parameters
+    ----------
+    wire_feed, travel_speed : tuple of float
+        Windows, m/s.
+    power : tuple
+        Rows of wire feed (m/min, as in the file), current (A) and voltage (V); linear between.
+    thermal_efficiency : float
+        The factor k of the heat input k U I / v.
+    heat_input : tuple of float
+        Window of the heat input, J/m.
+    gas_flow : float
+        Shielding gas, m³/s.
+    """
+
+    wire_feed: Annotated[_Window, M_MIN]
+    travel_speed: Annotated[_Window, MM_MIN]
+    power: Annotated[
+        tuple[_PowerRow, ...],
+        MinLen(2),
+        MaxLen(100),
+        AfterValidator(_power_table),
+        LIST_OR_WORD_IN_FILE,
+    ]
+    thermal_efficiency: _Share
+    heat_input: Annotated[_Window, KJ_MM]
+    gas_flow: Annotated[float, Ge(0), L_MIN]
+
+    def __post_init__(self) -> None:
+        lowest, highest = self.power[0][0] * M_MIN.factor, self.power[-1][0] * M_MIN.factor
+        if self.wire_feed[0] < lowest * (1 - 1e-9) or self.wire_feed[1] > highest * (1 + 1e-9):
+            raise ValueError("power must reach from end to end of the window wire_feed_m_min")
+
+    def power_at(self, feed: Array) -> Array:
+        """Power of the arc in watts at wire feeds in m/s: current and voltage linear between."""
+        rows = np.array(self.power)
+        at = rows[:, 0] * M_MIN.factor
+        return np.asarray(np.interp(feed, at, rows[:, 1]) * np.interp(feed, at, rows[:, 2]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BeadSettings(Table):
+    """Settings of beads and layers.
+
+    Parameters
+    ----------
+    root_area, fill_area, cap_area : tuple of float
+        Windows of a bead's cross-section in the first, the inner and the last layer, m².
+    layer_height : tuple of float
+        Window of a layer's height in the middle of its width, metres.
+    cap_height : float
+        How far the middle of the weld stands above the line of the brace's wall, metres.
+    """
+
+    root_area: Annotated[_Window, MM2]
+    fill_area: Annotated[_Window, MM2]
+    cap_area: Annotated[_Window, MM2]
+    layer_height: Annotated[_Window, MM]
+    cap_height: Annotated[float, Ge(0), Le(20), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchSettings(Table):
+    """Settings of the torch.
+
+    Parameters
+    ----------
+    tcp : PoseSettings
+        Tip of the wire on the flange; its z points along the wire, into the work.
+    work_angle : float
+        From the middle of a bead's free angle towards the bevel, radians.
+    travel_angle : float
+        Lean in the direction of travel, radians; positive: the wire points forward (pushing).
+    stick_out : float
+        From the contact tip to the wire's tip, metres: printed, part of `tcp` already.
+    retract : float
+        How far the torch is drawn back along the wire between beads, metres.
+    """
+
+    tcp: PoseSettings
+    work_angle: Annotated[_Tilt, DEG]
+    travel_angle: Annotated[_Tilt, DEG]
+    stick_out: Annotated[float, Gt(0), Le(60), MM]
+    retract: Annotated[float, Gt(0), Le(500), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceSettings(Table):
+    """Settings of where beads start and stop, and in which position they may be welded.
+
+    Parameters
+    ----------
+    longest_step : float
+        Sections further apart than this are refused, as one is missing; metres.
+    start_spread : float
+        Between the starts of a layer and of the one below it, metres.
+    overlap : float
+        How far a bead goes on over its own start, or over the end of the zone before it, metres.
+    ends : str
+        Of a groove that does not close: ``square``, every layer from end to end, or ``cascade``,
+        every layer shorter than the one below by `start_spread` at both ends.
+    reverse : bool
+        Whether beads run against the order of the sections.
+    positions : tuple of str
+        Positions that may be welded in.
+    interpass_temperature : float
+        °C, printed.
+    """
+
+    longest_step: Annotated[float, Gt(0), Le(1000), MM]
+    start_spread: Annotated[float, Ge(0), Le(1000), MM]
+    overlap: Annotated[float, Ge(0), Le(200), MM]
+    ends: Literal["square", "cascade"]
+    reverse: bool
+    positions: Annotated[tuple[Position, ...], MinLen(1), LIST_OR_WORD_IN_FILE]
+    interpass_temperature: Annotated[float, CELSIUS]
+
+
+class WeldingProcedure(StrictFileModel):
+    """A welding procedure specification, as its file states it."""
+
+    name: str
+    wire: WireSettings
+    arc: ArcSettings
+    bead: BeadSettings
+    torch: TorchSettings
+    sequence: SequenceSettings
+
+    def deposition_rate(self, feed: Array) -> Array:
+        """Volume that wire feeds (m/s) deposit in a second, m³/s: π d²/4 · feed · efficiency."""
+        wire = self.wire
+        return np.asarray(0.25 * np.pi * wire.diameter**2 * feed * wire.deposition_efficiency)
+
+    def heat_input(self, feed: Array, speed: Array) -> Array:
+        """Heat input k U I / v in J/m, of wire feeds and travel speeds in m/s."""
+        return np.asarray(self.arc.thermal_efficiency * self.arc.power_at(feed) / speed)
