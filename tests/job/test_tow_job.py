@@ -25,6 +25,12 @@ def test_the_papers_job_is_read_in_metres_and_written_as_it_stood() -> None:
     assert validate_table(TowJob, table_to_dict(job)) == job
 
 
+def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
+    job = make_job(vehicles={"behind_welder_mm": 600})
+    assert job.held_links == (10, 21, 31, 42, 53, 59)
+    assert make_job(vehicles={"count": 2, "behind_welder_mm": 600}).held_links == (53, 59)
+
+
 @pytest.mark.parametrize(
     ("tables", "key", "says"),
     [
@@ -40,6 +46,13 @@ def test_the_papers_job_is_read_in_metres_and_written_as_it_stood() -> None:
         ({"vehicles": {"count": 20}}, "vehicles.count", "350 mm"),
         ({"vehicles": {"links": [19, 9, 29, 39, 49, 59]}}, "vehicles.links", "rise"),
         ({"vehicles": {"links": [9, 19, 29, 39, 49, 58]}}, "vehicles.links", "last link"),
+        (
+            {"vehicles": {"links": [9, 19, 29, 39, 49, 59], "behind_welder_mm": 600}},
+            "vehicles.behind_welder_mm",
+            "vehicles.links",
+        ),
+        ({"vehicles": {"behind_welder_mm": 5900}}, "vehicles.behind_welder_mm", "rise"),
+        ({"vehicles": {"behind_welder_mm": 300}}, "vehicles.behind_welder_mm", "350 mm"),
         ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
         ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
         ({"cable": {"lenght_mm": 6000}}, "cable.lenght_mm", "length_mm"),

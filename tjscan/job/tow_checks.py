@@ -153,6 +153,13 @@ def _check_held_links(job: TowJob) -> None:
     """
     held, last = job.held_links, job.cable.links - 1
     key = "vehicles.count" if job.vehicles.links is None else "vehicles.links"
+    if job.vehicles.behind_welder is not None:
+        key = "vehicles.behind_welder_mm"
+        if job.vehicles.links is not None:
+            raise ConfigurationError(
+                "vehicles.links say how long the piece behind the welder is: leave this key out",
+                key=key,
+            )
     if len(held) != job.vehicles.count:
         raise ConfigurationError(
             f"there are {job.vehicles.count} vehicles, and {len(held)} links to hold", key=key

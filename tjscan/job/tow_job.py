@@ -67,6 +67,8 @@ class VehiclesSettings(SettingsTable):
     links : tuple of int or None
         Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
         Equally spaced where left out.
+    behind_welder : float or None
+        Length of the piece of cable behind the welder, metres, where that is not as the others.
     radius : float
         Of a body seen from above, metres.
     speed : float
@@ -79,6 +81,7 @@ class VehiclesSettings(SettingsTable):
     driver: Literal["simulated", "mqtt"] = "simulated"
     count: Annotated[int, Ge(2), Le(20)] = 6
     links: Annotated[tuple[int, ...] | None, LIST_OR_WORD_IN_FILE] = None
+    behind_welder: Annotated[float | None, Gt(0), Le(1e5), MM] = None
     radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
     speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
     force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 49.0
@@ -112,7 +115,10 @@ class TowJob(StrictFileModel):
     @property
     def held_links(self) -> tuple[int, ...]:
         """Link that each vehicle holds, the welder's last."""
-        return self.vehicles.links or equal_links(self.cable.links, self.vehicles.count)
+        vehicles, cable = self.vehicles, self.cable
+        behind = vehicles.behind_welder
+        last = None if behind is None else max(1, round(behind / cable.link))
+        return vehicles.links or equal_links(cable.links, vehicles.count, last)
 
     @property
     def chain(self) -> Cable:

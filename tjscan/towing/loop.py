@@ -48,7 +48,7 @@ EASED: Final = 0.85
 LEAST_PACE: Final = 0.1
 """Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
-KNOWN: Final = 0.3e-3
+KNOWN: Final = 0.15e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
 
 LONGEST_LOOK: Final = 3.0

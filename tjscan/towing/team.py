@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 
-def equal_links(links: int, vehicles: int) -> tuple[int, ...]:
+def equal_links(links: int, vehicles: int, last: int | None = None) -> tuple[int, ...]:
     """Links that vehicles hold at equal spacing; the last is the welder's, at the tip.
 
     Parameters
@@ -15,7 +15,11 @@ def equal_links(links: int, vehicles: int) -> tuple[int, ...]:
         Of the cable.
     vehicles : int
         The welder among them.
+    last : int, optional
+        Links between the last towing vehicle and the welder; as many as others where left out.
     """
+    if last is not None:
+        return (*equal_links(links - last, vehicles - 1), links - 1)
     return tuple(round((m + 1) * links / vehicles) - 1 for m in range(vehicles))
 
 
