@@ -65,6 +65,9 @@ app.command(
 app.command(
     "tjscan.cli.export:export", name="export", help="Write a run's sections for another tool."
 )
+app.command(
+    "tjscan.cli.plan:plan", name="plan", help="Plan the beads of a measured groove after a WPS."
+)
 app.command("tjscan.cli.report:report", name="report", help="Write a run's report again.")
 app.command("tjscan.cli.joint:joint", name="joint", help="Build a joint's mesh and feature edges.")
 app.command(

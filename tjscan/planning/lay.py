@@ -64,7 +64,9 @@ def sampling_step(
     step = LONGEST
     while True:
         count = ceil((end - begin) / step)
-        stations, cells = _cut(edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps)
+        stations, cells = cut_groove(
+            edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps
+        )
         points = stations.to_space(aim_points(cells))
         error, kink = chord_error_and_kink(points[::2], points[1::2])
         if error <= CHORD_ERROR and kink <= KINK:
@@ -106,7 +108,7 @@ def lay_layer(
         Unit vector downwards.
     """
     s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
-    stations, cells = _cut(edges, s, arrangement, wps)
+    stations, cells = cut_groove(edges, s, arrangement, wps)
     aims, centres = stations.to_space(aim_points(cells)), stations.to_space(centroids(cells))
     along = np.gradient(aims, s, axis=0, edge_order=2)
     pace = np.linalg.norm(along, axis=2)
@@ -154,10 +156,10 @@ def lay_layer(
     return tuple(found)
 
 
-def _cut(
+def cut_groove(
     edges: GrooveEdges, s: Array, arrangement: Arrangement, wps: WeldingProcedure
 ) -> tuple[GrooveStations, BeadCells]:
-    """Sections of the groove at lengths, cut into beads."""
+    """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
     stations = stations_at(edges, s)
     template = template_at(stations, wps.bead.cap_height)
     areas = template.area[:, None] * arrangement.shares

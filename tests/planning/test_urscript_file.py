@@ -1,0 +1,80 @@
+"""The program for the arm, run on the loopback controller: path, speed, and the arc's output."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plates import half_v
+from ringed_grooves import edges_of
+from ur_cell import HOME, KINEMATICS
+
+from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.job.wps import read_wps
+from tjscan.planning.bead import PlannedBead
+from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.urscript import plan_to_urscript
+from tjscan.robot.loopback.controller import LoopbackController
+
+EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
+OUTPUT = 3
+HZ = 125.0
+OFF_PATH = 0.2e-3
+OFF_SPEED = 0.02
+ENDS = 10e-3
+"""Metres at either end of a bead where the arm gains speed and loses it."""
+
+
+def small_plan() -> WeldPlan:
+    """The first bead of a straight groove of 60 mm."""
+    flat = half_v()
+    corners = np.stack(
+        np.broadcast_arrays(np.linspace(0, 0.06, 8)[:, None], flat[:, 0], flat[:, 1]), axis=2
+    )
+    plan = plan_weld(edges_of(corners), read_wps(EXAMPLE), np.array((0.0, -1.0, 0.0)))
+    return replace(plan, beads=plan.beads[:1])
+
+
+def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
+    """Tip of the wire, shape (n, 3), and the output at every tick; and the bead's points."""
+    tcp = plan.wps.torch.tcp.T
+    bead: PlannedBead = plan.beads[0]
+    over = bead.T_r_torch[0] @ pose(p=(0.0, 0.0, -plan.wps.torch.retract))
+    T_b_r = KINEMATICS.forward(HOME) @ tcp @ inverse_pose(over)
+    told: list[str] = []
+    controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, tell=told.append)
+    controller.start_script(plan_to_urscript(plan, T_b_r, OUTPUT, arc=arc))
+    tips, outputs = [], []
+    for _ in range(int(60 * HZ)):
+        controller.advance_one_tick()
+        tips.append((KINEMATICS.forward(controller.q) @ tcp)[:3, 3])
+        outputs.append(bool(controller.digital_outputs >> OUTPUT & 1))
+        if told[-1] == "program stopped":
+            break
+    assert not [line for line in told if "failed" in line]
+    points = (T_b_r @ bead.T_r_torch)[:, :3, 3]
+    return np.array(tips), np.array(outputs), points
+
+
+def test_the_written_program_follows_the_bead_with_the_arc_on_on_it_alone() -> None:
+    plan = small_plan()
+    tips, on, points = run(plan, arc=True)
+    way = points[-1] - points[0]
+    length = float(np.linalg.norm(way))
+    along = (tips - points[0]) @ way / length
+    off = np.linalg.norm(tips - points[0] - along[:, None] * way / length, axis=1)
+    assert on.any()
+    assert off[on].max() <= OFF_PATH
+    assert along[on].min() == pytest.approx(0, abs=OFF_PATH)
+    assert along[on].max() == pytest.approx(length, abs=OFF_PATH)
+    speed = HZ * np.diff(along)
+    even = on[1:] & (along[1:] > ENDS) & (along[1:] < length - ENDS)
+    np.testing.assert_allclose(speed[even], plan.beads[0].speed.mean(), rtol=OFF_SPEED)
+    assert off[np.logical_not(on)].max() >= 0.5 * plan.wps.torch.retract
+
+
+def test_without_being_told_the_program_never_switches_the_arc_on() -> None:
+    plan = small_plan()
+    tips, on, points = run(plan, arc=False)
+    assert not on.any()
+    assert np.linalg.norm(tips - points[-1], axis=1).min() <= OFF_PATH

@@ -1,0 +1,90 @@
+"""``tjscan plan``: its files, exit codes and messages."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+
+from tjscan.planning.document import PlanDocument
+
+ROOT = Path(__file__).parent.parent.parent
+RUN = ROOT / "tests" / "data" / "run-0.1.0"
+WPS = ROOT / "examples" / "wps.toml"
+SCHEMA = ROOT / "docs" / "plan.schema.json"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    directory = tmp_path / "run"
+    shutil.copytree(RUN, directory)
+    return directory
+
+
+def planned(run: Path, *options: object, wps: Path = WPS) -> int:
+    return tjscan("plan", run, "--wps", wps, "--gravity", 0, 0, -1, *options)
+
+
+def test_the_schema_is_the_one_in_the_documents() -> None:
+    stated = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    assert stated == PlanDocument.model_json_schema()
+
+
+def test_a_plan_leaves_files_that_agree(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert planned(run) in (0, 3)
+    printed = capsys.readouterr()
+    assert "arc on for" in printed.out
+    document = PlanDocument.model_validate_json((run / "plan.json").read_bytes())
+    lines = (run / "beads.csv").read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert {int(row["bead"]) for row in rows} == {bead.number for bead in document.beads}
+    # Another reading of the same file: what the wire brings at its speed is the area stated.
+    wire = 0.25 * np.pi * 1.2**2 * 0.95
+    for row in rows:
+        speed, feed = float(row["speed_mm_min"]), 1e3 * float(row["feed_m_min"])
+        assert wire * feed / speed == pytest.approx(float(row["area_mm2"]), rel=1e-4)
+        assert 240 <= speed <= 420
+    script = (run / "plan.urscript").read_text(encoding="utf-8")
+    assert "True" not in script
+    assert (run / "plan.png").is_file()
+
+
+def test_what_is_out_of_the_wps_is_named_and_ends_with_3(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wps = tmp_path / "wps.toml"
+    text = WPS.read_text(encoding="utf-8").replace('["PA", "PB", "PC"]', '["PG"]')
+    wps.write_text(text, encoding="utf-8")
+    assert planned(run, wps=wps) == 3
+    assert "sequence.positions" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--output", 9), "--output: must be 0 to 7"),
+        (("--gravity", 0, 0, 0), "--gravity: must be a direction"),
+    ],
+)
+def test_wrong_options_are_refused(
+    options: tuple[object, ...], says: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ("plan", run, "--wps", WPS)
+    gravity = () if options[0] == "--gravity" else ("--gravity", 0, 0, -1)
+    assert tjscan(*given, *gravity, *options) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_key_that_fits_nothing_is_told_with_its_file(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wps = tmp_path / "wps.toml"
+    text = WPS.read_text(encoding="utf-8").replace("[2.0, 6.5]", "[50.0, 60.0]")
+    wps.write_text(text, encoding="utf-8")
+    assert planned(run, wps=wps) == 2
+    message = capsys.readouterr().err
+    assert f"{wps}: bead.layer_height_mm: at s = 0 mm" in message
+    assert not (run / "plan.json").exists()

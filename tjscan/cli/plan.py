@@ -1,0 +1,101 @@
+"""``tjscan plan``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tjscan.runs.plan import WrittenPlan
+
+OUT_OF_WPS = 3
+"""Exit code where something of the plan is out of the WPS."""
+
+
+def plan(
+    run: Path,
+    *,
+    wps: Path,
+    gravity: tuple[float, float, float],
+    out: Path | None = None,
+    output: int = 0,
+    arc: bool = False,
+    json: bool = False,
+) -> None:
+    """Plan the beads of a measured groove: how many, where, torch, speed, heat, and how sure.
+
+    Parameters
+    ----------
+    run
+        The run directory, of one scan or stitched.
+    wps
+        The welding procedure specification, TOML: your windows; see docs/planning.md.
+    gravity
+        Direction downwards in the frame of the run's sections, three numbers: 0 0 -1 where its z
+        points up.
+    out
+        Directory for the plan's files; the run directory where left out.
+    output
+        Standard digital output that switches the arc in the program for the arm, 0 to 7.
+    arc
+        Let the program switch that output on on the beads; else it stays off throughout.
+    json
+        Print the plan as JSON on stdout.
+    """
+    import numpy as np
+
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.runs.plan import ArcSwitch, plan_run
+
+    if not 0 <= output <= 7:
+        raise ConfigurationError("must be 0 to 7", key="--output")
+    done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out)
+    if json:
+        print(done.document.model_dump_json(indent=1))
+    else:
+        _print_plan(done)
+    if done.plan.findings:
+        raise SystemExit(OUT_OF_WPS)
+
+
+def _print_plan(done: WrittenPlan) -> None:
+    from tjscan.cli.console import print_message, print_table
+
+    found = done.document
+    head = ("bead", "layer", "kind", "mm", "m/min", "mm/min", "mm²", "kJ/mm", "position", "fill ±")
+    print_table(
+        [
+            head,
+            *(
+                (
+                    str(bead.number),
+                    f"{bead.layer}.{bead.place}",
+                    bead.kind,
+                    f"{bead.length_mm:.0f}",
+                    f"{bead.feed_m_min:.2f}",
+                    "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
+                    "{:.1f}–{:.1f}".format(*bead.area_mm2),
+                    "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
+                    " ".join(bead.positions),
+                    f"{100 * bead.fill_sigma:.1f} %",
+                )
+                for bead in found.beads
+            ),
+        ]
+    )
+    zones = "" if len(found.zones) == 1 else f" in {len(found.zones)} zones"
+    print(
+        f"{len(found.beads)} beads{zones} over {found.groove_mm:.0f} mm"
+        f"{', closed' if found.closed else ''}: arc on for {found.arc_time_s / 60:.1f} min, "
+        f"wire {found.wire_m:.0f} m or {found.wire_kg:.2f} kg, gas {found.gas_l:.0f} l; "
+        f"stick-out {found.stick_out_mm:g} mm, "
+        f"interpass temperature {found.interpass_temperature_C:g} °C"
+    )
+    for one in found.out_of_wps:
+        print(
+            f"out of the WPS: bead {one.bead}, s = {one.begin_mm:.0f} to {one.end_mm:.0f} mm: "
+            f"{one.key}: {one.text}"
+        )
+    if done.without_script:
+        print_message(f"no program for the arm: {done.without_script}")
+    print_message(f"written to {done.directory}: {', '.join(done.files)}")

@@ -1,0 +1,72 @@
+"""``plan.png``: three sections filled with beads, and speed and heat along them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from tjscan.core.units import MM
+from tjscan.planning.lay import cut_groove
+from tjscan.planning.plan import WeldPlan
+from tjscan.planning.torch import laying_order
+from tjscan.planning.wps import KJ_MM, MM_MIN
+
+DRAWN: Final = (0.1, 0.5, 0.9)
+"""Where along the groove sections are drawn, as shares of its length."""
+
+KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
+
+
+def draw_plan(plan: WeldPlan) -> Figure:
+    """Draw three sections with their beads, numbered in the order of welding, speed and heat."""
+    figure = Figure(figsize=(14, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2, 6)
+    for k, share in enumerate(DRAWN):
+        _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
+    for k, (name, unit, symbol, window) in enumerate(
+        (
+            ("speed", MM_MIN, "mm/min", plan.wps.arc.travel_speed),
+            ("heat", KJ_MM, "kJ/mm", plan.wps.arc.heat_input),
+        )
+    ):
+        axes = figure.add_subplot(grid[1, 3 * k : 3 * k + 3])
+        for bead in plan.beads:
+            values = getattr(bead, name) / unit.factor
+            axes.plot(bead.s / MM.factor, values, color=KIND_COLOURS[bead.kind], lw=0.8)
+        for limit in window:
+            axes.axhline(limit / unit.factor, color="black", lw=0.8, ls="--")
+        axes.set_xlabel("s / mm")
+        axes.set_ylabel(f"{'travel speed' if name == 'speed' else 'heat input'} / {symbol}")
+        for kind, colour in KIND_COLOURS.items():
+            axes.plot([], [], color=colour, label=kind)
+        axes.plot([], [], color="black", ls="--", label="WPS")
+        axes.legend(ncols=4, fontsize="small")
+    return figure
+
+
+def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
+    s = share * plan.edges.length
+    zone = next(zone for zone in plan.zones if s <= zone.end)
+    _, cells = cut_groove(plan.edges, np.array([s]), zone.arrangement, plan.wps)
+    order = [
+        sum(cells.counts[:k]) + place
+        for k, count in enumerate(cells.counts)
+        for place in laying_order(count, k)
+    ]
+    colours = colormaps["viridis"]
+    for j, outline in enumerate(cells.outlines(0)):
+        turn = order.index(j)
+        x, y = (outline / MM.factor).T
+        axes.fill(x, y, facecolor=colours(turn / len(order)), alpha=0.6, edgecolor="black", lw=0.8)
+        axes.text(x.mean(), y.mean(), str(turn + 1), ha="center", va="center", fontsize="small")
+    axes.set_aspect("equal")
+    area = 1e6 * float(cells.areas.sum())
+    axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)
+    axes.set_xlabel("from bevel to leg / mm")
+    axes.set_ylabel("out of the root / mm")

@@ -1,0 +1,148 @@
+"""Plan the weld of a measured groove and write the plan into its run directory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import write_files_atomically
+from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
+from tjscan.job.reading import read_scan_job
+from tjscan.job.wps import read_wps
+from tjscan.planning.document import PlanDocument, plan_document
+from tjscan.planning.edges import fit_groove_edges
+from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.tables import beads_to_csv
+from tjscan.planning.urscript import plan_to_urscript
+from tjscan.result.directory import JOB, SECTIONS, job_label_of_run
+from tjscan.result.export import sort_sections_by_azimuth
+from tjscan.result.shapes import read_finished_summary
+from tjscan.result.table import read_sections_csv
+
+PLAN: Final = "plan.json"
+BEADS: Final = "beads.csv"
+PICTURE: Final = "plan.png"
+SCRIPT: Final = "plan.urscript"
+
+
+@dataclass(frozen=True, slots=True)
+class ArcSwitch:
+    """How a program switches the arc.
+
+    Parameters
+    ----------
+    output : int
+        Number of the controller's standard digital output.
+    on : bool
+        Whether it is switched on on the beads; else it stays off throughout.
+    """
+
+    output: int
+    on: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrittenPlan:
+    """A plan that was written.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        The plan.
+    document : PlanDocument
+        As it stands in ``plan.json``.
+    directory : Path
+        Where its files are.
+    files : tuple of str
+        Their names.
+    without_script : str
+        Why there is no program for the arm; empty where there is one.
+    """
+
+    plan: WeldPlan
+    document: PlanDocument
+    directory: Path
+    files: tuple[str, ...]
+    without_script: str
+
+
+def plan_run(
+    directory: Path, wps_file: Path, gravity: Array, switch: ArcSwitch, out: Path | None = None
+) -> WrittenPlan:
+    """Plan the weld of a run's groove and write the plan's files.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory, of one scan or stitched.
+    wps_file : Path
+        The welding procedure specification.
+    gravity : ndarray, shape (3,)
+        Downwards in the frame of the run's sections.
+    switch : ArcSwitch
+        How the arc is switched in the program.
+    out : Path, optional
+        Where the files go; the run directory where left out.
+
+    Raises
+    ------
+    ConfigurationError
+        If the WPS or the run can't be read, or nothing that the WPS allows fits.
+    RecordingError
+        If the files can't be written.
+    """
+    wps = read_wps(wps_file)
+    summary = read_finished_summary(directory)
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
+    try:
+        edges = fit_groove_edges(sections, wps.sequence.longest_step)
+        plan = plan_weld(edges, wps, gravity)
+    except ConfigurationError as error:
+        of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
+        file = error.file or (wps_file if of_wps else directory / SECTIONS)
+        raise ConfigurationError(
+            error.message,
+            file=None if (error.key or "").startswith("--") else file,
+            key=error.key,
+        ) from None
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
+    label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
+    document = plan_document(plan, provenance, directory.resolve().name, label)
+    T_b_r, reason = _base_of_frame(directory, summary.frame)
+    folder = out or directory
+    with write_files_atomically(folder, last=PLAN) as draft:
+        _draw(draft / PICTURE, plan, provenance)
+        text = beads_to_csv(plan, provenance)
+        (draft / BEADS).write_text(text, encoding="utf-8", newline="")
+        if T_b_r is not None:
+            script = plan_to_urscript(plan, T_b_r, switch.output, arc=switch.on)
+            head = provenance.comment_lines("#")
+            (draft / SCRIPT).write_text(head + script, encoding="utf-8")
+        (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        files = tuple(sorted(file.name for file in draft.iterdir()))
+    return WrittenPlan(plan, document, folder, files, reason)
+
+
+def _base_of_frame(directory: Path, frame: str) -> tuple[Array | None, str]:
+    """Pose of the sections' frame in the arm's base frame, or why it is not known."""
+    if frame == "b":
+        return np.eye(4), ""
+    if not (directory / JOB).is_file():
+        return None, "the run holds no job that says where its arm stood"
+    job = read_scan_job(directory / JOB)
+    if job.station or job.joint is None:
+        return None, "programs for several stations are not written yet"
+    return job.joint.T_w_j, ""
+
+
+def _draw(file: Path, plan: WeldPlan, provenance: Provenance) -> None:
+    from tjscan.planning.picture import draw_plan
+    from tjscan.result.picture import write_png
+
+    write_png(file, draw_plan(plan), provenance)
