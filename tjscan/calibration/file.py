@@ -12,6 +12,7 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from tjscan.calibration.arm.entry import ArmKinematicsEntry
+from tjscan.calibration.basis import BasisEntry
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -93,6 +94,7 @@ class CalibrationFile(StrictFileModel):
     noise: NoiseModel
     verification: VerificationEntry | None = None
     kinematics: ArmKinematicsEntry | None = None
+    basis: BasisEntry | None = None
     residuals: Annotated[tuple[ResidualEntry, ...], Field(strict=False)]
 
     @model_validator(mode="after")
@@ -168,6 +170,7 @@ def to_calibration_file(
     date: datetime,
     verification: Verification | None = None,
     kinematics: ArmKinematicsEntry | None = None,
+    basis: BasisEntry | None = None,
 ) -> CalibrationFile:
     """Convert a calibration to the content of its file.
 
@@ -185,6 +188,8 @@ def to_calibration_file(
         What a fresh line said.
     kinematics : ArmKinematicsEntry, optional
         What was found of the arm with it.
+    basis : BasisEntry, optional
+        What it rests on.
     """
     sure = result.uncertainty
     data = {
@@ -204,6 +209,7 @@ def to_calibration_file(
         "noise": noise,
         "verification": verification and _verification(verification),
         "kinematics": kinematics,
+        "basis": basis,
         "residuals": [_residual(residual) for residual in result.residuals],
     }
     return validate_table(CalibrationFile, data)

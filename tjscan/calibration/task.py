@@ -6,4 +6,10 @@ from typing import Final
 
 from tjscan.core.registry import TaskPlugin
 
-TASK: Final = TaskPlugin("calibrate", report="tjscan.runs.calibration_report:calibration_chapter")
+TASK: Final = TaskPlugin(
+    "calibrate",
+    report="tjscan.runs.calibration_report:calibration_chapter",
+    recording="measured.mcap",
+    result="calibration.toml",
+    page="tjscan.runs.calibration_page:calibration_page",
+)

@@ -87,21 +87,21 @@ def _start(
     with add_file_to_errors(file):
         job = read_calibration_job(file, keys).job_at_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.calibration_output import print_calibration
+    from tjscan.cli.calibration_output import finish_calibration
     from tjscan.cli.operators import choose_operator
     from tjscan.runs.calibrate import start_calibration
     from tjscan.runs.directory import default_run_directory
 
     operator = choose_operator(unattended=unattended)
     directory = out or default_run_directory(file)
-    print_calibration(start_calibration(job, file, directory, operator, arm=arm), json=json)
+    finish_calibration(start_calibration(job, file, directory, operator, arm=arm), json=json)
 
 
 def _resume(directory: Path, *, unattended: bool, json: bool) -> None:
     """Go on with an interrupted calibration."""
-    from tjscan.cli.calibration_output import print_calibration
+    from tjscan.cli.calibration_output import finish_calibration
     from tjscan.cli.operators import choose_operator
     from tjscan.runs.calibrate import resume_calibration
 
     operator = choose_operator(unattended=unattended)
-    print_calibration(resume_calibration(directory, operator), json=json)
+    finish_calibration(resume_calibration(directory, operator), json=json)

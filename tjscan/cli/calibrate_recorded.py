@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from tjscan.calibration.arm.recorded import calibrate_recorded_arm, joint_angles_by_name
+from tjscan.calibration.basis import BasisEntry, views_of_poses
 from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
@@ -16,7 +18,7 @@ from tjscan.calibration.recorded import (
     pair_profiles_with_poses,
     read_flange_poses,
 )
-from tjscan.cli.calibration_output import print_calibration
+from tjscan.cli.calibration_output import finish_calibration
 from tjscan.cli.console import print_message
 from tjscan.cli.recorded_options import RecordedProfileOptions
 from tjscan.cli.recorded_targets import read_target, target_words
@@ -62,10 +64,17 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
         raise ConfigurationError("--arm-model calibrates an arm that carries the sensor")
     noise = _noise(options)
     words = target_words(options, len(options.lines))
-    recordings = []
+    recordings, read_as = [], []
+    left_out: list[str] = []
+
+    def leave_out(message: str) -> None:
+        print_message(message)
+        left_out.append(message)
+
     kinds = [word.partition("=")[0] for word in words]
     for k, (lines, poses, word) in enumerate(zip(options.lines, options.poses, words, strict=True)):
-        shots = _shots(options, lines, poses)
+        shots, convention = _shots(options, lines, poses, leave_out)
+        read_as.append(f"{poses.name}: {convention}")
         if len(words) > 1:
             which = kinds[k]
             if kinds.count(which) > 1:
@@ -76,13 +85,14 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
     if arm is not None:
         joint_angles_by_name(recordings, arm)  # before anything is solved
     result = calibrate_from_profiles(
-        recordings, noise, print_message, sensor_is_fixed=options.fixed_sensor
+        recordings, noise, leave_out, sensor_is_fixed=options.fixed_sensor
     )
     kinematics = None
     if arm is not None:
         result, kinematics = calibrate_recorded_arm(
             recordings, arm, noise, result.T_f_s, print_message
         )
+    seen = {shot.name: shot.T_b_f for one in recordings for shot in one.profiles}
     found = to_calibration_file(
         result,
         noise,
@@ -90,6 +100,13 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
         laser=options.laser_id or UNNAMED,
         date=datetime.now(UTC).replace(microsecond=0),
         kinematics=kinematics,
+        basis=BasisEntry(
+            target="; ".join(words),
+            poses_read_as=tuple(read_as),
+            left_out=tuple(left_out),
+            caveats=result.caveats,
+            views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=options.fixed_sensor),
+        ),
     )
     write_calibration(
         file,
@@ -98,23 +115,26 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
             options.lines[0].name, "b" if options.fixed_sensor else "f"
         ),
     )
-    print_calibration(SavedCalibration(file, found, result.caveats), json=json)
+    finish_calibration(SavedCalibration(file, found, result.caveats), json=json)
     if options.arm_id is None or options.laser_id is None:
         print_message(
             "name the devices with --arm-id and --laser-id, or a scan will refuse that file"
         )
 
 
-def _shots(options: RecordedProfileOptions, lines: Path, poses: Path) -> list[PosedProfile]:
+def _shots(
+    options: RecordedProfileOptions, lines: Path, poses: Path, leave_out: Callable[[str], None]
+) -> tuple[list[PosedProfile], str]:
+    """Profiles with their poses, and how the poses were read."""
     # Heights count as they stand: where the sensor's origin lies is what is calibrated.
     invalid = tuple(options.invalid or ())
     form = ProfileFormat(options.units, options.pitch, invalid, z_offset=0.0)
     table = read_profiles(lines, form)
     for bad in table.bad:
-        print_message(f"{lines}: {bad}; left out")
+        leave_out(f"{lines}: {bad}; left out")
     found = read_flange_poses(poses)
     print_message(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
-    return pair_profiles_with_poses(table.profiles, found, poses)
+    return pair_profiles_with_poses(table.profiles, found, poses), found.convention
 
 
 def _noise(options: RecordedProfileOptions) -> NoiseModel:

@@ -6,10 +6,19 @@ from rich.table import Table
 
 from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
 from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.report.write import write_run_report
+from tjscan.result.directory import CALIBRATION_PICTURE
 
 
-def print_calibration(done: SavedCalibration, *, json: bool) -> None:
-    """Print a calibration on stderr, and as JSON on stdout if asked."""
+def finish_calibration(done: SavedCalibration, *, json: bool) -> None:
+    """Write page and picture of a calibration, and print it on stderr, as JSON on stdout if asked.
+
+    Raises
+    ------
+    RecordingError
+        If page and picture can't be written.
+    """
+    page = write_run_report(done.file.parent)
     found = done.calibration
     table = Table(box=None, pad_edge=False)
     for name in ("", "used", "offset mm", "tilt °", "residual σ", "shifts the sensor by mm"):
@@ -31,7 +40,7 @@ def print_calibration(done: SavedCalibration, *, json: bool) -> None:
         print_message(_ball(found.ball))
     for caveat in done.caveats:
         print_message(f"warning: {caveat}")
-    print_message(f"written to {done.file}")
+    print_message(f"written to {done.file}; on a page: {page.name}, {CALIBRATION_PICTURE}")
     if json:
         print(found.model_dump_json(indent=2))
 

@@ -137,15 +137,21 @@ class TaskPlugin:
         What a study varies, runs and measures: a `tjscan.study.backend.StudyBackend`.
     recording : str
         Name of its recording, where the chapter of a run that has one is a page of its own.
+    result : str
+        Name of a file by which a directory without job and recording is known to hold its result.
+    page : str
+        Its chapter on its own page, where that is another than in the reports of other tasks.
     """
 
     name: str
     report: str = ""
     study: str = ""
     recording: str = ""
+    result: str = ""
+    page: str = ""
 
-    def load_part(self, part: Literal["report", "study"]) -> Any:
-        """Import one part that the task adds: its report chapter, or its study backend.
+    def load_part(self, part: Literal["report", "study", "page"]) -> Any:
+        """Import one part that the task adds: its report chapter, study backend or own page.
 
         Parameters
         ----------

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from tjscan.core.provenance import Provenance
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
@@ -11,6 +15,9 @@ from tjscan.report.tables import MOST_EVENTS
 from tjscan.report.template import load_template
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
+
+NARROW: Final = (4.6, 3.2)
+"""Inches of a chart that has others beside it."""
 
 
 def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> str:
@@ -20,19 +27,21 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     ----------
     chapter : ReportChapter
     title : str
-        What kind of run it was.
+        What kind of run it was; a sheet says so itself.
     directory : Path
         The run directory.
     """
-    head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
+    frame = "w" if chapter.sheet is None else chapter.sheet.frame
+    head = Provenance.for_file_written_now(job_label_of_run(directory), frame)
     return load_template("chapter.html.jinja").render(
-        title=title,
+        title=title if chapter.sheet is None else chapter.sheet.title,
+        sheet=chapter.sheet,
         name=directory.resolve().name,
         findings=chapter.findings,
         facts=[(key, value) for key, value in chapter.facts if value.strip(" ,")],
         moving=chapter.animation,
         animation=None if chapter.animation is None else chapter.animation.as_json(),
-        pictures=list(draw_chapter_charts(chapter.charts)),
+        pictures=list(draw_chapter_charts(chapter.charts, narrow=chapter.sheet is not None)),
         events=[
             (f"{event.time:%H:%M:%S}", event.name, event.detail)
             for event in chapter.events[:MOST_EVENTS]
@@ -41,21 +50,67 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     )
 
 
-def draw_chapter_charts(charts: tuple[ReportChart, ...]) -> Iterator[ReportPicture]:
-    """Draw charts, the lines of one title together."""
-    for title in dict.fromkeys(chart.title for chart in charts):
-        lines = [chart for chart in charts if chart.title == title]
-        figure = new_figure(12, 5.5 if lines[0].plane else 3.6)
-        axes = figure.add_subplot()
-        for chart in lines:
-            (line,) = axes.plot(chart.x, chart.y, linewidth=1, label=chart.line or None)
-            if chart.nominal is not None:
-                axes.axhline(chart.nominal, color=line.get_color(), linestyle="--", linewidth=1)
-        if lines[0].plane:
-            axes.set_aspect("equal")
-        axes.set_xlabel(lines[0].x_label)
-        axes.set_ylabel(lines[0].y_label)
-        axes.grid(alpha=0.3)
-        if any(chart.line for chart in lines):
-            axes.legend(fontsize=8, ncols=4)
+def draw_chapter_charts(
+    charts: tuple[ReportChart, ...], *, narrow: bool = False
+) -> Iterator[ReportPicture]:
+    """Draw charts, the lines of one title together; `narrow` ones stand beside each other."""
+    for title, lines in _charts_by_title(charts).items():
+        size = NARROW if narrow else (12, 5.5 if lines[0].plane else 3.6)
+        figure = new_figure(*size)
+        _draw_lines(figure.add_subplot(), lines)
         yield inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
+
+
+def draw_sheet_picture(chapter: ReportChapter) -> Figure:
+    """Draw all charts of a chapter beside each other, under its headline.
+
+    Parameters
+    ----------
+    chapter : ReportChapter
+        With a sheet.
+    """
+    charts = _charts_by_title(chapter.charts)
+    figure = new_figure(NARROW[0] * max(len(charts), 1), 1.3 * NARROW[1])
+    if chapter.sheet is not None:
+        texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
+        wide = max(len(charts), 1)
+        rows = [", ".join(texts[k : k + wide]) for k in range(0, len(texts), wide)]
+        figure.suptitle("\n".join((chapter.sheet.title, *rows)), fontsize=10, parse_math=False)
+    panels = figure.subplots(1, max(len(charts), 1), squeeze=False)[0]
+    for axes, (title, lines) in zip(panels, charts.items(), strict=False):
+        _draw_lines(axes, lines)
+        axes.set_title(title, fontsize=10)
+    return figure
+
+
+def _charts_by_title(charts: tuple[ReportChart, ...]) -> dict[str, list[ReportChart]]:
+    titles = dict.fromkeys(chart.title for chart in charts)
+    return {title: [chart for chart in charts if chart.title == title] for title in titles}
+
+
+def _draw_lines(axes: Any, lines: list[ReportChart]) -> None:
+    """Draw the charts of one title, what was asked for as a dashed line."""
+    for chart in lines:
+        label = chart.line or None
+        match chart.mark:
+            case "bar":
+                colour = axes.bar(chart.x, chart.y, label=label).patches[0].get_facecolor()
+                axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            case "dot":
+                colour = axes.scatter(chart.x, chart.y, s=18, label=label).get_facecolor()[0]
+            case _:
+                (line,) = axes.plot(chart.x, chart.y, linewidth=1, label=label)
+                colour = line.get_color()
+        if chart.nominal is not None:
+            axes.axhline(chart.nominal, color=colour, linestyle="--", linewidth=1)
+    if lines[0].plane:
+        axes.set_aspect("equal", adjustable="datalim")
+    if lines[0].log_y:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(LogFormatter(labelOnlyBase=False))
+        axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+    axes.set_xlabel(lines[0].x_label)
+    axes.set_ylabel(lines[0].y_label)
+    axes.grid(alpha=0.3)
+    if any(chart.line for chart in lines):
+        axes.legend(fontsize=8, ncols=4)

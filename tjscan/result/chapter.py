@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
+from typing import Literal, Protocol
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.groove.settings import DEFAULT, GrooveSettings
@@ -39,6 +39,10 @@ class ReportChart:
         What to see in it, in a sentence.
     plane : bool
         Whether it shows a plane, so that both axes have one scale.
+    mark : str
+        How its values are drawn: a line through them, a bar or a dot for each.
+    log_y : bool
+        Whether the y axis is logarithmic.
     """
 
     title: str
@@ -50,6 +54,8 @@ class ReportChart:
     line: str = ""
     caption: str = ""
     plane: bool = False
+    mark: Literal["line", "bar", "dot"] = "line"
+    log_y: bool = False
 
     def __post_init__(self) -> None:
         for name in ("x", "y"):
@@ -73,6 +79,28 @@ class ReportEvent:
     detail: str
 
 
+@dataclass(frozen=True, slots=True)
+class ReportSheet:
+    """What makes the page of a chapter a single sheet that begins with the numbers asked for.
+
+    Parameters
+    ----------
+    title : str
+        What kind of page it is.
+    headline : tuple of (str, str)
+        Name and value of each number asked for.
+    picture : str
+        Name of the file, beside the page, that holds its charts as one picture.
+    frame : str
+        Letter of the frame of its numbers.
+    """
+
+    title: str
+    headline: tuple[tuple[str, str], ...]
+    picture: str
+    frame: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportChapter:
     """What a task adds to the report of a run: facts, findings, charts, events and profiles.
@@ -87,6 +115,8 @@ class ReportChapter:
         How it went.
     events : tuple of ReportEvent
         In their order.
+    sheet : ReportSheet or None
+        Where its page is a single sheet.
     animation : PlaneAnimation or None
         What moved, for the reader to scrub through.
     profiles : mapping of int to Profile
@@ -99,6 +129,7 @@ class ReportChapter:
     findings: tuple[str, ...] = ()
     charts: tuple[ReportChart, ...] = ()
     events: tuple[ReportEvent, ...] = ()
+    sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
     settings: GrooveSettings = DEFAULT

@@ -42,6 +42,7 @@ from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.runs.calibrate_arm import ball_mesh, calibrate_arm_in_cell
+from tjscan.runs.calibration_basis import basis_of_lines
 from tjscan.runs.directory import make_run_directory
 
 OLD: Final = "measured.jsonl"
@@ -139,6 +140,7 @@ def _of_sensor(
         laser=job.laser.device_id,
         date=wizard.logbook.measured.started_at,
         verification=outcome.verification,
+        basis=basis_of_lines(wizard.task, wizard.logbook.measured, outcome.result),
     )
 
 

@@ -19,6 +19,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job import CalibrationJob
 from tjscan.job.cell import Cell, kinematics_of_job
+from tjscan.runs.calibration_basis import basis_of_postures
 
 BALL_SUBDIVISIONS: Final = 6
 """Of an icosahedron: its faces are then within 2 µm of a ball of 40 mm."""
@@ -81,6 +82,7 @@ def calibrate_arm_in_cell(
         laser=job.laser.device_id,
         date=logbook.measured.started_at,
         kinematics=kinematics_entry(found, kinematics.name),
+        basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
     )
 
 
