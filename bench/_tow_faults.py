@@ -9,14 +9,16 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 import numpy as np
-from _tows import EXAMPLES
+import tomli_w
+from _tows import EXAMPLES, Tow, passer_by
 
+from tjscan.core.config import table_to_dict
 from tjscan.core.errors import TjscanError
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.runs.tow_results import read_recorded_tow
@@ -30,14 +32,17 @@ START_LIMIT: Final = 240.0
 LONGEST: Final = 120.0
 """Seconds after which a tow hangs."""
 
-KEYS: Final = (
-    "--vehicles.driver=mqtt",
-    "--seam.points-mm=[[2600, -300], [2600, -200]]",
-    "--following.patience-s=8",
-)
+KEYS: Final = ("--vehicles.driver=mqtt", "--following.patience-s=8")
+
+PIECE: Final = Tow("tow-simulation", {"seam.points_mm": [[2600.0, -300.0], [2600.0, -200.0]]})
+"""What is towed, unless a fault needs something else."""
 
 BEND: Final = float(np.degrees(read_tow_job(EXAMPLES / "tow-simulation.toml").chain.joint_limit))
 """Degrees that a joint may be bent."""
+
+KEPT_UP: Final = 0.9
+"""Share of real time below which the simulated world did not keep up with its vehicles' orders:
+they are then seen to drive slower than they are told."""
 
 BROKER_KILLED: Final = "broker killed"
 BROKER_STARTED: Final = "broker started"
@@ -53,9 +58,12 @@ class FaultPlan:
     ----------
     orders : tuple of (float, str)
         Seconds after its start, and what then: a line for the loopback, or one of the words above.
+    tow : Tow, optional
+        What is towed.
     """
 
     orders: tuple[tuple[float, str], ...]
+    tow: Tow = PIECE
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +86,20 @@ def _for_a_while(fault: str, seconds: float = 2.0) -> FaultPlan:
     return FaultPlan(((2.0, fault), (2.0 + seconds, "clear")))
 
 
+def _somebody_stops(near: float = 0.4) -> FaultPlan:
+    """Who heads for the cable comes as near to where it lay, metres, and stands there for good."""
+    tow = passer_by(1)
+    (path,) = tow.keys["obstacles"]
+    start, end = np.array(path["points_mm"])
+    towards = start + 2000.0 * (end - start) / np.linalg.norm(end - start)
+    begin = towards + 0.6 * (start - towards)  # nearer than there, to be quick
+    speed = 25.0
+    path = {**path, "points_mm": np.array((begin, end)).tolist(), "speed_mm_min": 60 * speed}
+    at = (float(np.linalg.norm(towards - begin)) - 1e3 * near) / speed
+    keys = {**tow.keys, "obstacles": [path], "seam.stand_s": at + 15.0}
+    return FaultPlan(((at, "passer-stands"),), Tow(tow.job, keys))
+
+
 FAULTS: Final[dict[str, FaultPlan]] = {
     "a vehicle stops for good": FaultPlan(((2.0, "stop 3"),)),
     "broker killed and restarted": FaultPlan(((2.0, BROKER_KILLED), (3.0, BROKER_STARTED))),
@@ -97,6 +119,7 @@ FAULTS: Final[dict[str, FaultPlan]] = {
     "a vehicle's link is cut": _for_a_while("drop-link 2"),
     "a vehicle's computer freezes": _for_a_while("freeze 2"),
     "a drive fails": FaultPlan(((2.0, "drive-fault 4"),)),
+    "somebody stops in the way": _somebody_stops(),
 }
 
 
@@ -105,28 +128,28 @@ def random_fault(seed: int) -> FaultPlan:
     rng = np.random.default_rng(seed)
     names = list(FAULTS)
     orders: list[tuple[float, str]] = []
+    tow = PIECE
     for _ in range(int(rng.integers(1, 4))):
         plan, shift = FAULTS[names[int(rng.integers(len(names)))]], float(rng.uniform(-1.5, 3.0))
+        tow = tow if plan.tow is PIECE else plan.tow
         orders += [(at + shift, what) for at, what in plan.orders]
     kinds = [what for _, what in orders]
     if PROGRAM_KILLED in kinds:  # nothing is heard of a program that was killed
         orders = [one for one in orders if one[1] != INTERRUPTED]
-    return FaultPlan(tuple(sorted(orders)))
+    return FaultPlan(tuple(sorted(orders)), tow)
 
 
 def fault_over_broker(plan: FaultPlan, *, seed: int) -> FaultOutcome:
     """Tow a little with vehicles behind a broker of its own while things go wrong."""
-    job = EXAMPLES / "tow-simulation.toml"
+    job = read_tow_job(EXAMPLES / f"{plan.tow.job}.toml", plan.tow.keys)
     with tempfile.TemporaryDirectory() as folder, MosquittoProcess() as broker:
         settings = Path(folder) / "job.toml"
-        text = job.read_text(encoding="utf-8")
-        begin = text.index("points_mm"), text.index("speed_mm_min")
-        piece = "points_mm = [[2600, -300], [2600, -200]]\n"
-        settings.write_text(text[: begin[0]] + piece + text[begin[1] :], encoding="utf-8")
+        settings.write_text(tomli_w.dumps(table_to_dict(job)), encoding="utf-8")
         options = ("--vehicles", "6", "--settings", str(settings), "--seed", str(seed))
         with VehicleLoopbackProcess(broker.address, *options) as vehicles:
             out = Path(folder) / "run"
             port = f"--vehicles.mqtt.port={broker.port}"
+            begins = time.monotonic(), vehicles.ask_for_truth()["time_s"]
             first = [str(settings), *KEYS, port, "--out", str(out)]
             ended, said = _run(first, plan, broker, vehicles)
             if any(what == PROGRAM_KILLED for _, what in plan.orders) and ended == -signal.SIGKILL:
@@ -134,7 +157,11 @@ def fault_over_broker(plan: FaultPlan, *, seed: int) -> FaultOutcome:
                 ended, more = _run(["--resume", str(out)], FaultPlan(()), broker, vehicles)
                 said += more
             truth = vehicles.ask_for_truth()
-        return _judge(out, ended, said, truth)
+            rate = (truth["time_s"] - begins[1]) / (time.monotonic() - begins[0])
+        outcome = _judge(out, ended, said, truth)
+        if rate < KEPT_UP:
+            outcome = replace(outcome, words=f"{outcome.words}; world at {rate:.0%} of real time")
+        return outcome
 
 
 def _run(

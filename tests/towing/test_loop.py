@@ -94,6 +94,24 @@ def test_a_plan_that_halts_stops_the_weld_and_a_short_halt_is_waited_out() -> No
     assert max(abs(cycle.asked[:, 0]).max() for cycle in waited[5:]) < 2e-3
 
 
+def test_noise_makes_nobody_go_on_and_wait_in_turn() -> None:
+    """A wall that seems to be nearer and farther by what the poses scatter, and goes at last."""
+    rng = np.random.default_rng(3)
+
+    def blocked(tip: Array) -> str:
+        wall = 3.05 + 5e-4 * rng.standard_normal()
+        return "a wall is too near" if tip[0] > wall and rig.team.time < 15 else ""
+
+    def scatter(v: int, pose: VehiclePose) -> VehiclePose:
+        x, y = 3e-3 * rng.standard_normal(2)
+        return replace(pose, x=pose.x + x, y=pose.y + y)
+
+    rig = Rig(scatter, halt=blocked, patience=60.0)
+    rig.run()
+    assert rig.kept.names.count("goes on") == 1
+    assert rig.kept.names[-1] == "welded"
+
+
 def test_a_halt_that_lasts_ends_the_tow_with_the_planners_reason() -> None:
     rig = Rig(halt=lambda tip: "a wall is too near" if tip[0] > 3.1 else "")
     with pytest.raises(TowHalted, match="no shape within its limits"):

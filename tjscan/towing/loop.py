@@ -19,6 +19,7 @@ from tjscan.towing.devices import Team
 from tjscan.towing.following import PoseFollower, velocity_from_twist
 from tjscan.towing.journal import TowCycle, TowJournal
 from tjscan.towing.plan import ShapePlanner, TowingPlan
+from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
 from tjscan.towing.standstill import StandstillCheck
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
@@ -143,7 +144,7 @@ class CableTow:
         self._waited_since = 0.0
         self._stopped: tuple[int, ...] = ()
         self._doubted: tuple[int, ...] = ()
-        self._taut = self._bent = False
+        self._taut = self._bent = self._shapeless = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
         """Tow until the seam is welded.
@@ -233,7 +234,7 @@ class CableTow:
         now = self._team.time
         self._watch_vehicles(now, estimate)
         waiting, pace = self._reason_to_wait(estimate), self._pace(estimate)
-        pace = 0.0 if waiting else pace
+        pace = allowed = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
         began = host.thread_time()
         plan, pace = self._plan(estimate, obstacles, pace)
@@ -242,6 +243,7 @@ class CableTow:
             waiting = waiting or Waiting(plan.halt)
         elif pace == 0 and waiting is None:
             waiting = Waiting("one step on, the cable has no shape within its limits")
+        self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
         self._wait(now, waiting)
         step = pace * self._setting.seam.settings.speed * PERIOD
         along = min(self._along + step, self._setting.seam.length)
@@ -272,20 +274,38 @@ class CableTow:
     def _plan(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
-        """The plan for one step on, or for where the welder stands; and its pace."""
-        seam, step = self._setting.seam, self._setting.seam.settings.speed * PERIOD
-        for share in (pace, 0.0) if pace else (0.0,):
-            plan = self._planner.plan(
-                estimate.poses,
-                seam.pose_at(self._along + share * step),
-                dt=PERIOD,
-                last=self._last,
-                obstacles=obstacles,
-                stopped=self._stopped,
-            )
+        """The plan for one step on, or for where the welder stands; and its pace.
+
+        Where there was no shape one step on, the welder goes on once there is one so far on that
+        noise of the poses cannot take it away again.
+        """
+        step = pace * self._setting.seam.settings.speed * PERIOD
+        steps = [step, 0.0] if pace else [0.0]
+        noise = SIGMAS * float(estimate.sigmas[:, 0].max())
+        if (
+            self._shapeless
+            and noise > step > 0
+            and self._plan_ahead(estimate, obstacles, noise).halt
+        ):
+            steps = [0.0]
+        for ahead in steps:
+            plan = self._plan_ahead(estimate, obstacles, ahead)
             if not plan.halt:
-                return plan, share
+                return plan, pace if ahead else 0.0
         return plan, 0.0
+
+    def _plan_ahead(
+        self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], ahead: float
+    ) -> TowingPlan:
+        """The plan for a welder so many metres further along its seam."""
+        return self._planner.plan(
+            estimate.poses,
+            self._setting.seam.pose_at(self._along + ahead),
+            dt=PERIOD,
+            last=self._last,
+            obstacles=obstacles,
+            stopped=self._stopped,
+        )
 
     def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
         """Command each vehicle towards its pose; returns where they are sent."""
