@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
@@ -107,8 +107,9 @@ def _draw_lines(axes: Any, lines: list[ReportChart]) -> None:
         axes.set_aspect("equal", adjustable="datalim")
     if lines[0].log_y:
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(LogFormatter(labelOnlyBase=False))
-        axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(lines[0].x_label)
     axes.set_ylabel(lines[0].y_label)
     axes.grid(alpha=0.3)
