@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
 from tjscan.planning.lay import cut_groove
+from tjscan.planning.path import centroids
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.torch import laying_order
 from tjscan.planning.wps import KJ_MM, MM_MIN
@@ -60,11 +61,13 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         for place in laying_order(count, k)
     ]
     colours = colormaps["viridis"]
+    middles = centroids(cells)[0] / MM.factor
     for j, outline in enumerate(cells.outlines(0)):
         turn = order.index(j)
         x, y = (outline / MM.factor).T
         axes.fill(x, y, facecolor=colours(turn / len(order)), alpha=0.6, edgecolor="black", lw=0.8)
-        axes.text(x.mean(), y.mean(), str(turn + 1), ha="center", va="center", fontsize="small")
+        at_x, at_y = middles[j].tolist()
+        axes.text(at_x, at_y, str(turn + 1), ha="center", va="center", fontsize="small")
     axes.set_aspect("equal")
     area = 1e6 * float(cells.areas.sum())
     axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)
