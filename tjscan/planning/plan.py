@@ -15,7 +15,8 @@ from tjscan.planning.findings import WpsFinding, findings_of_bead
 from tjscan.planning.lay import lay_layer, sampling_step
 from tjscan.planning.path import LONGEST, stations_at, template_at
 from tjscan.planning.template import SectionTemplate
-from tjscan.planning.topology import Arrangement, DoesNotFit, arrange_beads
+from tjscan.planning.topology import Arrangement, arrange_beads
+from tjscan.planning.wire_feed import DoesNotFit
 from tjscan.planning.wps import WeldingProcedure
 
 

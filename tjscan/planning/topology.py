@@ -13,13 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.template import SectionTemplate
+from tjscan.planning.wire_feed import DoesNotFit, choose_wire_feed
 from tjscan.planning.wps import WeldingProcedure
-
-FEEDS: Final = 101
-"""Wire feeds that are tried, evenly over their window."""
 
 MOST_BEADS: Final = 400
 """More in one section are no weld of a tubular joint."""
@@ -30,26 +27,6 @@ ROUNDING: Final = 1e-9
 KINDS: Final = ("root", "fill", "cap")
 
 Window = tuple[float, float]
-
-
-class DoesNotFit(Exception):
-    """No arrangement fits some sections.
-
-    Parameters
-    ----------
-    key : str
-        Of the WPS that stands in the way.
-    reason : str
-        In a sentence.
-    """
-
-    def __init__(self, key: str, reason: str) -> None:
-        self.key, self.reason = key, reason
-        super().__init__(f"{key}: {reason}")
-
-    def as_error(self, where: str) -> ConfigurationError:
-        """The error that says where along the groove this is so."""
-        return ConfigurationError(f"{where}: {self.reason}", key=self.key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,44 +248,3 @@ def _shares(
             f"{1e6 * fill * float(area.min()):.1f} to {1e6 * fill * float(area.max()):.1f} mm²",
         )
     return root, fill, cap
-
-
-def choose_wire_feed(kind: str, area: Array, wps: WeldingProcedure) -> tuple[float, bool]:
-    """Choose the highest wire feed at which speed and heat input stay in their windows.
-
-    Parameters
-    ----------
-    kind : str
-        Of the bead, for messages.
-    area : ndarray, shape (m,)
-        Of the bead along the groove, m²: the speed is deposition rate / area.
-    wps : WeldingProcedure
-        The windows.
-
-    Returns
-    -------
-    float
-        m/s.
-    bool
-        Whether the heat input fits; where it does at no wire feed, the speed alone decides.
-
-    Raises
-    ------
-    DoesNotFit
-        If the speed fits at no wire feed.
-    """
-    arc, least, most = wps.arc, float(area.min()), float(area.max())
-    feeds = np.linspace(*arc.wire_feed, FEEDS)
-    rate = wps.deposition_rate(feeds)
-    slowest, fastest = rate / most, rate / least
-    can = (slowest >= arc.travel_speed[0]) & (fastest <= arc.travel_speed[1])
-    if not can.any():
-        low, high = (f"{60e3 * slowest[i]:.0f} to {60e3 * fastest[i]:.0f} mm/min" for i in (0, -1))
-        raise DoesNotFit(
-            "arc.travel_speed_mm_min",
-            f"a {kind} bead of {1e6 * least:.1f} to {1e6 * most:.1f} mm² needs {low} at the lowest "
-            f"wire feed and {high} at the highest",
-        )
-    warmest, coldest = wps.heat_input(feeds, slowest), wps.heat_input(feeds, fastest)
-    warm = can & (coldest >= arc.heat_input[0]) & (warmest <= arc.heat_input[1])
-    return float(feeds[warm if warm.any() else can].max()), bool(warm.any())
