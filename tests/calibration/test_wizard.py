@@ -186,6 +186,9 @@ def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> 
     assert found.verification is not None
     assert found.verification.misfit < found.verification.limit
     files = {"SHA256SUMS", "job.toml", f"{CALIBRATION_RECORDING}.mcap", "calibration.toml"}
+    files |= {"report.html", "calibration.png"}
+    assert found.basis is not None
+    assert [step.lines for step in found.basis.shrinking][-1] == 12
     assert {file.name for file in calibrated.iterdir()} == files
 
 
