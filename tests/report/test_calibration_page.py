@@ -102,7 +102,7 @@ def test_it_begins_with_the_pose_and_its_uncertainty_as_the_file_states_them(
         "KUKA A B C",
         "contradicting the others: line 5",
         "Profile 20 is left out: no line seen.",
-        "4 more were left out",
+        "6 more were left out",
     ):
         assert words in page.words
     assert len(page.pictures) == 3

@@ -20,7 +20,7 @@ from tjscan.job import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION, CALIBRATION_PICTURE, JOB
 
-MOST_NAMED: Final = 6
+MOST_NAMED: Final = 4
 """Profiles left out that the page names; the file names all."""
 
 USED: Final = {True: "in use", False: "left out"}
