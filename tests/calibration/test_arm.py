@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from ball_views import CENTRE_B, NOISE, T_F_S, kinematics, observe, postures
 
+from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.estimate import estimate_deviations
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
 from tjscan.calibration.closed_form import LineBundle
+from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.targets import PlaneTarget
@@ -169,3 +171,14 @@ def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> Se
     sigma = np.full(len(q), 5e-6), np.full(len(q), 5e-5)
     target = PlaneTarget.unknown_plane(plane, T_b_board[:3, 3])
     return SeenTarget(PlaneModel(lines, *sigma, target, NOISE), q, T_b_f, np.zeros(3))
+
+
+def test_postures_that_only_check_look_every_way() -> None:
+    window = MeasuringRange(near=0.19, far=0.29, apex_z=-0.028, half_angle=0.188, columns=640)
+    plan = BallPlan(CENTRE_B, 0.03, T_F_S, window, NOISE, TOLERANCE, poses=20, held_out=6)
+    views = plan_views(plan, kinematics())[:26]
+    ways = np.array([view.T_b_f[:3, 2] for view in views if view.held_out])
+    apart = np.degrees(np.arccos(np.clip(ways @ ways.T, -1, 1)))
+    assert len(ways) == 6
+    assert apart.max() > 45
+    assert np.median(apart[np.triu_indices(6, 1)]) > 15

@@ -190,7 +190,10 @@ def _predicted(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -
 
 
 def _most_informative_first(plan: BallPlan, rows: Array, count: int) -> NDArray[np.intp]:
-    """Indices of candidates, each next one the D-optimal addition to those before it."""
+    """Indices of candidates, each next one the D-optimal addition to those before it.
+
+    Those that are not needed follow in any order: neighbours among them look the same way.
+    """
     joints = (rows.shape[2] - 10) // 6
     sigmas = np.concatenate(
         (
@@ -212,4 +215,5 @@ def _most_informative_first(plan: BallPlan, rows: Array, count: int) -> NDArray[
         left[k] = False
         AC = A[k] @ C
         C = C - AC.T @ np.linalg.solve(S[k], AC)
-    return np.concatenate((np.array(order, dtype=np.intp), np.flatnonzero(left)))
+    rest = np.random.default_rng(0).permutation(np.flatnonzero(left))
+    return np.concatenate((np.array(order, dtype=np.intp), rest))
