@@ -44,7 +44,6 @@ def scan(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import show_phase
     from tjscan.cli.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_scan_job
@@ -53,6 +52,8 @@ def scan(
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
     # A job with a mistake in it is refused before anything heavy is loaded.
+    from tjscan.cli.console import show_phase
+
     with show_phase("loading arm and laser"):
         from tjscan.cli.scan_modes import check_job_only, resume_interrupted_scan, start_new_scan
 
