@@ -35,6 +35,10 @@ YARD: Final = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 BLOCK: Final = 20
 """Plans that are timed together."""
 
+PRESSED: Final = 0.12
+"""Metres by which walls are wanted farther off than free plans keep: all then lie against a limit,
+and all have a shape within it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tow:
@@ -102,7 +106,7 @@ def rate_rows() -> list[Row]:
     nearest = min(
         float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
     )
-    tight = PlannerSettings(limits=TowingLimits(body_clearance=nearest - 0.15 + 0.05))
+    tight = PlannerSettings(limits=TowingLimits(body_clearance=nearest - 0.15 + PRESSED))
     pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
     share = 100 * float(np.mean([bool(p.limits) and not p.halt for p in tight_plans]))
     return [

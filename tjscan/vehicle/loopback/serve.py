@@ -17,7 +17,6 @@ from uuid import uuid4
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
 from tjscan.core.loopback import check_is_loopback_address
-from tjscan.core.version import VERSION
 from tjscan.vehicle.loopback.bodies import CrawlerBody, LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_fault
 from tjscan.vehicle.loopback.process import TRUTH
@@ -113,15 +112,7 @@ def _linked(
         port,
         prefix=prefix,
         presence_topic=PRESENCE_TOPIC,
-        presence=PresenceMessage(
-            session=vehicle.session,
-            number=0,
-            time=time.monotonic(),
-            alive=True,
-            model=model,
-            serial=str(vehicle.number),
-            software=VERSION,
-        ),
+        presence=PresenceMessage.at_start(vehicle.session, model, str(vehicle.number)),
         topics=(COMMAND_TOPIC, COMMANDER_TOPIC, TORCH_TOPIC, TORCH_COMMANDER_TOPIC),
         receive=inbox.put,
         changed=lambda up: None,

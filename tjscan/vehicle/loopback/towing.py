@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import cos, degrees, hypot, isnan, sin
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
-from tjscan.core.version import VERSION
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.loopback.bodies import ON_TRACKS, Faults
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder
@@ -192,14 +190,7 @@ class TowingBodies:
             port,
             prefix=prefix,
             presence_topic=TRACKER_TOPIC,
-            presence=PresenceMessage(
-                session=self._session,
-                number=0,
-                time=time.monotonic(),
-                alive=True,
-                model="loopback tracker",
-                software=VERSION,
-            ),
+            presence=PresenceMessage.at_start(self._session, "loopback tracker"),
             topics=(),
             receive=lambda received: None,
             changed=lambda up: None,

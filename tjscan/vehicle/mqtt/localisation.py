@@ -9,7 +9,6 @@ from uuid import uuid4
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import VehicleLinkLost
-from tjscan.core.version import VERSION
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.pose_gate import PoseGate
@@ -65,14 +64,7 @@ class MqttLocalisation:
             s.port,
             prefix=s.prefix,
             presence_topic=READER_TOPIC,
-            presence=PresenceMessage(
-                session=uuid4().hex,
-                number=0,
-                time=time.monotonic(),
-                alive=True,
-                model="tjscan",
-                software=VERSION,
-            ),
+            presence=PresenceMessage.at_start(uuid4().hex),
             topics=(
                 *(f"{number}/{pose}" for number in range(1, self._vehicles + 1)),
                 f"{PASSER_BY_TOPIC}/+",

@@ -8,7 +8,6 @@ from typing import Self
 from uuid import uuid4
 
 from tjscan.core.errors import DriveFault, VehicleLinkLost
-from tjscan.core.version import VERSION
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.mqtt.torch_wire import (
@@ -53,14 +52,7 @@ class MqttTorch:
             settings.port,
             prefix=settings.prefix,
             presence_topic=TORCH_COMMANDER_TOPIC,
-            presence=PresenceMessage(
-                session=self._session,
-                number=0,
-                time=time.monotonic(),
-                alive=True,
-                model="tjscan",
-                software=VERSION,
-            ),
+            presence=PresenceMessage.at_start(self._session),
             topics=(TORCH_STATE_TOPIC,),
             receive=self._receive,
             changed=lambda up: None,

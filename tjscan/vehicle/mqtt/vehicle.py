@@ -18,7 +18,6 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.core.version import VERSION
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.pose_gate import PoseGate
 from tjscan.vehicle.mqtt.settings import MqttSettings
@@ -89,14 +88,7 @@ class MqttVehicle:
             s.port,
             prefix=s.prefix,
             presence_topic=COMMANDER_TOPIC,
-            presence=PresenceMessage(
-                session=self._session,
-                number=0,
-                time=time.monotonic(),
-                alive=True,
-                model="tjscan",
-                software=VERSION,
-            ),
+            presence=PresenceMessage.at_start(self._session),
             topics=(PRESENCE_TOPIC, STATE_TOPIC, POSE_TOPIC),
             receive=self._receive,
             changed=self._link_changed,

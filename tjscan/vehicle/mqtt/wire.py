@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
+from time import monotonic
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 
+from tjscan.core.version import VERSION
 from tjscan.vehicle.vehicle import CORNERS, Twist, VehicleState
 
 COMMAND_TOPIC: Final = "command"
@@ -211,6 +213,19 @@ class PresenceMessage(WireMessage):
     model: Annotated[str, Len(0, 200)] = ""
     serial: Annotated[str, Len(0, 200)] = ""
     software: Annotated[str, Len(0, 200)] = ""
+
+    @classmethod
+    def at_start(cls, session: str, model: str = "tjscan", serial: str = "") -> Self:
+        """What a sender of this software says first."""
+        return cls(
+            session=session,
+            number=0,
+            time=monotonic(),
+            alive=True,
+            model=model,
+            serial=serial,
+            software=VERSION,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
