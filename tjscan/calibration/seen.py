@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Protocol, Self
+from typing import Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from tjscan.core.frames import Array, transform_points
 
 REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
+
+Sample = TypeVar("Sample", LineSample, ArcSample, RoofSample)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +87,35 @@ class SeenTarget(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenBoard:
+class SeenProfiles(Generic[Sample]):
+    """Profiles of one target, of whichever kind.
+
+    Parameters
+    ----------
+    samples : sequence of LineSample, ArcSample or RoofSample
+        What each profile shows.
+    """
+
+    samples: Sequence[Sample]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the profiles."""
+        return [sample.name for sample in self.samples]
+
+    @property
+    def T_b_f(self) -> Array:
+        """Flange poses of the profiles, shape (n, 4, 4)."""
+        return np.stack([sample.T_b_f for sample in self.samples])
+
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
+        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
+        return replace(self, samples=samples)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenBoard(SeenProfiles[LineSample]):
     """Lines on a board, touched or unknown.
 
     Parameters
@@ -98,19 +128,8 @@ class SeenBoard:
         What they err by.
     """
 
-    samples: Sequence[LineSample]
     target: PlaneTarget | None
     noise: NoiseModel
-
-    @property
-    def names(self) -> list[str]:
-        """Of the profiles."""
-        return [sample.name for sample in self.samples]
-
-    @property
-    def T_b_f(self) -> Array:
-        """Flange poses of the profiles, shape (n, 4, 4)."""
-        return np.stack([sample.T_b_f for sample in self.samples])
 
     @property
     def fits(self) -> list[LineFit]:
@@ -121,11 +140,6 @@ class SeenBoard:
     def kind(self) -> str:
         """``plane touched`` or ``plane unknown``."""
         return "plane unknown" if self.target is None else "plane touched"
-
-    def with_poses(self, T_b_f: Array) -> Self:
-        """The same profiles from other flange poses, shape (n, 4, 4)."""
-        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
-        return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:
         """By the closed form; for an unknown plane, by the closed form for many normals."""
@@ -151,7 +165,7 @@ class SeenBoard:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenBall:
+class SeenBall(SeenProfiles[ArcSample]):
     """Arcs on a ball.
 
     Parameters
@@ -164,19 +178,8 @@ class SeenBall:
         What they err by.
     """
 
-    samples: Sequence[ArcSample]
     sphere: SphereTarget
     noise: NoiseModel
-
-    @property
-    def names(self) -> list[str]:
-        """Of the profiles."""
-        return [sample.name for sample in self.samples]
-
-    @property
-    def T_b_f(self) -> Array:
-        """Flange poses of the profiles, shape (n, 4, 4)."""
-        return np.stack([sample.T_b_f for sample in self.samples])
 
     @property
     def kind(self) -> str:
@@ -188,11 +191,6 @@ class SeenBall:
         """The same wherever the sensor may sit."""
         fits = [sample.fit for sample in self.samples]
         return SphereModel.from_arc_fits(self.T_b_f, fits, self.sphere, self.noise)
-
-    def with_poses(self, T_b_f: Array) -> Self:
-        """The same profiles from other flange poses, shape (n, 4, 4)."""
-        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
-        return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:
         """One for each way to turn a cube."""
@@ -210,7 +208,7 @@ class SeenBall:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenRoof:
+class SeenRoof(SeenProfiles[RoofSample]):
     """Pairs of lines on the two planes of a roof edge.
 
     Parameters
@@ -221,28 +219,12 @@ class SeenRoof:
         What they err by.
     """
 
-    samples: Sequence[RoofSample]
     noise: NoiseModel
-
-    @property
-    def names(self) -> list[str]:
-        """Of the profiles."""
-        return [sample.name for sample in self.samples]
-
-    @property
-    def T_b_f(self) -> Array:
-        """Flange poses of the profiles, shape (n, 4, 4)."""
-        return np.stack([sample.T_b_f for sample in self.samples])
 
     @property
     def kind(self) -> str:
         """``roof edge``."""
         return "roof edge"
-
-    def with_poses(self, T_b_f: Array) -> Self:
-        """The same profiles from other flange poses, shape (n, 4, 4)."""
-        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
-        return replace(self, samples=samples)
 
     def starts(self) -> list[Array]:
         """From the lines on either plane, as if it were an unknown board."""

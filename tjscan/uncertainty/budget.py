@@ -177,10 +177,6 @@ class UncertaintyBudget:
         """
         return UncertaintyBudget(tuple(_made_of(one, shares) for one in self.components))
 
-    def with_component(self, component: BudgetComponent) -> UncertaintyBudget:
-        """The same budget with one component more."""
-        return UncertaintyBudget((*self.components, component))
-
     def stated_in(self, sections: Sequence[MeasuredSection]) -> tuple[MeasuredSection, ...]:
         """The sections, in their order, with the covariances that the budget gives them."""
         corners, measures = self.corner_covariances, self.measure_covariances
