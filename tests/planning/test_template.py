@@ -1,7 +1,6 @@
 """Beads in a section: their areas, that they do not overlap, and how they scale and mirror."""
 
 import importlib
-import importlib.util
 from typing import Any
 
 import numpy as np
@@ -100,19 +99,28 @@ def test_the_area_of_a_plate_s_groove_is_what_its_drawing_says() -> None:
     assert 1e6 * area == pytest.approx(536.8, abs=0.05)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("weldx") is None, reason="weldx is not installed")
-def test_weldx_has_the_same_area_and_speed_of_that_plate() -> None:
-    weldx: Any = importlib.import_module("weldx")
+def v_groove(thickness: float, angle: float, gap: float) -> np.ndarray:
+    lean = thickness * np.tan(np.radians(angle) / 2)
+    return np.array([(0.0, 0.0), (gap, 0.0), (gap + lean, thickness), (-lean, thickness)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "angle_key", "angle", "corners"),
+    [
+        ("HVGroove", "bevel_angle", 50.0, half_v()),
+        ("VGroove", "groove_angle", 60.0, v_groove(25.4e-3, 60.0, 6e-3)),
+    ],
+)
+def test_weldx_has_the_same_area_and_speed_of_a_plate(
+    kind: str, angle_key: str, angle: float, corners: np.ndarray
+) -> None:
+    weldx: Any = pytest.importorskip("weldx", reason="the extra tjscan[weldx] is not installed")
     util: Any = importlib.import_module("weldx.welding.util")
     Q_ = weldx.Q_
-    groove = weldx.get_groove(
-        groove_type="HVGroove",
-        workpiece_thickness=Q_(25.4, "mm"),
-        groove_angle=Q_(50, "deg"),
-        root_gap=Q_(6, "mm"),
-        root_face=Q_(0, "mm"),
-    )
-    area = SectionTemplate(half_v()[None], 0.0).area[0]
+    sizes = {"workpiece_thickness": 25.4, "root_gap": 6, "root_face": 0}
+    given = {key: Q_(value, "mm") for key, value in sizes.items()}
+    groove = weldx.get_groove(groove_type=kind, **given, **{angle_key: Q_(angle, "deg")})
+    area = SectionTemplate(corners[None], 0.0).area[0]
     theirs = groove.cross_sect_area.to("m**2").magnitude
     assert area == pytest.approx(float(theirs), rel=1e-6)
     speed = util.compute_welding_speed(groove, Q_(9, "m/min"), Q_(1.2, "mm")).to("m/s").magnitude

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,34 @@ def test_a_plan_leaves_files_that_agree(run: Path, capsys: pytest.CaptureFixture
     script = (run / "plan.urscript").read_text(encoding="utf-8")
     assert "True" not in script
     assert (run / "plan.png").is_file()
+    page = (run / "plan.html").read_text(encoding="utf-8")
+    assert f"<b>{len(document.beads)} beads</b>" in page
+    assert "http" not in page.split("</style>")[1]  # it loads nothing
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda text: text.replace('"version": 1', '"version": 0'), "run `tjscan plan` again"),
+        (lambda text: text.replace('"wire_kg"', '"wire_lb"'), "run `tjscan plan` again"),
+        (lambda text: text[: len(text) // 2], "is no plan"),
+    ],
+)
+def test_a_plan_that_is_damaged_or_older_is_refused(
+    spoil: Callable[[str], str], says: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert planned(run, "--out", run / "plan") in (0, 3)
+    file = run / "plan" / "plan.json"
+    (run / "plan" / "plan.html").unlink()
+    assert tjscan("report", run / "plan") == 0
+    assert (run / "plan" / "plan.html").is_file()
+    (run / "plan" / "SHA256SUMS").unlink(missing_ok=True)
+    file.write_text(spoil(file.read_text(encoding="utf-8")), encoding="utf-8")
+    capsys.readouterr()
+    assert tjscan("report", run / "plan") == 2
+    message = capsys.readouterr().err
+    assert says in message
+    assert "plan.json" in message
 
 
 def test_what_is_out_of_the_wps_is_named_and_ends_with_3(

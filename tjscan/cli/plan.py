@@ -45,20 +45,22 @@ def plan(
     import numpy as np
 
     from tjscan.core.errors import ConfigurationError
+    from tjscan.report.plan_page import write_plan_page
     from tjscan.runs.plan import ArcSwitch, plan_run
 
     if not 0 <= output <= 7:
         raise ConfigurationError("must be 0 to 7", key="--output")
     done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out)
+    page = write_plan_page(done.directory)
     if json:
         print(done.document.model_dump_json(indent=1))
     else:
-        _print_plan(done)
+        _print_plan(done, page)
     if done.plan.findings:
         raise SystemExit(OUT_OF_WPS)
 
 
-def _print_plan(done: WrittenPlan) -> None:
+def _print_plan(done: WrittenPlan, page: Path) -> None:
     from tjscan.cli.console import print_message, print_table
 
     found = done.document
@@ -98,4 +100,4 @@ def _print_plan(done: WrittenPlan) -> None:
         )
     if done.without_script:
         print_message(f"no program for the arm: {done.without_script}")
-    print_message(f"written to {done.directory}: {', '.join(done.files)}")
+    print_message(f"written to {done.directory}: {', '.join((*done.files, page.name))}")

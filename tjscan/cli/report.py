@@ -16,6 +16,8 @@ def report(
 ) -> None:
     """Write a run's report.html again, compared with another reference if one is given.
 
+    Where it holds a weld plan, plan.html is written again too.
+
     Parameters
     ----------
     run
@@ -31,8 +33,14 @@ def report(
     """
     from tjscan.cli.console import print_message
     from tjscan.comparison.sidecar import StatedUnitAndFrame
+    from tjscan.report.plan_page import PLAN, write_plan_page
     from tjscan.report.write import write_run_report
+    from tjscan.result.directory import SUMMARY
 
+    if (run / PLAN).is_file():
+        print_message(f"written to {write_plan_page(run)}")
+        if reference is None and not (run / SUMMARY).is_file():
+            return  # the plan of a run that lies elsewhere
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     stated = StatedUnitAndFrame(units, frame)
     print_message(f"written to {write_run_report(run, reference, tolerance, stated)}")

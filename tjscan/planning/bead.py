@@ -87,10 +87,15 @@ class PlannedBead:
         return float(self.path_steps.sum())
 
     @property
+    def times(self) -> Array:
+        """When the tip is at each point, shape (q,), seconds since the bead's start."""
+        pace = 1 / self.speed
+        return np.append(0.0, np.cumsum(self.path_steps * 0.5 * (pace[1:] + pace[:-1])))
+
+    @property
     def arc_time(self) -> float:
         """Seconds with the arc on."""
-        pace = 1 / self.speed
-        return float(np.sum(self.path_steps * 0.5 * (pace[1:] + pace[:-1])))
+        return float(self.times[-1])
 
     @property
     def volume(self) -> float:

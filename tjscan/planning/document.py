@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from tjscan.core.config import StrictFileModel
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM2
@@ -17,6 +20,9 @@ Range = Annotated[tuple[float, float], Field(strict=False, description="least an
 
 DIGITS: Final = 6
 """Significant ones of the numbers written."""
+
+MOST_BYTES: Final = 10_000_000
+"""A larger file holds no plan: a bead takes a kilobyte."""
 
 
 class ZoneEntry(StrictFileModel):
@@ -154,6 +160,29 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
             for one in plan.findings
         ),
     )
+
+
+def read_plan(file: Path) -> PlanDocument:
+    """Read ``plan.json``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or no plan as this version writes it.
+    """
+    try:
+        return PlanDocument.model_validate_json(read_small_file(file, MOST_BYTES, "a plan"))
+    except OSError as error:
+        raise ConfigurationError(
+            f"can't be read: {error.strerror}. `tjscan plan` writes it", file=file
+        ) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigurationError(
+            f"is no plan as this version writes it ({first['msg']}): run `tjscan plan` again",
+            file=file,
+            key=".".join(str(part) for part in first["loc"]) or None,
+        ) from None
 
 
 def _range(values: Array, unit: float) -> tuple[float, float]:

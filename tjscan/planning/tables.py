@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import read_small_file
+from tjscan.core.frames import Array
 from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2
@@ -20,6 +26,68 @@ COLUMNS: Final = (
     *("heat_kJ_mm", "slope_deg", "rotation_deg", "position"),
 )
 """rx, ry and rz are the rotation vector of the torch, radians."""
+
+MOST_BYTES: Final = 200_000_000
+"""A larger table holds no plan."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadCourse:
+    """How a bead goes along the groove, as ``beads.csv`` says, in the units of that file.
+
+    Parameters
+    ----------
+    number : int
+        In the order of welding.
+    kind : str
+        root, fill or cap.
+    s, speed, heat : ndarray, shape (q,)
+        Millimetres along the groove, mm/min and kJ/mm.
+    positions : tuple of str
+        Welding position at each point.
+    """
+
+    number: int
+    kind: str
+    s: Array
+    speed: Array
+    heat: Array
+    positions: tuple[str, ...]
+
+
+def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
+    """Read how the beads of ``beads.csv`` go along the groove.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or no such table.
+    """
+    try:
+        text = read_small_file(file, MOST_BYTES, "a table of beads").decode()
+        lines = (line for line in text.splitlines() if not line.startswith("#"))
+        rows = list(csv.DictReader(lines, strict=True))
+        return tuple(
+            _course(number, list(of_bead))
+            for number, of_bead in groupby(rows, key=lambda row: int(row["bead"]))
+        )
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise ConfigurationError(
+            f"is no table of beads as this version writes it ({error}): run `tjscan plan` again",
+            file=file,
+        ) from None
+
+
+def _course(number: int, rows: list[dict[str, str]]) -> BeadCourse:
+    s, speed, heat = (
+        np.array([float(row[name]) for row in rows])
+        for name in ("s_mm", "speed_mm_min", "heat_kJ_mm")
+    )
+    return BeadCourse(
+        number, rows[0]["kind"], s, speed, heat, tuple(row["position"] for row in rows)
+    )
 
 
 def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:

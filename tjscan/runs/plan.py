@@ -20,15 +20,18 @@ from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import plan_to_urscript
+from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.result.directory import JOB, SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv
+from tjscan.result.weldx import ROOTS
 
 PLAN: Final = "plan.json"
 BEADS: Final = "beads.csv"
 PICTURE: Final = "plan.png"
 SCRIPT: Final = "plan.urscript"
+WELDX: Final = "plan.weldx"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,9 @@ def plan_run(
             script = plan_to_urscript(plan, T_b_r, switch.output, arc=switch.on)
             head = provenance.comment_lines("#")
             (draft / SCRIPT).write_text(head + script, encoding="utf-8")
+        if weldx_is_installed():
+            root = ROOTS.get(summary.frame, summary.frame)
+            write_plan_as_weldx(draft / WELDX, plan, document, root)
         (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
         files = tuple(sorted(file.name for file in draft.iterdir()))
     return WrittenPlan(plan, document, folder, files, reason)

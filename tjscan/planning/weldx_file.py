@@ -1,0 +1,75 @@
+"""``plan.weldx``: the beads as moving frames of a weldx file, with their speed and heat input."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tjscan.core.units import MM
+from tjscan.planning.bead import PlannedBead
+from tjscan.planning.document import PlanDocument
+from tjscan.planning.plan import WeldPlan
+from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
+
+
+def weldx_is_installed() -> bool:
+    """Whether weldx files can be written."""
+    return find_spec("weldx") is not None
+
+
+def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root: str) -> None:
+    """Write a plan as a weldx file.
+
+    Every bead is a frame ``torch, bead N`` below the root that moves with time from the bead's
+    start, z along the wire. They stand under ``coordinate_systems``; wire feed, travel speed, heat
+    input and power of each bead under ``beads``; the document of ``plan.json`` under ``plan``.
+
+    Parameters
+    ----------
+    file : Path
+        The file to write; weldx is installed.
+    plan : WeldPlan
+        The plan.
+    document : PlanDocument
+        As it stands in ``plan.json``.
+    root : str
+        What the frame of the sections is called in the tree of frames.
+    """
+    weldx: Any = import_module("weldx")
+    frames = weldx.CoordinateSystemManager(root, "weld plan")
+    for bead in plan.beads:
+        frames.add_cs(f"torch, bead {bead.number}", root, _moving_frame(weldx, bead))
+    tree = {
+        "plan": document.model_dump(mode="json"),
+        "coordinate_systems": frames,
+        "beads": [_settings(weldx, bead) for bead in plan.beads],
+    }
+    with weldx.WeldxFile(tree=tree, mode="rw") as made:
+        made.write_to(file)
+
+
+def _moving_frame(weldx: Any, bead: PlannedBead) -> Any:
+    places = weldx.Q_(bead.points / MM.factor, "mm")
+    return weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, _times(weldx, bead))
+
+
+def _settings(weldx: Any, bead: PlannedBead) -> dict[str, Any]:
+    def over_time(values: Any, unit: str) -> Any:
+        return weldx.TimeSeries(weldx.Q_(np.asarray(values), unit), _times(weldx, bead), "linear")
+
+    return {
+        "bead": bead.number,
+        "kind": bead.kind,
+        "wire_feed": weldx.Q_(bead.feed / M_MIN.factor, "m/min"),
+        "power": weldx.Q_(bead.power, "W"),
+        "travel_speed": over_time(bead.speed / MM_MIN.factor, "mm/min"),
+        "heat_input": over_time(bead.heat / KJ_MM.factor, "kJ/mm"),
+    }
+
+
+def _times(weldx: Any, bead: PlannedBead) -> Any:
+    return weldx.Time(weldx.Q_(bead.times, "s"))

@@ -1,0 +1,139 @@
+"""``plan.html``: a weld plan on a page that opens offline."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.files import read_small_file, write_files_atomically
+from tjscan.planning.document import PlanDocument, read_plan
+from tjscan.planning.tables import BeadCourse, read_beads_csv
+from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.report.template import load_template
+
+PAGE: Final = "plan.html"
+PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
+
+MOST_BYTES: Final = 5_000_000
+"""A larger picture would make the page too large to send."""
+
+POSITION_COLOURS: Final = {
+    "PA": "#2ca02c",
+    "PB": "#98df8a",
+    "PC": "#1f77b4",
+    "PD": "#ffbb78",
+    "PE": "#d62728",
+    "PF": "#9467bd",
+    "PG": "#8c564b",
+}
+
+
+def write_plan_page(directory: Path) -> Path:
+    """Write ``plan.html`` from the plan's files in a directory, and return it.
+
+    Parameters
+    ----------
+    directory : Path
+        Holds ``plan.json``, ``beads.csv`` and ``plan.png``.
+
+    Raises
+    ------
+    ConfigurationError
+        If one of them can't be read.
+    RecordingError
+        If the page can't be written.
+    """
+    plan = read_plan(directory / PLAN)
+    courses = read_beads_csv(directory / BEADS)
+    page = load_template("plan.html.jinja").render(
+        plan=plan,
+        facts=list(_facts(plan)),
+        beads=list(_bead_rows(plan)),
+        pictures=[
+            _filled_sections(directory / PICTURE),
+            draw_positions(courses),
+        ],
+        provenance=plan.provenance.header_entries,
+    )
+    with write_files_atomically(directory) as draft:
+        (draft / PAGE).write_text(page, encoding="utf-8")
+    return directory / PAGE
+
+
+def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
+    """Draw in which welding position each bead is laid, along the groove."""
+    figure = new_figure(12, 1.6 + 0.24 * len(courses))
+    axes = figure.add_subplot()
+    seen: set[str] = set()
+    for bead in courses:
+        for name, first, last in _runs(bead.positions):
+            start, end = bead.s[first], bead.s[min(last + 1, len(bead.s) - 1)]
+            axes.barh(
+                bead.number, end - start, left=start, height=0.8, color=POSITION_COLOURS[name]
+            )
+            seen.add(name)
+    for name in sorted(seen):
+        axes.barh(np.nan, 0, color=POSITION_COLOURS[name], label=name)
+    axes.set_yticks([bead.number for bead in courses])
+    axes.invert_yaxis()
+    axes.set_xlabel("s / mm")
+    axes.set_ylabel("bead")
+    axes.legend(ncols=len(seen), fontsize="small", loc="lower right", bbox_to_anchor=(1, 1))
+    return inline_figure(
+        figure,
+        "Welding positions",
+        "The nearest principal position of ISO 6947 along each bead, in the order of welding.",
+    )
+
+
+def _runs(names: Sequence[str]) -> Iterator[tuple[str, int, int]]:
+    """Names with the first and last place of each stretch in which they stay the same."""
+    first = 0
+    for name, group in groupby(names):
+        count = len(list(group))
+        yield name, first, first + count - 1
+        first += count
+
+
+def _filled_sections(file: Path) -> ReportPicture:
+    data = b64encode(read_small_file(file, MOST_BYTES, "a picture")).decode("ascii")
+    return ReportPicture(
+        "Three sections filled, speed and heat input along each bead",
+        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
+        "overlaps its start, s goes on beyond the groove's length.",
+        f"data:image/png;base64,{data}",
+    )
+
+
+def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
+    yield "run", plan.run
+    yield "WPS", plan.wps
+    yield "groove", f"{plan.groove_mm:.0f} mm{', closed' if plan.closed else ''}"
+    layers = [zone.beads_in_layers for zone in plan.zones]
+    yield "beads in layers", "; ".join(" + ".join(map(str, counts)) for counts in layers)
+    yield "downwards", " ".join(f"{x:g}" for x in plan.gravity)
+    yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
+    yield "stick-out", f"{plan.stick_out_mm:g} mm"
+    yield "interpass temperature", f"{plan.interpass_temperature_C:g} °C"
+
+
+def _bead_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
+    for bead in plan.beads:
+        yield (
+            str(bead.number),
+            f"{bead.layer}.{bead.place}",
+            bead.kind,
+            f"{bead.length_mm:.0f}",
+            f"{bead.feed_m_min:.2f}",
+            "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
+            "{:.1f}–{:.1f}".format(*bead.area_mm2),
+            "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
+            " ".join(bead.positions),
+            f"{bead.arc_time_s / 60:.1f}",
+            f"{100 * bead.fill_sigma:.1f}",
+        )
