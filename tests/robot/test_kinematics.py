@@ -145,6 +145,24 @@ def test_the_inverse_near_the_angles_returns_them(model: str, share: Array, offs
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_branches_of_many_poses_are_the_inverse_and_keep_their_places_along_a_path(
+    model: str,
+) -> None:
+    kinematics = arm(model)
+    path = WELL + np.linspace(0, 1, 50)[:, None] * np.array((0.9, 0.3, -0.4, 0.5, 0.6, -1.2))
+    poses = np.array([kinematics.forward(q) for q in path])
+    found = kinematics.inverse_branches(poses)
+    assert found.shape == (50, 8, 6)
+    held = np.isfinite(found).all(axis=2)
+    for i, j in np.argwhere(held):
+        np.testing.assert_allclose(kinematics.forward(found[i, j]), poses[i], atol=SOLVED)
+    away = np.abs(np.angle(np.exp(1j * (found - path[:, None])))).max(axis=2)
+    same = away < ANGLES
+    assert (same.sum(axis=1) == 1).all()
+    assert len(set(same.argmax(axis=1).tolist())) == 1
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_a_general_arm_is_solved_without_the_closed_form(model: str, tmp_path: Path) -> None:
     # The same arm with its joints' axes turned round is none that the closed form knows.
     file = tmp_path / "arm.urdf"

@@ -8,14 +8,13 @@ z_i is the axis of DH frame i.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from math import acos, asin, atan2, cos, hypot, pi, sin
+from math import pi
 from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, pose, rot_x, rot_z
+from tjscan.core.frames import Array
 
 ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""
@@ -53,72 +52,98 @@ def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float
     ndarray, shape (k, 6)
         Radians; k is 0 (out of reach) to 8, or up to 12 where joint 6 is free.
     """
-    found = list(_configurations(geometry, T_0_6, free_wrist))
-    return np.array(found).reshape(-1, 6)
+    T = T_0_6[None]
+    q1 = _shoulders(geometry, T)
+    lean, turn = _wrists(T, q1)
+    q5, q6 = np.stack((lean, -lean), axis=-1), np.stack((turn, turn + pi), axis=-1)
+    free = np.sin(lean[0]) <= FREE_WRIST
+    found = []
+    for i in range(2):
+        if not free[i]:
+            found.append(_planar(geometry, T, q1[:, i, None], q5[:, i], q6[:, i]))
+            continue
+        # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the two
+        # that bring it nearest to the shoulder and furthest from it: if any is in reach, one is.
+        # The hand's elbow is at p5 - d5 z4, and z4 in frame 6 is (-sin q6, -cos q6, 0).
+        p5 = T_0_6[:3, 3] - geometry.d6 * T_0_6[:3, 2]
+        from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, geometry.d1])
+        inward = np.arctan2(-from_shoulder[0], -from_shoulder[1])
+        turns = np.array([[free_wrist, inward, inward + pi]])
+        found.append(_planar(geometry, T, q1[:, i, None], lean[:, i, None] + 0 * turns, turns))
+    q = np.concatenate([one.reshape(-1, 6) for one in found])
+    return np.asarray(q[np.isfinite(q).all(axis=1)])
 
 
-def _configurations(g: UrDhLengths, T_0_6: Array, free_wrist: float) -> Iterator[list[float]]:
-    R, z6 = T_0_6[:3, :3], T_0_6[:3, 2]
-    p5 = T_0_6[:3, 3] - g.d6 * z6
+def inverse_branches(geometry: UrDhLengths, T_0_6: Array) -> Array:
+    """The eight branches of the inverse at many poses, each continuous along a path.
+
+    Parameters
+    ----------
+    geometry : UrDhLengths
+        The arm.
+    T_0_6 : ndarray, shape (m, 4, 4)
+        Poses of DH frame 6 in DH frame 0.
+
+    Returns
+    -------
+    ndarray, shape (m, 8, 6)
+        Radians, whatever the joint limits: shoulder, wrist and elbow either way. Not a number
+        where a branch does not reach the pose. Where joint 6 is free, it is anywhere.
+    """
+    q1 = _shoulders(geometry, T_0_6)
+    lean, turn = _wrists(T_0_6, q1)
+    q5, q6 = np.stack((lean, -lean), axis=-1), np.stack((turn, turn + pi), axis=-1)
+    q = _planar(geometry, T_0_6, np.broadcast_to(q1[..., None], q5.shape), q5, q6)
+    return q.reshape(len(T_0_6), 8, 6)
+
+
+def _shoulders(g: UrDhLengths, T: Array) -> Array:
+    """Joint 1 both ways, shape (m, 2)."""
+    p5 = T[:, :3, 3] - g.d6 * T[:, :3, 2]
     # z1 = (sin q1, -cos q1, 0), and the wrist stands d4 along it: p5 . z1 = d4.
-    ratio = _bounded(g.d4, hypot(p5[0], p5[1]))
-    if ratio is None:
-        return
-    bearing = atan2(p5[1], p5[0])
-    for q1 in (bearing + asin(ratio), bearing + pi - asin(ratio)):
-        z1 = np.array([sin(q1), -cos(q1), 0.0])
-        # z1 in frame 6 is (sin q5 cos q6, -sin q5 sin q6, cos q5).
-        x, y, z = (float(part) for part in R.T @ z1)
-        lean = atan2(hypot(x, y), z)
-        for q5, q6 in _wrists(g, T_0_6, p5, lean, (x, y), free_wrist):
-            for q2, q3, q4 in _planar(g, T_0_6, q1, q5, q6):
-                yield [q1, q2, q3, q4, q5, q6]
+    lean = np.arcsin(_bounded(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
+    bearing = np.arctan2(p5[:, 1], p5[:, 0])
+    return np.stack((bearing + lean, bearing + pi - lean), axis=1)
 
 
-def _wrists(
-    g: UrDhLengths,
-    T_0_6: Array,
-    p5: Array,
-    lean: float,
-    z1_6: tuple[float, float],
-    free_wrist: float,
-) -> Iterator[tuple[float, float]]:
-    """Joints 5 and 6."""
-    x, y = z1_6
-    if sin(lean) > FREE_WRIST:
-        yield lean, atan2(-y, x)
-        yield -lean, atan2(y, -x)
-        return
-    # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the two
-    # that bring it nearest to the shoulder and furthest from it: if any is in reach, one is.
-    # The hand's elbow is at p5 - d5 z4, and z4 in frame 6 is (-sin q6, -cos q6, 0).
-    from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, g.d1])
-    inward = atan2(-from_shoulder[0], -from_shoulder[1])
-    for q6 in (free_wrist, inward, inward + pi):
-        yield lean, q6
+def _wrists(T: Array, q1: Array) -> tuple[Array, Array]:
+    """Joints 5 and 6 one way, each of q1's shape (m, k); the other is -q5, q6 + 180 degrees."""
+    z1 = np.stack((np.sin(q1), -np.cos(q1), 0 * q1), axis=-1)
+    # z1 in frame 6 is (sin q5 cos q6, -sin q5 sin q6, cos q5).
+    x, y, z = np.moveaxis(np.einsum("mji,mkj->mki", T[:, :3, :3], z1), -1, 0)
+    return np.arctan2(np.hypot(x, y), z), np.arctan2(-y, x)
 
 
-def _planar(
-    g: UrDhLengths, T_0_6: Array, q1: float, q5: float, q6: float
-) -> Iterator[tuple[float, float, float]]:
-    """Joints 2, 3, 4: two links and a hand in the plane square to z1."""
-    T_0_1 = pose(rot_z(q1) @ rot_x(pi / 2), [0, 0, g.d1])
-    T_4_5 = pose(rot_z(q5) @ rot_x(-pi / 2), [0, 0, g.d5])
-    T_5_6 = pose(rot_z(q6), [0, 0, g.d6])
-    T_1_4 = np.linalg.solve(T_0_1, T_0_6) @ np.linalg.inv(T_4_5 @ T_5_6)
-    x, y = float(T_1_4[0, 3]), float(T_1_4[1, 3])
-    cosine = _bounded(x * x + y * y - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
-    if cosine is None:
-        return
-    # R_1_4 = Rz(q2 + q3 + q4) Rx(90 deg).
-    q234 = atan2(T_1_4[1, 0], T_1_4[0, 0])
-    for q3 in (acos(cosine), -acos(cosine)):
-        q2 = atan2(y, x) - atan2(g.a3 * sin(q3), g.a2 + g.a3 * cos(q3))
-        yield q2, q3, q234 - q2 - q3
+def _planar(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
+    """All six joints, the elbow both ways; q1, q5 and q6 of shape (m, ...), shape (m, ..., 2, 6).
+
+    Joints 2, 3 and 4 are two links and a hand in the plane square to z1.
+    """
+    extra = (slice(None), *(None,) * (q1.ndim - 1))
+    R, p = T[:, :3, :3][extra], T[:, :3, 3][extra]
+    c1, s1 = np.cos(q1), np.sin(q1)
+    c6, s6 = np.cos(q6)[..., None], np.sin(q6)[..., None]
+    # The hand's elbow, p4 = p6 - d6 z6 - d5 z4', z4' = the axis y of frame 5 turned back.
+    y4 = s6 * R[..., 0] + c6 * R[..., 1]
+    p4 = p - g.d6 * R[..., 2] + g.d5 * y4
+    away = p4 - np.array((0.0, 0.0, g.d1))
+    x = c1 * away[..., 0] + s1 * away[..., 1]
+    y = away[..., 2]
+    # R_1_4 = Rz(q2 + q3 + q4) Rx(90 deg), so its x axis is that of frame 4.
+    x6 = c6 * R[..., 0] - s6 * R[..., 1]
+    c5, s5 = np.cos(q5)[..., None], np.sin(q5)[..., None]
+    x4 = c5 * x6 - s5 * R[..., 2]
+    q234 = np.arctan2(x4[..., 2], c1 * x4[..., 0] + s1 * x4[..., 1])
+    cosine = _bounded(x**2 + y**2 - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
+    bend = np.arccos(cosine)[..., None] * np.array((1.0, -1.0))
+    q2 = np.arctan2(y, x)[..., None] - np.arctan2(g.a3 * np.sin(bend), g.a2 + g.a3 * np.cos(bend))
+    q1, q5, q6 = (np.broadcast_to(q[..., None], q2.shape) for q in (q1, q5, q6))
+    return np.stack((q1, q2, bend, q234[..., None] - q2 - bend, q5, q6), axis=-1)
 
 
-def _bounded(part: float, whole: float) -> float | None:
-    """``part / whole`` where that is a sine or cosine, None where no angle has it."""
-    if abs(part) > abs(whole) * (1 + ROUNDING) or whole == 0:
-        return None
-    return min(max(part / whole, -1.0), 1.0)
+def _bounded(part: Array | float, whole: Array | float) -> Array:
+    """``part / whole`` where that is a sine or cosine, not a number where no angle has it."""
+    part, whole = np.asarray(part), np.asarray(whole)
+    can = (np.abs(part) <= np.abs(whole) * (1 + ROUNDING)) & (whole != 0)
+    ratio = np.divide(part, whole, out=np.full(can.shape, np.nan), where=can)
+    return np.clip(ratio, -1.0, 1.0)

@@ -24,7 +24,7 @@ import pinocchio as pin
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
-from tjscan.robot.closed_form import UrDhLengths, all_inverse_solutions
+from tjscan.robot.closed_form import UrDhLengths, all_inverse_solutions, inverse_branches
 from tjscan.robot.models.generate import ARMS
 
 MODELS: Final = tuple(ARMS)
@@ -310,6 +310,37 @@ class Kinematics:
             if all(np.abs(q - other).max() > SAME_CONFIGURATION for other in found):
                 found.append(np.clip(q, self.lower, self.upper))
         return tuple(found)
+
+    def inverse_branches(self, T_b_f: Array) -> Array:
+        """The eight branches of the closed-form inverse at many poses; see `closed_form`.
+
+        Parameters
+        ----------
+        T_b_f : ndarray, shape (m, 4, 4)
+            Flange poses in the base frame.
+
+        Returns
+        -------
+        ndarray, shape (m, 8, 6)
+            Radians, from -pi to pi, whatever the limits; not a number where a branch does not
+            reach. Of a calibrated arm it is as close as that differs from its maker's drawing.
+
+        Raises
+        ------
+        ConfigurationError
+            If the arm is not of the Universal Robots type.
+        """
+        if self._geometry is None:
+            raise ConfigurationError(
+                f"the reach of a {self.name} can't be searched: there is no closed form of its "
+                "inverse kinematics, as Universal Robots arms have one",
+                key="arm.model",
+            )
+        T_0_root = inverse_pose(self._model.jointPlacements[1].homogeneous)
+        T_f_6 = inverse_pose(self._model.frames[self._flange].placement.homogeneous)
+        T_0_6 = T_0_root @ inverse_pose(self._T_b_root) @ T_b_f @ T_f_6
+        q = inverse_branches(self._geometry, T_0_6)
+        return np.asarray(q - 2 * np.pi * np.round(q / (2 * np.pi)))
 
     def _target(self, T_b_f: Array) -> Any:
         """Pose of f in the root of the URDF, its rotation freed from rounding."""
