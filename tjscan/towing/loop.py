@@ -16,38 +16,21 @@ from tjscan.core.frames import Array
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.cable import Cable
 from tjscan.towing.devices import Team
-from tjscan.towing.following import PoseFollower, velocity_from_twist
+from tjscan.towing.following import PoseFollower
 from tjscan.towing.journal import TowCycle, TowJournal
 from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
-from tjscan.towing.standstill import StandstillCheck
+from tjscan.towing.standing import StandingVehicles
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team import TowingTeam
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
+from tjscan.towing.waiting import Patience, Waiting
 from tjscan.vehicle.localisation import Localisation, VehiclePose
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
 PERIOD: Final = 0.1
 """Seconds between plans."""
-
-TAUT: Final = 0.98
-"""Chord of a piece of cable beside a vehicle that stands, as share of its length, at which the
-welder waits."""
-
-SLACK: Final = 0.95
-"""The same from which on it goes slower, and below which it goes on after it waited: what noise of
-the poses changes is less than the way between the two."""
-
-BENT: Final = 0.9
-"""Share of the joints' limit to which the cable beside a vehicle that stands may be planned to bend
-before the welder waits: pulled from its other end, it bends more than planned at the vehicle."""
-
-EASED: Final = 0.85
-"""The same below which the welder goes on after it waited."""
-
-LEAST_PACE: Final = 0.1
-"""Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
 KNOWN: Final = 0.15e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
@@ -85,22 +68,6 @@ class TowSetting:
     obstacles: Callable[[float], Sequence[DiscObstacle]]
 
 
-@dataclass(frozen=True, slots=True)
-class Waiting:
-    """Why the welder waits.
-
-    Parameters
-    ----------
-    why : str
-        In a sentence without its full stop.
-    device : bool
-        Whether a vehicle or the link to it is to blame.
-    """
-
-    why: str
-    device: bool = False
-
-
 class CableTow:
     """The loop of a tow.
 
@@ -133,18 +100,15 @@ class CableTow:
         self._followers = [
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
-        self._checks = [StandstillCheck() for _ in range(count)]
+        self._standing = StandingVehicles(setting.cable, team, self._journal.record_event)
+        self._patience = Patience(setting.following.patience, self._journal.record_event)
         self._along = self._due = 0.0
         self._stood = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
         self._asked: list[Twist] = [REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
-        self._waits: Waiting | None = None
-        self._waited_since = 0.0
-        self._stopped: tuple[int, ...] = ()
-        self._doubted: tuple[int, ...] = ()
-        self._taut = self._bent = self._shapeless = False
+        self._shapeless = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
         """Tow until the seam is welded.
@@ -232,8 +196,8 @@ class CableTow:
     def _cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and tell the vehicles where to go."""
         now = self._team.time
-        self._watch_vehicles(now, estimate)
-        waiting, pace = self._reason_to_wait(estimate), self._pace(estimate)
+        self._standing.update(now, PERIOD, self._states, self._asked, estimate)
+        waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
         pace = allowed = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
         began = host.thread_time()
@@ -244,7 +208,7 @@ class CableTow:
         elif pace == 0 and waiting is None:
             waiting = Waiting("one step on, the cable has no shape within its limits")
         self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
-        self._wait(now, waiting)
+        self._patience.update(now, waiting, self._along)
         step = pace * self._setting.seam.settings.speed * PERIOD
         along = min(self._along + step, self._setting.seam.length)
         targets = self._send(estimate, plan, along)
@@ -263,7 +227,7 @@ class CableTow:
                 seconds,
                 host.process_time() - self._began,
                 "" if waiting is None else waiting.why,
-                self._stopped,
+                self._standing.stopped,
             )
         )
         self._along, self._targets = along, targets
@@ -304,7 +268,7 @@ class CableTow:
             dt=PERIOD,
             last=self._last,
             obstacles=obstacles,
-            stopped=self._stopped,
+            stopped=self._standing.stopped,
         )
 
     def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
@@ -318,40 +282,13 @@ class CableTow:
         before[-1], targets[-1] = seam.pose_at(self._along), seam.pose_at(along)
         lost = self._poses.lost(estimate)
         for v, follower in enumerate(self._followers):
-            if v in lost or (v in self._stopped and v < len(self._followers) - 1):
+            if v in lost or (v in self._standing.stopped and v < len(self._followers) - 1):
                 follower.reset()
                 targets[v], self._asked[v] = estimate.poses[v], REST
             else:
                 self._asked[v] = follower.follow(estimate.poses[v], before[v], targets[v], PERIOD)
         self._command()
         return targets
-
-    def _command(self) -> None:
-        for vehicle, twist in zip(self._team.vehicles, self._asked, strict=True):
-            with suppress(VehicleFault):  # its next state says so too
-                vehicle.command(twist)
-
-    def _stop(self) -> None:
-        for vehicle in self._team.vehicles:
-            vehicle.stop()
-
-    def _watch_vehicles(self, now: float, estimate: TeamEstimate) -> None:
-        """Notice vehicles that stand for good, and those that drive again."""
-        stopped, doubted = [], []
-        for v, (state, check) in enumerate(zip(self._states, self._checks, strict=True)):
-            fault = isinstance(state, VehicleFault) or bool(state.fault)
-            pose = estimate.poses[v]
-            asked = PERIOD * velocity_from_twist(self._asked[v], pose[2])[:2]
-            if check.update(now, pose, asked, sigma=estimate.sigmas[v, 0], fault=fault):
-                stopped.append(v)
-                if v not in self._doubted and not isinstance(state, VehicleLinkLost):
-                    why = _fault_of(state) or "it is told to drive, and does not move"
-                    self._journal.record_event("stands", f"vehicle {v + 1}: {why}")
-            if check.doubted:
-                doubted.append(v)
-        for v in sorted(set(self._doubted) - set(doubted)):
-            self._journal.record_event("drives again", f"vehicle {v + 1}")
-        self._stopped, self._doubted = tuple(stopped), tuple(doubted)
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
         """Why the welder must stand, whatever the plan says."""
@@ -362,81 +299,16 @@ class CableTow:
         if lost:
             v, why = next(iter(lost.items()))
             return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
-        welder = len(self._followers) - 1
-        if welder in self._stopped:
-            why = _fault_of(self._states[welder]) or "it does not move"
-            return Waiting(f"the welder stands: {why}", device=True)
-        share, standing = self._tautest(estimate)
-        self._taut = share >= (SLACK if self._taut else TAUT)
-        if self._taut:
-            return Waiting(
-                f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
-            )
-        share, standing = self._most_bent()
-        self._bent = share >= (EASED if self._bent else BENT)
-        if self._bent:
-            return Waiting(
-                f"vehicle {standing + 1} stands, and the cable beside it nears its limit of bend",
-                device=True,
-            )
-        return None
+        return self._standing.reason_to_wait(estimate.poses, self._last)
 
-    def _tautest(self, estimate: TeamEstimate) -> tuple[float, int]:
-        """Largest chord of a piece beside a standing vehicle, over its length, and which one."""
-        held = np.array(self._setting.team.held_links)
-        lengths = self._setting.cable.link_length * np.diff(held, prepend=-1)
-        places = np.vstack((self._setting.cable.root[:2], estimate.poses[:, :2]))
-        steps = np.diff(places, axis=0)
-        shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
-        beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
-        return max(beside, default=(0.0, 0))
+    def _command(self) -> None:
+        for vehicle, twist in zip(self._team.vehicles, self._asked, strict=True):
+            with suppress(VehicleFault):  # its next state says so too
+                vehicle.command(twist)
 
-    def _most_bent(self) -> tuple[float, int]:
-        """Largest joint angle planned beside a standing vehicle, over its limit, and which one."""
-        if self._last is None:
-            return 0.0, 0
-        ends = (0, *(link + 1 for link in self._setting.team.held_links))
-        angles = np.abs(self._last.angles) / self._setting.cable.joint_limit
-        return max(
-            (
-                (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
-                for v in self._doubted
-            ),
-            default=(0.0, 0),
-        )
-
-    def _pace(self, estimate: TeamEstimate) -> float:
-        """Share of the welding speed that the pieces of cable beside standing vehicles allow."""
-        share, _ = self._tautest(estimate)
-        return float(np.clip((TAUT - share) / (TAUT - SLACK), LEAST_PACE, 1.0))
-
-    def _wait(self, now: float, waiting: Waiting | None) -> None:
-        """Report that the welder waits, or goes on; give up when it has waited for too long."""
-        if waiting is None:
-            if self._waits is not None:
-                self._journal.record_event("goes on", f"after {now - self._waited_since:.1f} s")
-            self._waits = None
-            return
-        if self._waits is None:
-            self._waited_since = now
-        if self._waits is None or _without_numbers(self._waits) != _without_numbers(waiting):
-            self._journal.record_event("waits", waiting.why)
-        self._waits = waiting
-        if now - self._waited_since > self._setting.following.patience:
-            sentence = (
-                f"{waiting.why}. The weld is halted {1e3 * self._along:.0f} mm along the seam; "
-                "when the way is clear, go on with tjscan tow run --resume DIR"
-            )
-            raise VehicleFault(sentence) if waiting.device else TowHalted(sentence)
-
-
-def _fault_of(state: VehicleState | VehicleFault) -> str:
-    return state.fault if isinstance(state, VehicleState) else str(state)
-
-
-def _without_numbers(waiting: Waiting) -> str:
-    """Its words: as long as only numbers change, nothing new is to be said."""
-    return "".join(letter for letter in waiting.why if not letter.isdigit())
+    def _stop(self) -> None:
+        for vehicle in self._team.vehicles:
+            vehicle.stop()
 
 
 def _seen(measured: Sequence[VehiclePose | None]) -> Array:
