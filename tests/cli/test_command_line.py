@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,9 @@ from cells import PAPER
 from command import tjscan
 from written import content
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.groove.find import find_groove
+from tjscan.job import read_scan_job
 from tjscan.result.table import COLUMNS
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -170,7 +173,22 @@ def test_help_loads_nothing_heavy() -> None:
     told = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    assert "scan" in told.stdout
+    assert "Scan a groove as a job file says." in told.stdout
+
+
+def test_every_key_that_the_help_of_scan_names_is_a_key_of_a_job(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert tjscan("scan", "--help") == 0
+    told = capsys.readouterr().out
+    keys = set(re.findall(r"--(\w[\w-]*\.[\w.-]*\w)", told))
+    assert "scan.step-mm" in keys
+    for key in keys:
+        with pytest.raises(ConfigurationError) as refused:
+            read_scan_job(
+                PAPER.with_name("whole-joint.toml"), {key.replace("-", "_"): ["no key takes this"]}
+            )
+        assert "unknown key" not in refused.value.message
 
 
 def test_groove_reads_a_run_again(

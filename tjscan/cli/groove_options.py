@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from cyclopts import Parameter
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.groove.settings import GrooveSettings
-from tjscan.laser.files import FileProfiles, ProfileFormat
+
+if TYPE_CHECKING:
+    from tjscan.groove.settings import GrooveSettings
+    from tjscan.laser.files import FileProfiles, ProfileFormat
 
 
 @Parameter(name="*")
@@ -44,6 +46,8 @@ class ProfileFileOptions:
     @property
     def profile_format(self) -> ProfileFormat:
         """The options as the format that the reader of profile files takes."""
+        from tjscan.laser.files import ProfileFormat
+
         invalid = tuple(self.invalid or ())
         return ProfileFormat(self.units, self.pitch, invalid, self.z_scale, self.z_offset)
 
@@ -80,6 +84,7 @@ class GrooveReadingOptions:
 def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -> GrooveSettings:
     """Groove settings for a file: options before the job of a run directory before the defaults."""
     from tjscan.core.config import table_to_dict, validate_table
+    from tjscan.groove.settings import GrooveSettings
     from tjscan.job import read_scan_job
     from tjscan.result.directory import JOB
 
@@ -100,7 +105,7 @@ def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> Fil
     """
     from tjscan.cli.console import print_message
     from tjscan.cli.groove_output import print_bad_rows
-    from tjscan.laser.files import read_profiles
+    from tjscan.laser.files import FileProfiles, read_profiles
     from tjscan.result.directory import JOB
     from tjscan.scanning.reader import load_profiles_of_run as read_recorded
 

@@ -23,8 +23,20 @@ def scan(
     Ctrl-C ends the scan after the section under way; twice, it stops the arm at once. Either way
     --resume goes on from there.
 
-    Every key of the job file is an option too: ``--scan.step-mm 20``,
-    ``--station.left.length-mm 600``.
+    Every key of the job file is an option too, as in
+    ``tjscan scan examples/paper.toml --scan.step-mm 20``. Those that are changed most:
+
+    - ``--scan.step-mm``: distance from section to section
+    - ``--scan.length-mm``, ``--scan.sections``: where to end
+    - ``--scan.standoff-mm``, ``--scan.pull-angle-deg``: how the laser looks at the groove
+    - ``--scan.prediction-case``: how the next section is predicted
+    - ``--arm.driver``, ``--arm.ur.host``, ``--arm.speed-mm-s``: the arm
+    - ``--laser.driver``: the laser
+    - ``--station.left.length-mm``: the same keys for one station
+    - ``--simulation.seed``: other faults of the simulated cell
+
+    Exit codes: 0 done, 1 ended before it was complete, 2 a mistake in job or options, 4 a fault of
+    arm or laser, 130 interrupted.
 
     Parameters
     ----------

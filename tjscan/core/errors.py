@@ -7,9 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+
+def _copy_of(values: ArrayLike) -> NDArray[np.float64]:
+    """Evidence that nobody changes later. The command line's help needs no NumPy."""
+    import numpy as np
+
+    return np.array(values, dtype=float)
 
 
 class TjscanError(Exception):
@@ -52,7 +61,7 @@ class PoseUnreachable(ArmFault):
 
     def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
         self.reason = reason
-        self.T_b_f: NDArray[np.float64] = np.array(T_b_f, dtype=float)
+        self.T_b_f = _copy_of(T_b_f)
         x, y, z = 1e3 * self.T_b_f[:3, 3]
         super().__init__(
             f"the flange can't reach ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame: {reason}"
@@ -155,7 +164,7 @@ class TargetRefused(ArmFault):
 
     def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
         self.reason = reason
-        self.T_b_f: NDArray[np.float64] = np.array(T_b_f, dtype=float)
+        self.T_b_f = _copy_of(T_b_f)
         x, y, z = 1e3 * self.T_b_f[:3, 3]
         super().__init__(
             f"the controller refuses to move the flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the "
@@ -183,8 +192,8 @@ class PoseNotReached(ArmFault):
     """
 
     def __init__(self, detail: str, asked: ArrayLike, reached: ArrayLike) -> None:
-        self.asked: NDArray[np.float64] = np.array(asked, dtype=float)
-        self.reached: NDArray[np.float64] = np.array(reached, dtype=float)
+        self.asked = _copy_of(asked)
+        self.reached = _copy_of(reached)
         super().__init__(f"the arm did not arrive where it was sent: {detail}")
 
 
@@ -280,7 +289,7 @@ class GrooveNotFound(TjscanError):
 
     def __init__(self, reason: str, detail: str, points_s: ArrayLike | None = None) -> None:
         self.reason, self.detail = reason, detail
-        self.points_s = None if points_s is None else np.array(points_s, dtype=float)
+        self.points_s = None if points_s is None else _copy_of(points_s)
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
