@@ -49,10 +49,13 @@ $(READY): pyproject.toml constraints.txt
 	@# Tests of vehicles want a broker, and are skipped without.
 	@command -v mosquitto >/dev/null || test -x /usr/sbin/mosquitto \
 		|| { apt-get update -qq && apt-get install -y -qq mosquitto; } >/dev/null 2>&1 || true
+	@# Tests of the page want a browser, and are skipped without.
+	@command -v chromium >/dev/null \
+		|| { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } >/dev/null 2>&1 || true
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,study,towing,ur,vehicle]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser,live,study,towing,ur,vehicle]'
 	@touch $@
 
 clean:
