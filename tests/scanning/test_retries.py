@@ -15,12 +15,13 @@ from tjscan.groove.find import find_groove
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
+from tjscan.recording.event import RecordedEvent
 from tjscan.scanning.checks import check_section_orientation
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
 from tjscan.scanning.merge import AGREEING, merge_repeated_profiles
 from tjscan.scanning.progress import StopReason, step_lengths
-from tjscan.scanning.recorded import RecordedEvent, RecordedScan
+from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MISSING
 from tjscan.scanning.section import Substep

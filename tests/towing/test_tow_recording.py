@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tjscan.recording.event import RecordedEvent
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
-from tjscan.towing.topics import TowEvent, read_tow, record_tow
+from tjscan.towing.topics import read_tow, record_tow
 
 RNG = np.random.default_rng(1)
 
@@ -54,7 +55,7 @@ def test_cycles_truth_and_events_come_back_in_their_order(tmp_path: Path) -> Non
         for cycle in cycles:
             journal.record_cycle(cycle)
     entries = list(read_tow(tmp_path))
-    assert isinstance(entries[0], TowEvent)
+    assert isinstance(entries[0], RecordedEvent)
     found = [entry for entry in entries if isinstance(entry, TowCycle)]
     assert len(found) == sum(isinstance(entry, TowTruth) for entry in entries) == 7
     for was, cycle in zip(cycles, found, strict=True):

@@ -21,6 +21,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.slip_model import STATES
 from tjscan.laser.profile import Profile
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.foxglove import (
     event_log_message,
     profile_from_cloud_message,
@@ -273,26 +274,9 @@ class CrawlProfile:
     profile: Profile
 
 
-@dataclass(frozen=True, slots=True)
-class CrawlEvent:
-    """A recorded event.
-
-    Parameters
-    ----------
-    time : int
-        Nanoseconds since 1970.
-    name, detail : str
-        As of `CrawlJournal.record_event`.
-    """
-
-    time: int
-    name: str
-    detail: str
-
-
 def read_crawl(
     directory: Path,
-) -> Iterator[CrawlCycle | CrawlProfile | CrawlEvent | SimulatedPlace]:
+) -> Iterator[CrawlCycle | CrawlProfile | RecordedEvent | SimulatedPlace]:
     """Yield everything that a crawl recorded, in its order, over all its parts.
 
     A cycle has the slip that was recorded last before it.
@@ -317,4 +301,4 @@ def read_crawl(
         elif entry.topic is TRUTH:
             yield entry.message
         elif entry.topic is LOG:
-            yield CrawlEvent(entry.time, entry.message.name, entry.message.message)
+            yield RecordedEvent(entry.when, entry.message.name, entry.message.message)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,11 @@ class RecordedMessage:
     topic: Topic[Any]
     time: int
     message: Any
+
+    @property
+    def when(self) -> datetime:
+        """The same time, UTC."""
+        return datetime.fromtimestamp(1e-9 * self.time, UTC)
 
 
 def read_messages(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
@@ -38,10 +37,7 @@ def crawl_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB, directory / CALIBRATION)
     job, found = read_crawl_job(directory / JOB), read_recorded_crawl(directory)
-    events = tuple(
-        ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)
-        for event in found.events
-    )
+    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
         facts=tuple(_facts(job, found)),
         findings=tuple(_findings(job, found)),

@@ -7,7 +7,6 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from hashlib import sha256
 from math import isnan
 from pathlib import Path
@@ -20,9 +19,10 @@ from tjscan.core.provenance import Provenance
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, CrawlEvent, CrawlProfile, read_crawl
+from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
 
@@ -55,7 +55,7 @@ class RecordedCrawl:
     ----------
     cycles : tuple of CrawlCycle
     passes : tuple of PassRecord
-    events : tuple of CrawlEvent
+    events : tuple of RecordedEvent
     profiles : tuple of (CrawlCycle, Profile)
     places : tuple of (CrawlCycle, SimulatedPlace)
         Where a simulated vehicle truly was; empty for a real one.
@@ -63,7 +63,7 @@ class RecordedCrawl:
 
     cycles: tuple[CrawlCycle, ...]
     passes: tuple[PassRecord, ...]
-    events: tuple[CrawlEvent, ...]
+    events: tuple[RecordedEvent, ...]
     profiles: tuple[tuple[CrawlCycle, Profile], ...]
     places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
 
@@ -72,14 +72,14 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     """Read what a crawl recorded, over all its parts; raises as `read_crawl` does."""
     cycles: list[CrawlCycle] = []
     places: list[tuple[CrawlCycle, SimulatedPlace]] = []
-    events: list[CrawlEvent] = []
+    events: list[RecordedEvent] = []
     profiles: list[tuple[CrawlCycle, Profile]] = []
     for entry in read_crawl(directory):
         if isinstance(entry, CrawlCycle):
             cycles.append(entry)
         elif isinstance(entry, CrawlProfile):
             profiles.append((entry.cycle, entry.profile))
-        elif isinstance(entry, CrawlEvent):
+        elif isinstance(entry, RecordedEvent):
             events.append(entry)
         elif cycles:
             places.append((cycles[-1], entry))
@@ -136,7 +136,7 @@ def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
 
 
 def weld_log(
-    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[CrawlEvent]
+    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[RecordedEvent]
 ) -> dict[str, Any]:
     """The log of a weld as files of ISO 3834 ask for it: who, how, when, how fast, how far off."""
     weld = job.weld
@@ -164,7 +164,7 @@ def weld_log(
             for one in passes
         ],
         "stops": [
-            {"time": _moment(event.time), "reason": event.detail}
+            {"time": event.time.isoformat(timespec="milliseconds"), "reason": event.detail}
             for event in events
             if event.name == Phase.STOP
         ],
@@ -194,7 +194,3 @@ def _write_table(file: Path, directory: Path, passes: Sequence[PassRecord]) -> N
             )
         )
     file.write_text(stream.getvalue(), encoding="utf-8", newline="")
-
-
-def _moment(time: int) -> str:
-    return datetime.fromtimestamp(1e-9 * time, UTC).isoformat(timespec="milliseconds")

@@ -17,6 +17,7 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_reading import read_tow_job
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
@@ -28,7 +29,7 @@ from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD
 from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import REPLAY, TOW_RECORDING, TowEvent, read_tow, record_tow
+from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
 REPLAYABLE: Final = ("method", "weights.", "targets.", "limits.")
 """Keys that say what a planner makes of poses, not how the tow was done."""
@@ -84,7 +85,7 @@ def replay_tow(
                     cycle = _planned_anew(entry, planner, seam, last)
                     last = last if cycle.plan.halt else cycle.plan
                     journal.record_cycle(cycle)
-                elif isinstance(entry, TowEvent):
+                elif isinstance(entry, RecordedEvent):
                     journal.record_event(entry.name, entry.detail)
         write_tow_results(out, context.job)
     finished(out)

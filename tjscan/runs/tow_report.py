@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,10 +45,7 @@ def tow_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB)
     job, found = read_tow_job(directory / JOB), read_recorded_tow(directory)
-    events = tuple(
-        ReportEvent(datetime.fromtimestamp(1e-9 * event.time, UTC), event.name, event.detail)
-        for event in found.events
-    )
+    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     figures = found.figures(job)
     if figures is None:
         return ReportChapter(findings=("Nothing was towed.",), events=events)

@@ -17,10 +17,11 @@ from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job.tow_job import TowJob
+from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.tow_figures import TowFigures, figures_of_tow
 from tjscan.towing.journal import TowCycle, TowTruth
-from tjscan.towing.topics import TowEvent, read_tow
+from tjscan.towing.topics import read_tow
 
 PLANS: Final = "tow.csv"
 MOST_BYTES: Final = 10_000_000
@@ -54,12 +55,12 @@ class RecordedTow:
     cycles : tuple of TowCycle
     truths : tuple of TowTruth
         One for each cycle, or none.
-    events : tuple of TowEvent
+    events : tuple of RecordedEvent
     """
 
     cycles: tuple[TowCycle, ...]
     truths: tuple[TowTruth, ...]
-    events: tuple[TowEvent, ...]
+    events: tuple[RecordedEvent, ...]
 
     @property
     def complete(self) -> bool:
@@ -77,7 +78,7 @@ def read_recorded_tow(directory: Path) -> RecordedTow:
     """Read what a tow recorded, over all its parts; raises as `read_tow` does."""
     cycles: list[TowCycle] = []
     truths: list[TowTruth] = []
-    events: list[TowEvent] = []
+    events: list[RecordedEvent] = []
     for entry in read_tow(directory):
         if isinstance(entry, TowCycle):
             cycles.append(entry)

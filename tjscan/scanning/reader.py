@@ -13,9 +13,10 @@ import numpy as np
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.laser.profile import Profile
 from tjscan.recording.damage import RecordingDamage, ReportDamage, refuse_damage
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_header
-from tjscan.scanning.recorded import RecordedEvent, RecordedScan, RecordedSection
+from tjscan.scanning.recorded import RecordedScan, RecordedSection
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.topics import read_file_entries as read_newest
 from tjscan.scanning.topics_0_1 import read_file_entries_0_1

@@ -8,27 +8,11 @@ from datetime import datetime
 from math import nan
 
 from tjscan.core.frames import Array
+from tjscan.recording.event import RecordedEvent
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import GrooveReader, read_section
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedEvent:
-    """An event of a scan, read from its recording.
-
-    Parameters
-    ----------
-    time : datetime
-        When, UTC.
-    name, detail : str
-        What it was; the names of a scan's own events are those of `ScanEvent`.
-    """
-
-    time: datetime
-    name: str
-    detail: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

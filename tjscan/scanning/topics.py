@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from math import isnan, nan
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +27,7 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose, readonly_copy
 from tjscan.laser.profile import Profile
 from tjscan.recording.damage import RecordingDamage, ReportDamage, refuse_damage
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.foxglove import (
     event_log_message,
     frame_transforms_message,
@@ -50,7 +51,7 @@ from tjscan.recording.topic import (
 )
 from tjscan.recording.writer import NO_ATTACHMENTS, RecordingWriter
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.recorded import RecordedEvent, RecordedSection
+from tjscan.scanning.recorded import RecordedSection
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 MOST_SECTIONS: Final = 1_000_000
@@ -325,7 +326,7 @@ def read_file_entries(
         report_damage(damage)
 
     for entry in read_messages(file, READ, forget_view):
-        when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
+        when, message = entry.when, entry.message
         try:
             if entry.topic is VIEW:
                 pending = message

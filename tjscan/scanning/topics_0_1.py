@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64decode
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,10 +15,11 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.laser.profile import Profile
 from tjscan.recording.damage import ReportDamage, refuse_damage
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.json_numbers import to_finite_floats
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
-from tjscan.scanning.recorded import RecordedEvent, RecordedSection
+from tjscan.scanning.recorded import RecordedSection
 from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.topics import parse_section_number
 
@@ -49,7 +50,7 @@ def read_file_entries_0_1(
     flange: dict[str, Any] = {}
     view: ProfileView | None = None
     for entry in read_messages(file, (FLANGE, PROFILE, SECTION, EVENT), report_damage):
-        when, message = datetime.fromtimestamp(1e-9 * entry.time, UTC), entry.message
+        when, message = entry.when, entry.message
         try:
             if entry.topic is FLANGE:
                 flange = message

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.recording.event import RecordedEvent
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.json_numbers import to_finite_floats
@@ -247,24 +247,7 @@ def record_tow(
             journal.flush()
 
 
-@dataclass(frozen=True, slots=True)
-class TowEvent:
-    """A recorded event.
-
-    Parameters
-    ----------
-    time : int
-        Nanoseconds since 1970.
-    name, detail : str
-        As of `TowJournal.record_event`.
-    """
-
-    time: int
-    name: str
-    detail: str
-
-
-def read_tow(directory: Path) -> Iterator[TowCycle | TowTruth | TowEvent]:
+def read_tow(directory: Path) -> Iterator[TowCycle | TowTruth | RecordedEvent]:
     """Yield everything that a tow recorded, in its order, over all its parts.
 
     Raises
@@ -275,6 +258,6 @@ def read_tow(directory: Path) -> Iterator[TowCycle | TowTruth | TowEvent]:
     files = recording_files(directory, TOW_RECORDING)
     for entry in chain.from_iterable(read_messages(file, TOPICS) for file in files):
         if entry.topic is LOG:
-            yield TowEvent(entry.time, entry.message.name, entry.message.message)
+            yield RecordedEvent(entry.when, entry.message.name, entry.message.message)
         else:
             yield entry.message
