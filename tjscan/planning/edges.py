@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
-from scipy.interpolate import splev, splprep
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
+from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 
 FEWEST: Final = 4
 """Sections that a cubic needs."""
@@ -34,44 +34,54 @@ class GrooveEdges:
         Whether the groove closes.
     sections : ndarray, shape (k,)
         Where the measured sections stand, metres.
-    area_sigma : ndarray, shape (k,)
-        Standard deviation of each section's area as a share of it.
+    correlation : ndarray, shape (k,)
+        Standard deviation of each section's area as a share of what it would be if its corners
+        erred independently.
+    curves : tuple of SmoothCurve
+        Of p3, p4, g and p2.
+    shared_area_sigma : float
+        Standard deviation by which the areas of all sections err alike, m².
     """
 
     length: float
     closed: bool
     sections: Array
-    area_sigma: Array
-    _curves: tuple[Any, ...]
+    correlation: Array
+    curves: tuple[SmoothCurve, ...]
+    shared_area_sigma: float = 0.0
+    _together: SmoothCurve = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        weights = np.hstack([curve.weights for curve in self.curves])
+        trend = np.hstack([curve.trend for curve in self.curves])
+        together = replace(self.curves[0], weights=weights, trend=trend)
+        object.__setattr__(self, "_together", together)
 
     def corners(self, s: Array) -> Array:
         """p3, p4, g and p2 at lengths (m,), shape (m, 4, 3), metres."""
-        return self._evaluate(s, 0)
+        return self._together.values(s).reshape(-1, len(CORNERS), 3)
 
     def derivatives(self, s: Array) -> Array:
         """Their derivatives by s, shape (m, 4, 3)."""
-        return self._evaluate(s, 1)
+        return self._together.derivatives(s).reshape(-1, len(CORNERS), 3)
 
     def relative_area_sigma(self, s: Array) -> Array:
-        """Standard deviation of the area as a share of it, shape (m,); linear between sections."""
-        at, sigma = self.sections, self.area_sigma
-        return np.asarray(np.interp(s, at, sigma, period=self.length if self.closed else None))
-
-    def _evaluate(self, s: Array, order: int) -> Array:
-        if self.closed:
-            s = np.mod(s, self.length)
-        return np.stack(
-            [np.transpose(splev(s, curve, der=order)) for curve in self._curves], axis=1
-        )
+        """Standard deviation of the area as a share of it, shape (m,), between sections as well."""
+        corners = self.corners(s)
+        spread = np.stack([curve.sigmas(s) for curve in self.curves], axis=1)
+        period = self.length if self.closed else None
+        scale = np.interp(s, self.sections, self.correlation, period=period)
+        own = scale * _area_sigma_of_corners(corners, spread)
+        return np.asarray(np.hypot(own, self.shared_area_sigma) / _areas(corners))
 
 
-def fit_groove_edges(sections: Sequence[MeasuredSection], longest_step: float) -> GrooveEdges:
+def fit_groove_edges(
+    sections: Sequence[MeasuredSection], longest_step: float, shared_area_sigma: float = 0.0
+) -> GrooveEdges:
     """Fit smoothing splines to the corners of sections, weighted by their covariance.
 
-    The sum of squared deviations of each edge, in standard deviations of the section's own (not of
-    what all sections of a scan share), is one a section: half of what two directions of noise
-    leave, so that true shape is rather kept than smoothed away. g, where the lines along wall and
-    leg meet, has no covariance of its own: see `_sigmas`.
+    Weighted is what is each section's own, not what all sections of a scan share. g, where the
+    lines along wall and leg meet, has no covariance of its own: see `_sigmas`.
 
     Parameters
     ----------
@@ -79,6 +89,8 @@ def fit_groove_edges(sections: Sequence[MeasuredSection], longest_step: float) -
         In their order along the groove.
     longest_step : float
         Sections further apart are refused, metres.
+    shared_area_sigma : float
+        Part of the standard deviations of their areas by which they all err alike, m².
 
     Raises
     ------
@@ -99,7 +111,11 @@ def fit_groove_edges(sections: Sequence[MeasuredSection], longest_step: float) -
         (points[:, 2], points[:, 3], np.array([s.T_r_g[:3, 3] for s in sections]), points[:, 1]),
         axis=1,
     )
-    return fit_edges_to_corners(corners, _sigmas(sections), _area_sigmas(sections), longest_step)
+    areas = np.array([section.measures[3] for section in sections])
+    sigmas = np.array([section.sigmas[3] for section in sections])
+    own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
+    edges = fit_edges_to_corners(corners, _sigmas(sections), own / areas, longest_step)
+    return replace(edges, shared_area_sigma=shared_area_sigma)
 
 
 def fit_edges_to_corners(
@@ -144,17 +160,29 @@ def fit_edges_to_corners(
         )
     s = np.concatenate(([0.0], lengths.cumsum()))
     length = float(s[-1]) + (gap if closed else 0.0)
-    at = np.append(s, length) if closed else s
-    curves = []
-    for j in range(4):
-        points, sigma = corners[:, j], np.maximum(sigmas[:, j], LEAST_SIGMA)
-        if closed:
-            points, sigma = np.vstack((points, points[:1])), np.append(sigma, sigma[0])
-        # The noise of a corner lies in two directions, its sigma is that of both together.
-        weights = np.sqrt(2) / sigma
-        curve, _ = splprep(list(points.T), w=weights, u=at, s=len(s), per=closed, quiet=1)
-        curves.append(curve)
-    return GrooveEdges(length, closed, s, np.asarray(area_sigma), tuple(curves))
+    # The noise of a corner lies in two directions, its sigma is that of both together.
+    spread = np.maximum(sigmas, LEAST_SIGMA) / np.sqrt(2)
+    curves = tuple(
+        fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
+    )
+    correlation = area_sigma * _areas(corners) / _area_sigma_of_corners(corners, spread)
+    return GrooveEdges(length, closed, s, correlation, curves)
+
+
+def _areas(corners: Array) -> Array:
+    """Areas of quadrilaterals, shape (m, 4, 3), that are about flat; shape (m,)."""
+    diagonals = corners[:, 2:] - corners[:, :2]
+    return np.asarray(0.5 * np.linalg.norm(cross(diagonals[:, 0], diagonals[:, 1]), axis=1))
+
+
+def _area_sigma_of_corners(corners: Array, spread: Array) -> Array:
+    """Standard deviation of areas whose corners err independently, by `spread` in each direction.
+
+    A corner moves the area by half the diagonal that it does not stand on.
+    """
+    diagonals = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2)
+    levers = 0.5 * diagonals[:, [1, 0, 1, 0]]
+    return np.asarray(np.sqrt(np.sum((levers * spread) ** 2, axis=1)))
 
 
 def _sigmas(sections: Sequence[MeasuredSection]) -> Array:
@@ -167,7 +195,3 @@ def _sigmas(sections: Sequence[MeasuredSection]) -> Array:
     lever = np.array([0.5 * np.linalg.norm(s.points[1] - s.points[3]) for s in sections])
     area = np.array([section.sigmas[3] for section in sections])
     return np.stack((p3, p4, np.maximum(np.hypot(p2, p4), area / lever), p2), axis=1)
-
-
-def _area_sigmas(sections: Sequence[MeasuredSection]) -> Array:
-    return np.array([section.sigmas[3] / section.measures[3] for section in sections])

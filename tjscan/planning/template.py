@@ -9,7 +9,7 @@ that part the groove into given areas.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -34,24 +34,32 @@ class SectionTemplate:
         p3, p4, g and p2, counterclockwise, metres.
     cap_height : float
         Of the parabola above the line from p2 to g, in its middle, metres.
+
+    Attributes
+    ----------
+    jacobian : tuple of ndarray, shape (m,)
+        a, b and c of J = a + b u + c w, m².
+    opening : ndarray, shape (m,)
+        Distance of p2 and g, metres.
     """
 
     corners: Array
     cap_height: float
+    jacobian: tuple[Array, Array, Array] = field(init=False, repr=False)
+    opening: Array = field(init=False, repr=False)
+    _edges: tuple[Array, Array, Array] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "corners", readonly_copy(self.corners))
-
-    @property
-    def _edges(self) -> tuple[Array, Array, Array]:
-        p3, p4, g, p2 = np.moveaxis(self.corners, 1, 0)
-        return p4 - p3, p2 - p3, g - p4 - p2 + p3
-
-    @property
-    def jacobian(self) -> tuple[Array, Array, Array]:
-        """a, b and c of J = a + b u + c w, each of shape (m,), m²."""
-        E, F, H = self._edges
-        return _cross(E, F), _cross(E, H), _cross(H, F)
+        corners = readonly_copy(self.corners)
+        p3, p4, g, p2 = np.moveaxis(corners, 1, 0)
+        E, F, H = p4 - p3, p2 - p3, g - p4 - p2 + p3
+        for name, value in (
+            ("corners", corners),
+            ("jacobian", (_cross(E, F), _cross(E, H), _cross(H, F))),
+            ("opening", np.linalg.norm(g - p2, axis=1)),
+            ("_edges", (E, F, H)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def is_proper(self) -> Array:
@@ -74,11 +82,6 @@ class SectionTemplate:
     def area(self) -> Array:
         """Area of the groove and its reinforcement, shape (m,), m²."""
         return self.groove_area + self.cap_area
-
-    @property
-    def opening(self) -> Array:
-        """Distance of p2 and g, shape (m,), metres."""
-        return np.asarray(np.linalg.norm(self.corners[:, 2] - self.corners[:, 3], axis=1))
 
     def points(self, u: Array, w: Array) -> Array:
         """Points, shape (m, ..., 2), of u and w of shape (m, ...)."""

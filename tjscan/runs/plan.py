@@ -13,6 +13,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
+from tjscan.core.units import MM2
 from tjscan.job.reading import read_scan_job
 from tjscan.job.wps import read_wps
 from tjscan.planning.document import PlanDocument, plan_document
@@ -24,6 +25,7 @@ from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.result.directory import JOB, SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
+from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.result.weldx import ROOTS
 
@@ -104,7 +106,8 @@ def plan_run(
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
     try:
-        edges = fit_groove_edges(sections, wps.sequence.longest_step)
+        shared = _shared_area_sigma(summary)
+        edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         plan = plan_weld(edges, wps, gravity)
     except ConfigurationError as error:
         of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
@@ -133,6 +136,12 @@ def plan_run(
         (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
         files = tuple(sorted(file.name for file in draft.iterdir()))
     return WrittenPlan(plan, document, folder, files, reason)
+
+
+def _shared_area_sigma(summary: ScanSummary) -> float:
+    """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
+    parts = () if summary.uncertainty is None else summary.uncertainty.components
+    return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
 
 
 def _base_of_frame(directory: Path, frame: str) -> tuple[Array | None, str]:

@@ -1,0 +1,187 @@
+"""Smooth curves through values that are known to within their standard deviations.
+
+A smoothing spline of degree 2m - 1 is what is to be expected of a curve whose m-th derivative is
+white noise, given its noisy values (Wahba 1978, J. R. Stat. Soc. B 40, 364); the strength of that
+noise is the one that makes the values most likely (restricted likelihood). The same model says how
+sure the curve is, at the values and between them. Over the length of a curve these standard
+deviations hold on average even where the curve is a fixed one (Nychka 1988, J. Am. Stat. Assoc. 83,
+1134).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
+from typing import Final
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from scipy.linalg import eigh, qr
+from scipy.optimize import minimize_scalar
+
+from tjscan.core.frames import Array
+
+ORDER: Final = 4
+"""m: where tubes meet, edges have all derivatives."""
+
+STRENGTHS: Final = np.arange(-10.0, 61.0)
+"""Natural logarithms of strengths that are tried, from where none would be seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothCurve:
+    """A curve of k components over a length s.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n,)
+        Where its values were known, as shares of the length.
+    length : float
+        Its length, its period where it closes.
+    closed : bool
+        Whether it closes.
+    order : int
+        m.
+    strength : float
+        Of the noise that its m-th derivative is.
+    weights, trend : ndarray, shape (n, k) and (p, k)
+        Of the kernel at the nodes, and of the powers of the length.
+    posterior : tuple of ndarray
+        What standard deviations are made of, see `sigmas`.
+    """
+
+    nodes: Array
+    length: float
+    closed: bool
+    order: int
+    strength: float
+    weights: Array
+    trend: Array
+    posterior: tuple[Array, Array, Array]
+
+    def values(self, s: Array) -> Array:
+        """The curve at lengths (m,), shape (m, k)."""
+        x = np.asarray(s) / self.length
+        kernel = smoothness_kernel(x[:, None] - self.nodes, self.order, closed=self.closed)
+        return np.asarray(kernel @ self.weights + powers(x, len(self.trend)) @ self.trend)
+
+    def derivatives(self, s: Array) -> Array:
+        """Its derivative by s, shape (m, k)."""
+        x = np.asarray(s) / self.length
+        slope = kernel_slope(x[:, None] - self.nodes, self.order, closed=self.closed)
+        count = len(self.trend)
+        rise = powers(x, count)[:, :-1] * np.arange(1, count)  # of x^j, j from 1
+        return np.asarray((slope @ self.weights + rise @ self.trend[1:]) / self.length)
+
+    def sigmas(self, s: Array) -> Array:
+        """Standard deviation of each component at lengths (m,), shape (m,)."""
+        x = np.asarray(s) / self.length
+        inverse, lift, covariance = self.posterior
+        kernel = self.strength * smoothness_kernel(
+            x[:, None] - self.nodes, self.order, closed=self.closed
+        )
+        zero = self.strength * smoothness_kernel(np.zeros(1), self.order, closed=self.closed)
+        shares = kernel @ inverse + powers(x, len(self.trend)) @ lift  # of the values in the curve
+        variance = zero - 2 * np.sum(shares * kernel, axis=1)
+        variance += np.sum((shares @ covariance) * shares, axis=1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def fit_smooth_curve(
+    s: Array, values: Array, sigma: Array, length: float, *, closed: bool
+) -> SmoothCurve:
+    """Fit a smooth curve.
+
+    Parameters
+    ----------
+    s : ndarray, shape (n,)
+        Lengths at which values are known.
+    values : ndarray, shape (n, k)
+        Components there.
+    sigma : ndarray, shape (n,)
+        Standard deviation of each component; above zero.
+    length : float
+        Of all of it; the period where it closes.
+    closed : bool
+        Whether it closes.
+    """
+    x, count = s / length, len(s)
+    order = min(ORDER, count - 1)
+    trend = powers(x, 1 if closed else order)
+    kernel = smoothness_kernel(x[:, None] - x, order, closed=closed)
+    noise = np.diag(sigma**2)
+    Q, _ = qr(trend)
+    contrasts = Q[:, trend.shape[1] :]  # of the values, in which no trend is left
+    seen, modes = eigh(contrasts.T @ kernel @ contrasts, contrasts.T @ noise @ contrasts)
+    seen = np.maximum(seen, 0.0)
+    modes = contrasts @ modes
+    strength = _likeliest_strength(seen, np.sum((modes.T @ values) ** 2, axis=1), values.shape[1])
+    inverse = (modes / (1 + strength * seen)) @ modes.T
+    covariance = strength * kernel + noise
+    pseudo = np.linalg.pinv(trend)
+    weights = inverse @ values
+    return SmoothCurve(
+        nodes=x,
+        length=length,
+        closed=closed,
+        order=order,
+        strength=strength,
+        weights=strength * weights,
+        trend=pseudo @ (values - covariance @ weights),
+        posterior=(inverse, pseudo @ (np.eye(count) - covariance @ inverse), covariance),
+    )
+
+
+def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
+    """Strength of the greatest restricted likelihood, of modes of variance 1 + strength · seen."""
+
+    def cost(log_strength: float) -> float:
+        variance = 1 + np.exp(log_strength) * seen
+        return float(np.sum(components * np.log(variance) + energy / variance))
+
+    tried = STRENGTHS - np.log(seen.max())
+    best = int(np.argmin([cost(one) for one in tried]))
+    around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
+    return float(np.exp(minimize_scalar(cost, bounds=around, method="bounded").x))
+
+
+def powers(x: Array, count: int) -> Array:
+    """Powers of x from 0, shape (m, count)."""
+    return np.asarray(np.vander(x, count, increasing=True))
+
+
+def smoothness_kernel(d: Array, order: int, *, closed: bool) -> Array:
+    """Covariance, up to a trend, of a curve whose derivative of an order is white noise.
+
+    Parameters
+    ----------
+    d : ndarray
+        Differences of shares of the length.
+    order : int
+        m.
+    closed : bool
+        Whether the curve closes: then it is Bernoulli's polynomial, else a power of the distance.
+    """
+    sign, degree = (-1) ** order, 2 * order
+    if closed:
+        return np.asarray(-sign * _bernoulli(degree)(np.mod(d, 1.0)) / factorial(degree))
+    return np.asarray(sign * np.abs(d) ** (degree - 1) / (2 * factorial(degree - 1)))
+
+
+def kernel_slope(d: Array, order: int, *, closed: bool) -> Array:
+    """Derivative of `smoothness_kernel` by the difference."""
+    sign, degree = (-1) ** order, 2 * order
+    if closed:
+        return np.asarray(-sign * _bernoulli(degree - 1)(np.mod(d, 1.0)) / factorial(degree - 1))
+    return np.asarray(sign * np.sign(d) * np.abs(d) ** (degree - 2) / (2 * factorial(degree - 2)))
+
+
+@lru_cache
+def _bernoulli(degree: int) -> Polynomial:
+    """Bernoulli's polynomial: B' = degree · that before, and no mean from 0 to 1."""
+    found = Polynomial([1.0])
+    for k in range(1, degree + 1):
+        found = (k * found).integ()
+        found = found - found.integ()(1.0)
+    return found
