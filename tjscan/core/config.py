@@ -9,8 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, TypeAdapter, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import read_small_file
@@ -21,6 +22,18 @@ class StrictFileModel(BaseModel):
     """Base of the models of configuration files: frozen, strict about types, closed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The file's JSON schema, its keys explained by the class's docstring."""
+        from tjscan.core.json_schema import describe_table
+
+        schema = handler(core_schema)
+        keys = {name: field.alias or name for name, field in cls.model_fields.items()}
+        describe_table(handler.resolve_ref_schema(schema), cls, keys)
+        return schema
 
 
 M = TypeVar("M", bound=StrictFileModel | SettingsTable)

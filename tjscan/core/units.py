@@ -23,7 +23,8 @@ from annotated_types import Ge, Le
 from tjscan.core.frames import Array, pose_from_euler_zyx, pose_from_rounded_matrix
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import CoreSchema
 
 _DIGITS: Final = (15, 16, 17)
@@ -60,7 +61,7 @@ class FileUnit:
 
     def to_file(self, value: Any) -> Any:
         """Convert from SI to the file's unit, with the fewest digits that read back as the same."""
-        if isinstance(value, tuple):
+        if isinstance(value, tuple | list):
             return tuple(map(self.to_file, value))
         if value is None or self.factor == 1.0:
             return value
@@ -165,10 +166,15 @@ class SettingsTable:
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:
         """Type of each key that the table has in a file."""
+        return {_key(name, hint): hint for name, hint in cls._types_in_file().items()}
+
+    @classmethod
+    def _types_in_file(cls) -> dict[str, Any]:
+        """Type of each field that stands in a file."""
         hints = get_type_hints(cls, include_extras=True)
         own = {field.name: hints[field.name] for field in fields(cls)}  # type: ignore[arg-type]
         return {
-            _key(name, hint): hint
+            name: hint
             for name, hint in own.items()
             if NOT_IN_FILE not in getattr(hint, "__metadata__", ())
         }
@@ -190,6 +196,20 @@ class SettingsTable:
                 key = _key(field["name"], hint)
                 field["validation_alias"] = field["serialization_alias"] = key
         return schema  # type: ignore[no-any-return]
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The table's JSON schema: keys and defaults as in a file, explained by the docstring."""
+        from tjscan.core.json_schema import describe_table
+
+        schema = handler(core_schema)
+        types = cls._types_in_file()
+        keys = {name: _key(name, hint) for name, hint in types.items()}
+        units = {key: _mark(types[name]) for name, key in keys.items()}
+        describe_table(handler.resolve_ref_schema(schema), cls, keys, units)
+        return schema
 
 
 def _key(name: str, hint: Any) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen, MultipleOf
+from pydantic import TypeAdapter
 from pydantic_core import core_schema
 
 from tjscan.core.config import table_to_dict, validate_table
@@ -31,7 +32,8 @@ from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +101,24 @@ class DeviceSettings(SettingsTable):
             super().__get_pydantic_core_schema__(source, handler),
             serialization=core_schema.wrap_serializer_function_ser_schema(_with_drivers),
         )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The table's JSON schema, with the drivers' names and tables in it."""
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        keys = handler.resolve_ref_schema(schema)["properties"]
+        keys["driver"]["enum"] = list(cls.registry.names)
+        for name in set(cls.registry.names) - set(keys):
+            try:
+                table = cls.registry.load(name).table
+            except ConfigurationError:  # its extra is not installed
+                keys[name] = {"type": "object"}
+            else:
+                inner = TypeAdapter(table).core_schema
+                keys[name] = table.__get_pydantic_json_schema__(inner, handler)
+        return schema
 
     @classmethod
     def _read(cls, data: Any, read: Callable[[Any], Self]) -> Self:

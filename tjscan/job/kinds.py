@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Final
+from importlib.metadata import EntryPoint
+from typing import Any, Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,31 +14,92 @@ class FileKind:
 
     Parameters
     ----------
+    word : str
+        Chooses it on the command line.
     name : str
         With its article.
+    model : str
+        Its model: ``module:class``.
     telling_tables : frozenset of str
-        Tables or keys that stand in every such file, and all of them in no other.
+        Tables or keys that stand in every such file, and all of them in no other; none where
+        files of that kind are not told from others.
     use : str
         What such a file is for.
     """
 
+    word: str
     name: str
+    model: str
     telling_tables: frozenset[str]
     use: str
 
+    def json_schema(self) -> dict[str, Any]:
+        """The JSON schema of such files."""
+        from tjscan.core.json_schema import json_schema_of
+
+        model = EntryPoint(self.word, self.model, "tjscan.file").load()
+        return json_schema_of(model, self.name)
+
 
 FILE_KINDS: Final = (
-    FileKind("a joint", frozenset({"leg", "brace"}), "a job names it under joint.file"),
-    FileKind("a job of a scan", frozenset({"scan"}), "run it with 'tjscan scan'"),
     FileKind(
-        "a job of a crawler", frozenset({"vehicle", "weld"}), "run it with 'tjscan crawl run'"
+        "joint",
+        "a joint",
+        "tjscan.joint.file:JointFile",
+        frozenset({"leg", "brace"}),
+        "a job names it under joint.file",
     ),
     FileKind(
-        "a job of towing vehicles", frozenset({"cable", "seam"}), "run it with 'tjscan tow run'"
+        "chain",
+        "a chain of a calibration and a scan",
+        "tjscan.runs.chain.settings:ChainFile",
+        frozenset({"calibrate", "scan"}),
+        "run it with 'tjscan chain'",
     ),
-    FileKind("a job of a calibration", frozenset({"board"}), "run it with 'tjscan calibrate'"),
-    FileKind("a study", frozenset({"job"}), "run it with 'tjscan study'"),
+    FileKind(
+        "scan",
+        "a job of a scan",
+        "tjscan.job.files:ScanJob",
+        frozenset({"scan"}),
+        "run it with 'tjscan scan'",
+    ),
+    FileKind(
+        "crawl",
+        "a job of a crawler",
+        "tjscan.job.crawl_job:CrawlJob",
+        frozenset({"vehicle", "weld"}),
+        "run it with 'tjscan crawl run'",
+    ),
+    FileKind(
+        "tow",
+        "a job of towing vehicles",
+        "tjscan.job.tow_job:TowJob",
+        frozenset({"area", "seam"}),
+        "run it with 'tjscan tow run'",
+    ),
+    FileKind(
+        "calibrate",
+        "a job of a calibration",
+        "tjscan.job.files:CalibrationJob",
+        frozenset({"board"}),
+        "run it with 'tjscan calibrate'",
+    ),
+    FileKind(
+        "study",
+        "a study",
+        "tjscan.study.file:StudyFile",
+        frozenset({"job"}),
+        "run it with 'tjscan study'",
+    ),
+    FileKind(
+        "wps",
+        "a welding procedure specification",
+        "tjscan.planning.wps:WeldingProcedure",
+        frozenset({"arc", "bead"}),
+        "plan with it: 'tjscan plan RUN --wps'",
+    ),
 )
+"""The kinds of files that people write."""
 
 
 def kind_of_other_file(tables: Collection[str], known: Collection[str]) -> FileKind | None:

@@ -1,0 +1,55 @@
+"""``tjscan init``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def init(example: str | None = None, *, out: Path | None = None) -> None:
+    """Write an example's files, to try and to change: a job, its joint, and their schemas.
+
+    Without an example, they are listed.
+
+    Parameters
+    ----------
+    example
+        Name of the example, such as paper.
+    out
+        Directory for the files; the working directory where left out. What is there is never
+        overwritten.
+    """
+    import tomllib
+    from json import dumps
+
+    from tjscan.cli.console import print_message, print_table
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.core.files import write_files_atomically
+    from tjscan.job.examples import examples, files_of_example
+    from tjscan.job.kinds import kind_of_other_file
+
+    if example is None:
+        print_table(list(examples().items()))
+        return
+    folder = Path() if out is None else out
+    texts = files_of_example(example)
+    for name, text in list(texts.items()):
+        kind = kind_of_other_file(tomllib.loads(text), ())
+        if kind is not None:
+            schema = f"{kind.word}.schema.json"
+            texts[name] = f"#:schema ./{schema}\n\n{text}"
+            texts[schema] = dumps(kind.json_schema(), indent=1)
+    there = [name for name in texts if (folder / name).exists()]
+    if there:
+        raise ConfigurationError(
+            "is there already, and nothing was written; choose another folder with --out, or "
+            "move it away",
+            file=folder / there[0],
+        )
+    with write_files_atomically(folder) as draft:
+        for name, text in texts.items():
+            (draft / name).write_text(text, encoding="utf-8")
+    job = folder / f"{example}.toml"
+    use = kind_of_other_file(tomllib.loads(texts[job.name]), ())
+    print_message(f"wrote {', '.join(sorted(texts))}")
+    if use is not None:
+        print_message(f"{job}: {use.use}")

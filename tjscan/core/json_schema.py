@@ -1,0 +1,70 @@
+"""JSON schemas of configuration files, from which editors complete, check and explain keys."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from docstring_parser import Docstring, DocstringStyle, parse
+from pydantic import TypeAdapter
+
+DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+
+_UNITS_INSIDE: Final = re.compile(
+    r",?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;]|$)"
+)
+"""A docstring says which units the program keeps; the file has the ones that its keys end in."""
+
+
+def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
+    """JSON schema of a configuration file's model, its keys explained.
+
+    Parameters
+    ----------
+    model : type
+        A `StrictFileModel`.
+    title : str
+        What such a file is.
+    """
+    return {"$schema": DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
+
+
+def describe_table(
+    schema: dict[str, Any],
+    table: type[Any],
+    keys: Mapping[str, str],
+    units: Mapping[str, Any] | None = None,
+) -> None:
+    """Make the schema of a class that of its table in a file, explained by the docstrings.
+
+    Parameters
+    ----------
+    schema : dict
+        JSON schema of the table; changed in place.
+    table : type
+        The class; its docstring and those of its bases are numpydoc.
+    keys : mapping of str to str
+        Key in the file of each field; others stand in no file.
+    units : mapping, optional
+        The `tjscan.core.units.FileUnit` of a key's value, for its default; or another mark.
+    """
+    properties = schema["properties"]
+    for hidden in properties.keys() - set(keys.values()):
+        del properties[hidden]
+    for key, value in properties.items():
+        if isinstance(value.get("default"), dict):
+            del value["default"]  # a table's keys have their own
+        elif "default" in value and units and hasattr(units.get(key), "to_file"):
+            value["default"] = units[key].to_file(value["default"])
+    if said := _parsed(table).description:
+        schema["description"] = said.strip()
+    for entry in (entry for base in reversed(table.__mro__) for entry in _parsed(base).params):
+        for name in entry.arg_name.split(", "):
+            if name in keys and keys[name] in properties:
+                text = _UNITS_INSIDE.sub("", " ".join((entry.description or "").split()))
+                properties[keys[name]]["description"] = text
+
+
+def _parsed(table: type[Any]) -> Docstring:
+    return parse(table.__doc__ or "", DocstringStyle.NUMPYDOC)
