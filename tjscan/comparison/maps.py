@@ -146,8 +146,7 @@ def deviation_map_figure(comparison: Comparison) -> Figure:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
     axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
-    # Ghosts and flyers, some percent of a laser's points, must not set the scale.
-    scale = max(SMALLEST_SCALE_MM, 1.5 * float(np.percentile(np.abs(mm), 90)))
+    scale = deviation_scale_mm(deviation)
     corners = comparison.measured.corners
     sections = None if corners is None else len(corners)
     _draw_cells(figure, axes, deviation, azimuth, 1e3 * along, scale, sections)
@@ -162,6 +161,12 @@ def deviation_map_figure(comparison: Comparison) -> Figure:
     )
     _draw_histogram(side, deviation, mm, scale, comparison.tolerance)
     return figure
+
+
+def deviation_scale_mm(deviation: DeviationDistances) -> float:
+    """Largest deviation in mm that colours tell apart: ghosts and flyers must not set it."""
+    some_percent = float(np.percentile(np.abs(deviation.known), 90))
+    return max(SMALLEST_SCALE_MM, 1.5e3 * some_percent)
 
 
 def check_map_file(file: Path) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
+from tjscan.report.findings import describe_coverage
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_groove_3d
 from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
@@ -30,20 +34,31 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     """Draw the groove in space, with its points and the joint as designed."""
     figure = new_figure(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    corners = np.array([section.points for section in data.sections]).reshape(-1, 3)
-    low, high = corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
+    low, high = _box_about_groove(data.sections)
     outline = () if data.joint is None else joint_wireframe(data.joint)
     points = np.empty((0, 3)) if data.shape.points is None else data.shape.points
     # A ghost far off would make the groove small.
-    points = points[np.flatnonzero(np.all((points > low) & (points < high), axis=1))]
+    points = points[indices_near_groove(data.sections, points)]
     lines = [_within(line, low, high) for line in outline]
     draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
     return inline_figure(
         figure,
         "The scanned groove in space",
-        "Blue points are what the laser saw, black and red ones the corners that were read in it"
-        + ("." if data.joint is None else "; grey lines are the joint as designed."),
+        "Lines are the sections, through their corners p1 to p5, and numbers name them"
+        + ("." if data.joint is None else "; grey is the joint as designed."),
+        f"The groove in space: {len(data.sections)} sections, {describe_coverage(data)}.",
     )
+
+
+def indices_near_groove(sections: Sequence[MeasuredSection], points: Array) -> NDArray[np.intp]:
+    """Places of the points, shape (n, 3), that lie in a box about the corners of sections."""
+    low, high = _box_about_groove(sections)
+    return np.flatnonzero(np.all((points > low) & (points < high), axis=1))
+
+
+def _box_about_groove(sections: Sequence[MeasuredSection]) -> tuple[Array, Array]:
+    corners = np.array([section.points for section in sections]).reshape(-1, 3)
+    return corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
 
 
 def _within(line: Array, low: Array, high: Array) -> Array:

@@ -69,13 +69,14 @@ def describe_coverage(data: ReportData) -> str:
     azimuths = data.unwrapped_azimuths
     if azimuths is None:
         return f"azimuths are not known in frame {data.summary.frame}"
-    if _closed(data):
+    if is_closed(data):
         return "all of it, 360°"
     low, high = azimuths.min(), azimuths.max()
     return f"{high - low:.0f}°, from azimuth {low:.0f}° to {high:.0f}°"
 
 
-def _closed(data: ReportData) -> bool:
+def is_closed(data: ReportData) -> bool:
+    """Whether the sections of a run go all the way round the brace."""
     azimuths = (
         np.sort(np.mod(data.unwrapped_azimuths, 360))
         if data.unwrapped_azimuths is not None
@@ -105,18 +106,23 @@ def _compared(data: ReportData) -> Iterator[str]:
     yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in comparison.warnings)
 
 
-def _gaps(data: ReportData) -> Iterator[str]:
+def wide_steps(data: ReportData) -> dict[int, float]:
+    """Millimetres between sections and the next ones, by place, where they leave a gap."""
     origins = np.array([section.T_r_g[:3, 3] for section in data.sections])
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
     if len(steps) < 3:
-        return
-    for k in np.flatnonzero(steps > GAP * np.median(steps)):
+        return {}
+    return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP * np.median(steps))}
+
+
+def _gaps(data: ReportData) -> Iterator[str]:
+    for k, step in wide_steps(data).items():
         first, second = data.sections[k], data.sections[k + 1]
         where = ""
         if not np.isnan(first.azimuth):
             a, b = np.degrees((first.azimuth, second.azimuth))
             where = f", azimuth {a:.0f}° to {b:.0f}°"
-        yield f"Between two sections {steps[k]:.0f} mm of groove were not seen{where}."
+        yield f"Between two sections {step:.0f} mm of groove were not seen{where}."
 
 
 def _unsure(data: ReportData) -> Iterator[str]:

@@ -12,12 +12,12 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import TACK
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
 from tjscan.report.charts import BAND
+from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.result.picture import CORNER, LASER, PATH, ROOT
 from tjscan.result.section import absent_corners, lengths_along_groove
 
-DEGREES_PER_HOUR: Final = 30.0
 ROOT_WIDTH: Final = 1
 """Place of the root's width among the measures of a section."""
 

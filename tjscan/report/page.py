@@ -31,6 +31,7 @@ from tjscan.report.tables import (
     uncertainty_rows,
 )
 from tjscan.report.template import load_template
+from tjscan.report.view3d import view_data
 from tjscan.result.directory import JOINT, job_label_of_run
 
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
@@ -68,6 +69,7 @@ def render_report_page(data: ReportData) -> str:
         scan_rows=list(scan_fact_rows(data)),
         findings=list(report_findings(data)),
         pictures=pictures,
+        scene=view_data(data),
         comparison=comparison,
         compared_with="the joint as designed"
         if comparison is None or comparison.reference.name == Path(JOINT).stem

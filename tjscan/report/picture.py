@@ -23,11 +23,17 @@ class ReportPicture:
         What it shows, and in one sentence what to see in it.
     data : str
         A ``data:`` URI that holds all of it.
+    alt : str
+        The same in words with its main numbers, for who can't see it; the title where left out.
     """
 
     title: str
     caption: str
     data: str
+    alt: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -43,17 +49,17 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def inline_figure(figure: Any, title: str, caption: str) -> ReportPicture:
+def inline_figure(figure: Any, title: str, caption: str, alt: str = "") -> ReportPicture:
     """Turn a figure into a picture that stands inside the HTML page.
 
     Parameters
     ----------
     figure : Figure
         Any of matplotlib's.
-    title, caption : str
+    title, caption, alt : str
         As of `ReportPicture`.
     """
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     data = "data:image/png;base64," + b64encode(stream.getvalue()).decode("ascii")
-    return ReportPicture(title, caption, data)
+    return ReportPicture(title, caption, data, alt)

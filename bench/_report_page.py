@@ -1,0 +1,52 @@
+"""The report of the paper's joint in a browser: how large it is, what it asks for, how it turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from _browser import changed_share, open_file, printed_pages, started_browser
+from _table import Row
+
+from tjscan.cli import main as tjscan
+
+JOB: Final = Path(__file__).parents[1] / "examples" / "paper.toml"
+
+MOST_BYTES: Final = 3_000_000
+MOST_SHEETS: Final = 6
+LEAST_TURNED: Final = 0.02
+"""Share of the view's pixels that a drag changes: the groove alone covers more."""
+
+
+def report_rows() -> Iterator[Row]:
+    """Scan the paper's joint, and look at its report in Chromium."""
+    with TemporaryDirectory() as folder:
+        run = Path(folder) / "paper"
+        try:
+            with redirect_stdout(StringIO()):
+                tjscan(["scan", str(JOB), "--out", str(run)])
+        except SystemExit as stop:
+            if stop.code:
+                raise
+        file = run / "report.html"
+        yield Row("report.html", file.stat().st_size / 1e6, MOST_BYTES / 1e6, "MB")
+        with started_browser() as browser:
+            watched = open_file(browser, file)
+            view = "#view3d .stage"
+            before = watched.picture(view)
+            watched.drag("#view3d canvas", 120, 30)
+            turned = watched.picture(view)
+            watched.page.get_by_text("reset view").click()
+            again = watched.picture(view)
+            sheets = printed_pages(watched.page)
+            yield Row("requests of the report, opened from disk", len(watched.requests), 0)
+            yield Row("errors and warnings on its console", len(watched.faults), 0)
+            yield Row(
+                "pixels that a drag changes", changed_share(before, turned), 1, "", LEAST_TURNED
+            )
+            yield Row("pixels that differ once the view is reset", changed_share(before, again), 0)
+            yield Row("sheets of A4", sheets, MOST_SHEETS)

@@ -1,0 +1,17 @@
+"""What people look at, in a browser: the report of a scan."""
+
+from __future__ import annotations
+
+import sys
+
+from _report_page import report_rows
+from _table import Row, main
+
+
+def measure() -> list[Row]:
+    """All rows."""
+    return [*report_rows()]
+
+
+if __name__ == "__main__":
+    sys.exit(main("pages in a browser", measure, sys.argv[1:]))

@@ -1,0 +1,72 @@
+"""A report in Chromium: it turns, tells, loads nothing, and stays readable without WebGL."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from _browser import changed_share, open_file, printed_pages, started_browser, why_no_browser
+from cells import FAULTLESS, PAPER
+from command import tjscan
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser()),
+]
+
+LEAST_TURNED, LEAST_COLOURED = 0.02, 0.002
+"""Shares of the view's pixels: that the groove and the joint cover, and that its lines do."""
+
+STAGE, STILL = "#view3d .stage", "#view3d img"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("runs") / "exact"
+    keys = {**FAULTLESS, "scan.sections": 4}
+    options = [word for key, value in keys.items() for word in (f"--{key}", value)]
+    assert tjscan("scan", PAPER, "--out", directory, *options, pictures=True) == 0
+    return directory / "report.html"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["Browser"]:
+    with started_browser() as browser:
+        yield browser
+
+
+def test_the_groove_turns_and_comes_back(browser: "Browser", report: Path) -> None:
+    watched = open_file(browser, report)
+    assert not watched.page.locator(STILL).is_visible()
+    before = watched.picture(STAGE)
+    watched.drag("#view3d canvas", 90, 30)
+    assert changed_share(watched.picture(STAGE), before) > LEAST_TURNED
+    watched.page.get_by_text("reset view").click()
+    assert changed_share(watched.picture(STAGE), before) == 0
+    watched.page.get_by_label("colour").select_option("depth")
+    assert changed_share(watched.picture(STAGE), before) > LEAST_COLOURED
+    assert (watched.requests, watched.faults) == ([], [])
+
+
+def test_a_narrow_dark_window_cuts_nothing_off(browser: "Browser", report: Path) -> None:
+    watched = open_file(browser, report, width=400, colours="dark")
+    assert watched.page.evaluate("document.documentElement.scrollWidth") == 400
+    assert watched.faults == []
+
+
+def test_paper_gets_the_still_picture(browser: "Browser", report: Path) -> None:
+    page = open_file(browser, report).page
+    assert 1 <= printed_pages(page) <= 6
+    page.emulate_media(media="print")
+    assert page.locator(STILL).is_visible()
+    assert not page.locator(STAGE).is_visible()
+
+
+def test_without_webgl_the_still_picture_stays(browser: "Browser", report: Path) -> None:
+    watched = open_file(browser, report, without_webgl=True)
+    assert watched.page.locator(STILL).is_visible()
+    assert not watched.page.locator(STAGE).is_visible()
+    assert watched.faults == []

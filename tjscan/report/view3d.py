@@ -1,0 +1,182 @@
+"""The data of the view that turns: sections, corner lines, points and the designed joint."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from tjscan.comparison.compare import DeviationDistances
+from tjscan.comparison.maps import deviation_scale_mm
+from tjscan.core.frames import Array
+from tjscan.report.charts import indices_near_groove
+from tjscan.report.clock import clock_text
+from tjscan.report.data import ReportData
+from tjscan.report.findings import is_closed, wide_steps
+from tjscan.report.ghost import ghost_of_joint
+from tjscan.result.section import MEASURES, SIGMAS, SYMBOLS, absent_corners
+from tjscan.result.wireframe import joint_wireframe
+
+MOST_POINTS: Final = 40_000
+"""A page of more would be slow, and too large."""
+
+SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
+SHADES: Final = 9
+"""Between which the page mixes colours."""
+
+SHOWN: Final = ("groove_angle", "root_width", "depth")
+"""Measures that the groove is coloured by."""
+
+
+def view_data(data: ReportData) -> dict[str, Any]:
+    """All that the view draws and tells, in millimetres and degrees, for JSON.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
+    corners = np.array([section.points for section in data.sections])
+    absent = absent_corners(data.sections)
+    azimuths = data.unwrapped_azimuths
+    points, deviation = _points(data)
+    quantities = [*_quantities(data)]
+    if deviation is not None:
+        quantities.append(_point_deviation(deviation))
+    middle = np.nan_to_num(data.sections[len(data.sections) // 2].azimuth)
+    return {
+        "frame": data.summary.frame,
+        "azimuth": round(float(middle), 3),
+        "sections": [
+            {
+                "name": str(section.index),
+                "station": section.station if data.stitching is not None else "",
+                "where": "" if azimuths is None else f"at {clock_text(azimuths[k])} o'clock",
+                "conditions": list(section.conditions),
+                "corners": _mm(corners[k], 3),
+                "seen": [True, *(~absent[k]).tolist(), True],
+            }
+            for k, section in enumerate(data.sections)
+        ],
+        "joined": _joined(data),
+        "quantities": quantities,
+        "points": points,
+        "ghost": None if data.joint is None else _ghost(data),
+        "stations": []
+        if data.stitching is None
+        else [{"name": one.name, "at": list(one.position_mm)} for one in data.stitching.stations],
+    }
+
+
+def _joined(data: ReportData) -> list[list[int]]:
+    """Pairs of neighbouring sections between which the groove was seen."""
+    n, wide = len(data.sections), wide_steps(data)
+    pairs = [[k, k + 1] for k in range(n - 1) if k not in wide]
+    return [*pairs, [n - 1, 0]] if is_closed(data) else pairs
+
+
+def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
+    """What sections are coloured by: a value and its standard deviation for each."""
+    for deviation in () if data.comparison is None else data.comparison.deviations:
+        if deviation.kind.startswith("corners"):
+            rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
+            yield _quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
+    rootless = absent_corners(data.sections).any(axis=1)
+    for field, spread in zip(MEASURES, SIGMAS, strict=True):
+        if field.name not in SHOWN:
+            continue
+        values = field.values(data.sections)
+        if field.name != "groove_angle":
+            values = np.where(rootless, np.nan, values)
+        symbol = SYMBOLS.get(field.unit.suffix, field.unit.suffix)
+        yield _quantity(field.name_in_words, symbol, values, spread.values(data.sections))
+    opening = 1e3 * np.array([section.root_opening for section in data.sections])
+    if not np.isnan(opening).all():
+        edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in data.sections])
+        yield _quantity("root opening", "mm", opening, edges)
+    sigmas = 1e3 * np.array([section.corner_sigmas.max() for section in data.sections])
+    yield _quantity("standard deviation of the corners", "mm", sigmas)
+
+
+def _quantity(
+    name: str, unit: str, values: Array, sigmas: Array | None = None, colours: str = SEQUENTIAL
+) -> dict[str, Any]:
+    known = values[~np.isnan(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return {
+        "name": name,
+        "unit": unit,
+        "low": round(low, 4),
+        "high": round(max(high, low + 1e-3), 4),
+        "colours": _shades(colours),
+        "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
+        "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
+    }
+
+
+def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
+    """What points are coloured by."""
+    scale = round(deviation_scale_mm(deviation), 3)
+    return {
+        "name": f"deviation, {deviation.kind}",
+        "unit": "mm",
+        "low": -scale if deviation.signed else 0.0,
+        "high": scale,
+        "colours": _shades(DIVERGING if deviation.signed else SEQUENTIAL),
+        "values": None,
+        "sigmas": None,
+    }
+
+
+def _shades(name: str) -> list[str]:
+    return [to_hex(colour) for colour in colormaps[name](np.linspace(0, 1, SHADES))]
+
+
+def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:
+    """Points near the groove as 16-bit numbers, and the deviations that they carry."""
+    cloud = data.shape.points if data.shape.points is not None else np.empty((0, 3))
+    chosen = indices_near_groove(data.sections, cloud)
+    chosen = chosen[:: -(-len(chosen) // MOST_POINTS) or 1]
+    points = 1e3 * cloud[chosen]
+    carried = None if data.comparison is None else data.comparison.deviations[0]
+    if carried is not None and len(carried.distances) != len(cloud):
+        carried = None  # corners alone were compared
+    values = np.empty(0) if carried is None else 1e6 * carried.distances[chosen]
+    middle = points.mean(axis=0) if len(points) else np.zeros(3)
+    reach = float(np.abs(points - middle).max(initial=1.0))
+    unit = reach / np.iinfo(np.int16).max
+    return {
+        "middle": np.round(middle, 3).tolist(),
+        "unit": unit,
+        "at": _base64((points - np.round(middle, 3)) / unit),
+        "micrometres": _base64(values),
+    }, carried
+
+
+def _base64(numbers: Array) -> str:
+    """Numbers rounded to 16 bits, little-endian; what is beyond ends there."""
+    limits = np.iinfo(np.int16)
+    rounded = np.clip(np.nan_to_num(np.round(numbers)), limits.min + 1, limits.max)
+    return b64encode(rounded.astype("<i2").tobytes()).decode("ascii")
+
+
+def _ghost(data: ReportData) -> dict[str, Any]:
+    """The joint as designed: triangles, and the lines of its edges and rings."""
+    if data.joint is None:
+        return {}
+    vertices, triangles = ghost_of_joint(data.joint)
+    lines = [line[::3] for line in joint_wireframe(data.joint) if len(line) > 2]
+    return {
+        "vertices": _mm(vertices, 1),
+        "triangles": triangles.tolist(),
+        "lines": [_mm(line, 1) for line in lines],
+    }
+
+
+def _mm(points: Array, decimals: int) -> list[list[float]]:
+    rounded: list[list[float]] = np.round(1e3 * points, decimals).tolist()
+    return rounded
