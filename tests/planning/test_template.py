@@ -57,6 +57,7 @@ def test_beads_neither_overlap_nor_leave_gaps(corners: np.ndarray) -> None:
         return
     outlines = template.cut_into_beads(COUNTS, wanted).outlines(0, points=400)
     beads = [shapely.Polygon(outline) for outline in outlines]
+    assert all(bead.is_valid for bead in beads)
     union, whole = shapely.union_all(beads).area, sum(bead.area for bead in beads)
     assert whole - union < 1e-6 * union
     assert union == pytest.approx(template.area[0], rel=1e-4)  # the parabola is drawn in chords
