@@ -35,22 +35,26 @@ def groove(
     json
         Print the readings as JSON on stdout.
     """
-    from tjscan.cli.groove_options import groove_settings_for_file, read_profiles_of_file
-    from tjscan.cli.groove_output import (
-        check_plot_path,
-        draw_readings_png,
-        print_readings,
-        suggest_height_sign,
-    )
-    from tjscan.result.readings import measure_grooves
+    from tjscan.cli.console import show_phase
 
-    check_plot_path(plot)
-    settings = groove_settings_for_file(file, reading)
-    table = read_profiles_of_file(file, form)
-    readings = list(measure_grooves(table.profiles, settings))
+    with show_phase("reading the groove"):
+        from tjscan.cli.groove_options import groove_settings_for_file, read_profiles_of_file
+        from tjscan.cli.groove_output import (
+            check_plot_path,
+            draw_readings_png,
+            print_readings,
+            suggest_height_sign,
+        )
+        from tjscan.result.readings import measure_grooves
+
+        check_plot_path(plot)
+        settings = groove_settings_for_file(file, reading)
+        table = read_profiles_of_file(file, form)
+        readings = list(measure_grooves(table.profiles, settings))
     print_readings(readings, table.bad, corners=corners, json=json)
     if plot is not None:
-        draw_readings_png(plot, readings, settings)
+        with show_phase("drawing the profiles"):
+            draw_readings_png(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):
         suggest_height_sign(table.profiles, settings)
         raise SystemExit(1)

@@ -42,16 +42,19 @@ def plan(
     json
         Print the plan as JSON on stdout.
     """
-    import numpy as np
-
+    from tjscan.cli.console import show_phase
     from tjscan.core.errors import ConfigurationError
-    from tjscan.report.plan_page import write_plan_page
-    from tjscan.runs.plan import ArcSwitch, plan_run
 
     if not 0 <= output <= 7:
         raise ConfigurationError("must be 0 to 7", key="--output")
-    done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out)
-    page = write_plan_page(done.directory)
+    with show_phase("planning the beads"):
+        import numpy as np
+
+        from tjscan.report.plan_page import write_plan_page
+        from tjscan.runs.plan import ArcSwitch, plan_run
+
+        done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out)
+        page = write_plan_page(done.directory)
     if json:
         print(done.document.model_dump_json(indent=1))
     else:

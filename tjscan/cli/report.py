@@ -31,16 +31,18 @@ def report(
     frame
         Frame of a reference that states none: j for the joint's own, or any name.
     """
-    from tjscan.cli.console import print_message
-    from tjscan.comparison.sidecar import StatedUnitAndFrame
-    from tjscan.report.plan_page import PLAN, write_plan_page
-    from tjscan.report.write import write_run_report
-    from tjscan.result.directory import SUMMARY
+    from tjscan.cli.console import print_message, show_phase
 
-    if (run / PLAN).is_file():
-        print_message(f"written to {write_plan_page(run)}")
-        if reference is None and not (run / SUMMARY).is_file():
-            return  # the plan of a run that lies elsewhere
-    tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    stated = StatedUnitAndFrame(units, frame)
-    print_message(f"written to {write_run_report(run, reference, tolerance, stated)}")
+    with show_phase("writing the report"):
+        from tjscan.comparison.sidecar import StatedUnitAndFrame
+        from tjscan.report.plan_page import PLAN, write_plan_page
+        from tjscan.report.write import write_run_report
+        from tjscan.result.directory import SUMMARY
+
+        if (run / PLAN).is_file():
+            print_message(f"written to {write_plan_page(run)}")
+            if reference is None and not (run / SUMMARY).is_file():
+                return  # the plan of a run that lies elsewhere
+        tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
+        page = write_run_report(run, reference, tolerance, StatedUnitAndFrame(units, frame))
+    print_message(f"written to {page}")

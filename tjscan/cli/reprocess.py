@@ -28,14 +28,17 @@ def reprocess(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import print_message
+    from tjscan.cli.console import print_message, show_phase
     from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.scan_output import print_scan_summary
-    from tjscan.cli.stitching_output import print_stitched_groove
-    from tjscan.report.write import write_run_report
-    from tjscan.runs.reprocess import reprocess_run as read_again
 
-    done = read_again(run, parse_overrides(overrides), out, write_run_report)
+    keys = parse_overrides(overrides)
+    with show_phase("reading the profiles again"):
+        from tjscan.cli.scan_output import print_scan_summary
+        from tjscan.cli.stitching_output import print_stitched_groove
+        from tjscan.report.write import write_run_report
+        from tjscan.runs.reprocess import reprocess_run as read_again
+
+        done = read_again(run, keys, out, write_run_report)
     for one in done.stations:
         for index, error in one.lost.items():
             print_message(f"section {index}: {error}")

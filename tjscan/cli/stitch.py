@@ -39,11 +39,14 @@ def stitch(
     json
         Print the summary and the stations as JSON on stdout.
     """
-    from tjscan.cli.stitching_output import print_stitched_groove
+    from tjscan.cli.console import show_phase
     from tjscan.core.errors import ConfigurationError
-    from tjscan.report.write import write_run_report
-    from tjscan.runs.directory import default_run_directory
-    from tjscan.runs.stitch import stitch_run_directories
+
+    with show_phase("loading what stitches"):
+        from tjscan.cli.stitching_output import print_stitched_groove
+        from tjscan.report.write import write_run_report
+        from tjscan.runs.directory import default_run_directory
+        from tjscan.runs.stitch import stitch_run_directories
 
     directory = out or default_run_directory(Path("stitched"))
     if directory.exists() and any(directory.iterdir()):
@@ -51,7 +54,8 @@ def stitch(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
     settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
-    done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
+    with show_phase("stitching"):
+        done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
     print_stitched_groove(done, directory, json=json)
 
 
