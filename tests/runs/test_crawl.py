@@ -22,6 +22,7 @@ from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl import CrawlContext, run_crawl, short_way
+from tjscan.runs.crawl_report import crawl_chapter
 from tjscan.runs.crawl_results import read_recorded_crawl
 from tjscan.runs.crawl_resume import resume_crawl
 from tjscan.vehicle.vehicle import REST
@@ -141,6 +142,18 @@ def cut_short(job_file: Path, tmp_path: Path) -> Path:
     with pytest.raises(KeyboardInterrupt):
         run_crawl(CrawlContext(read_crawl_job(job_file), job_file, InterruptedInWeld(0.015)), out)
     return out
+
+
+def test_a_report_says_what_was_not_welded_and_what_was_cut_off(cut_short: Path) -> None:
+    said = crawl_chapter(cut_short).findings
+    assert "1 of 2 passes are not welded." in said
+    assert "Pass 1 is not whole: 14.8 of 30 mm are welded." in said
+    resume_crawl(CrawlContext(read_crawl_job(cut_short / "job.toml"), cut_short / "job.toml"))
+    assert not any("not w" in words for words in crawl_chapter(cut_short).findings)
+    recording = cut_short / "crawl-2.mcap"
+    data = recording.read_bytes()
+    recording.write_bytes(data[: int(0.95 * len(data))])  # on the way back from the last pass
+    assert any("ends in the phase 'return'" in words for words in crawl_chapter(cut_short).findings)
 
 
 def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:

@@ -6,11 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import nan
+from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+
+END: Final = 0.1
+"""Seconds before a pass ends, from which one that was cut off is whole."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +62,10 @@ class PassRecord:
             total += max(stop - max(start, end), 0.0)
             end = max(end, stop)
         return total
+
+    def is_whole(self, length: float) -> bool:
+        """Whether it is as long as asked, metres, but for what is welded in its last `END`."""
+        return self.length >= length - END * self.speed
 
     @property
     def speed(self) -> float:

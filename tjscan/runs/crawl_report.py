@@ -66,6 +66,18 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     missing = len(job.passes) - len(found.passes)
     if missing:
         yield f"{missing} of {len(job.passes)} passes are not welded."
+    for one in found.passes:
+        if not one.is_whole(job.weld.length):
+            yield (
+                f"Pass {one.number} is not whole: {1e3 * one.length:.1f} of "
+                f"{1e3 * job.weld.length:.0f} mm are welded."
+            )
+    phases = [event.name for event in found.events if event.name in set(Phase)]
+    if found.passes and phases[-1] not in (Phase.MANUAL, Phase.STOP):
+        yield (
+            f"Its recording ends in the phase {phases[-1]!r}, before the crawl did: the program "
+            "was killed, or the file cut."
+        )
     replays = [event.detail for event in found.events if event.name == REPLAY]
     if replays:
         yield f"A replay, {replays[0]}: what the {job.method} method would have believed."

@@ -16,6 +16,7 @@ from tjscan.crawler.crawler import CrawlStart
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.last_view import LastView
+from tjscan.crawler.pass_record import END
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import REPLAY
 from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
@@ -134,7 +135,7 @@ def start_after_stop(
         )
     cut = burned[-1]
     end = job.weld.length
-    whole = cut.travel >= end - abs(cut.state.odometry.speed) * 0.1
+    whole = cut.travel >= end - abs(cut.state.odometry.speed) * END
     done = cut.number if whole else cut.number - 1
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
