@@ -29,7 +29,8 @@ from _faulty import FaultyScan, faulty_scan
 from _fuzz import Reader, Tally, fuzz, section_ends
 from _hostile import read_hostile_files
 from _processes import SAME_MM, Outcome, killed, on_a_small_disk, unbroken, without_room
-from _spoilt_runs import SpoiltTally, make_runs, spoil_runs
+from _run_uses import SoundRun, make_crawls, make_scans, make_tows
+from _spoilt_runs import SpoiltTally, spoil_runs
 from _table import Row, main
 
 from tjscan.core.errors import TjscanError
@@ -51,6 +52,9 @@ GROWTH_MB: Final = 500.0
 WRONG_MM: Final = 1.0
 """A corner that is further from the true edge is a wrong one."""
 
+SPOILT_TOGETHER: Final = 20
+"""Run directories that one process spoils in turn."""
+
 T = TypeVar("T")
 U = TypeVar("U")
 
@@ -64,13 +68,13 @@ class Counts:
     disks: int
     faulty: int
     inputs: int
-    spoilt: int
+    spoilt: tuple[int, int, int]
     timed: int
     timed_sections: int
 
 
-FULL: Final = Counts(100, 1000, 10, 200, 100_000, 2000, 3, 6)
-QUICK: Final = Counts(4, 100, 2, 9, 2000, 20, 1, 4)
+FULL: Final = Counts(100, 1000, 10, 200, 100_000, (2000, 200, 100), 3, 6)
+QUICK: Final = Counts(4, 100, 2, 9, 2000, (20, 20, 20), 1, 4)
 
 
 def measure(counts: Counts) -> list[Row]:
@@ -83,7 +87,7 @@ def measure(counts: Counts) -> list[Row]:
         rows += _disks(folder / "disks", whole, counts.disks)
     rows += _faults(counts.faulty)
     rows += _files(counts.inputs)
-    rows += _spoilt_runs(counts.spoilt)
+    rows += _spoilt_runs(*counts.spoilt)
     rows.append(_overhead(counts.timed, counts.timed_sections))
     return rows
 
@@ -204,27 +208,33 @@ def _files(count: int) -> list[Row]:
     ]
 
 
-def _spoilt_runs(count: int) -> list[Row]:
+def _spoilt_runs(scans: int, crawls: int, tows: int) -> list[Row]:
     """Flip a bit or cut a file of run directories, then read, read again and go on with each."""
     with TemporaryDirectory(dir=_in_memory()) as name:
         folder = Path(name)
-        runs = make_runs(folder)
-        batch = max(1, count // 40)
-        tallies = _spread(partial(_spoil_batch, folder, runs, batch), range(ceil(count / batch)))
+        batches = [
+            (runs, seed)
+            for make, count in ((make_scans, scans), (make_crawls, crawls), (make_tows, tows))
+            for runs in (make(folder),)
+            for seed in range(ceil(count / SPOILT_TOGETHER))
+        ]
+        tallies = _spread(partial(_spoil_batch, folder), batches)
     _say_what_is_wrong([told for tally in tallies for told in (*tally.silent, *tally.wrong)])
     used = sum(tally.cases for tally in tallies)
     refused = sum(tally.refused for tally in tallies)
+    spoilt = SPOILT_TOGETHER * len(batches)
     return [
-        Row("runs with a bit flipped or a file cut", count, float("inf"), at_least=count),
+        Row("runs with a bit flipped or a file cut", spoilt, float("inf"), at_least=scans),
         Row("… read, resumed, reprocessed: refused", 100 * refused / used, 100, "%", at_least=25),
         Row("… silently different", sum(len(t.silent) for t in tallies), 0),
         Row("… that ended in a traceback", sum(len(t.wrong) for t in tallies), 0),
     ]
 
 
-def _spoil_batch(folder: Path, runs: tuple[Path, Path], size: int, seed: int) -> SpoiltTally:
+def _spoil_batch(folder: Path, batch: tuple[Sequence[SoundRun], int]) -> SpoiltTally:
     warnings.simplefilter("ignore")
-    return spoil_runs(folder, runs, size, seed)
+    runs, seed = batch
+    return spoil_runs(folder, runs, SPOILT_TOGETHER, seed)
 
 
 _READERS: dict[Path, list[Reader]] = {}
