@@ -307,6 +307,34 @@ def test_past_a_joints_limit_the_arm_stops_protectively() -> None:
     assert bench.controller.q[5] <= KINEMATICS.upper[5]
 
 
+def test_a_program_beside_another_ends_with_it() -> None:
+    controller = Bench().controller
+    beside = "\n".join(
+        (
+            "sec count():",
+            "while True:",
+            "write_output_integer_register(5, read_output_integer_register(5) + 1)",
+            "sync()",
+            "end",
+            "end\n",
+        )
+    )
+
+    def counted() -> int:
+        before = controller.output_int[5]
+        for _ in range(10):
+            controller.advance_one_tick()
+        return controller.output_int[5] - before
+
+    controller.start_script("def wait():\n  sleep(9)\nend\n")
+    controller.start_script(beside)
+    assert counted() == 10
+    controller.stop_program()
+    assert counted() == 0
+    controller.start_script("def wait():\n  sleep(9)\nend\n")
+    assert counted() == 0
+
+
 def test_programs_come_whole_however_their_text_is_cut() -> None:
     text = "def f():\n  sync()\nend\nset_digital_out(1, True)\nsec g():\nend\n"
     for size in (1, 3, 7, len(text)):

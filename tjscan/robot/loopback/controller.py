@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import IntEnum
 from math import inf, isfinite
 from typing import Final
 
@@ -16,9 +15,11 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.faults import InjectedFault, ScheduledFault
 from tjscan.robot.loopback.motion import DecelerationMotion, Motion
 from tjscan.robot.loopback.program import RunningProgram
+from tjscan.robot.loopback.programs import ControllerPrograms
+from tjscan.robot.loopback.states import ProgramState, RobotPower, SafetyState
 from tjscan.robot.loopback.urscript.host import SpeedDrive
 from tjscan.robot.loopback.urscript.tokens import ScriptError
-from tjscan.robot.loopback.wire import REGISTERS, Value, zero_output
+from tjscan.robot.loopback.wire import REGISTERS, Value
 
 FAST_TIME_FACTOR: Final = 25
 """A tick of a fast controller is worth as many ticks of motion."""
@@ -41,42 +42,8 @@ PASSING: Final = 5e-5
 REMEMBERED: Final = 1000
 """Ticks for which joint angles are remembered."""
 
-MOST_BESIDE: Final = 10
-"""Programs that may run beside another."""
-
 OUTPUT_GROUPS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First digital output of a group, and how many it has."""
-
-
-class RobotPower(IntEnum):
-    """Power of the robot, as RTDE numbers it."""
-
-    POWER_OFF = 3
-    IDLE = 5
-    RUNNING = 7
-
-
-class SafetyState(IntEnum):
-    """State of the safety system, as RTDE numbers it."""
-
-    NORMAL = 1
-    PROTECTIVE_STOP = 3
-    ROBOT_EMERGENCY_STOP = 7
-
-
-class ProgramState(IntEnum):
-    """State of the program, as RTDE numbers it."""
-
-    STOPPED = 1
-    PLAYING = 2
-    PAUSED = 4
-
-
-SAFETY_BITS: Final = {
-    SafetyState.NORMAL: 1 << 0,
-    SafetyState.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
-    SafetyState.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
-}
 
 
 class LoopbackController:
@@ -135,8 +102,7 @@ class LoopbackController:
         self._elapsed = self._left = 0.0
         self._is_let_go = False
         self._missing = False
-        self._program: RunningProgram | None = None
-        self._beside: list[RunningProgram] = []
+        self._programs = ControllerPrograms(self, tell)
         self._orders: list[ScheduledFault] = []
         self._moves = 0
 
@@ -154,9 +120,8 @@ class LoopbackController:
             self._advance(self._motion, step * self.speed_fraction)
         elif self._drive is not None:
             self._turn_joints(self._drive, step * self.speed_fraction)
-        if self.runtime is ProgramState.PLAYING:
-            for program in (*self._beside, *([self._program] if self._program else [])):
-                self._run_program(program)
+        if self.runtime is not ProgramState.PAUSED and self._programs.run_tick():
+            self.stop_program()
         if self._is_let_go:
             self.come_to_rest(float(np.abs(self.speed).max()) / LET_GO)
 
@@ -176,20 +141,16 @@ class LoopbackController:
             raise ScriptError("the robot is not ready for a program")
         program = RunningProgram(script, self)
         if program.runs_beside:
-            if len(self._beside) >= MOST_BESIDE:
-                raise ScriptError("too many programs run beside another")
-            self._beside.append(program)
+            self._programs.start_beside(program)
             return
         self.stop_program()
-        self.tell("program started")
-        self._program, self.runtime = program, ProgramState.PLAYING
+        self._programs.start(program)
+        self.runtime = ProgramState.PLAYING
 
     def stop_program(self) -> None:
-        """End the program, and the motion with it."""
-        if self._program is not None:
-            self._program.end()
-            self.tell("program stopped")
-        self._program, self.runtime, self.patience = None, ProgramState.STOPPED, inf
+        """End the program, those beside it, and the motion."""
+        self._programs.end()
+        self.runtime, self.patience = ProgramState.STOPPED, inf
         self.stop_instantly()
 
     def schedule_fault(self, order: ScheduledFault) -> None:
@@ -234,17 +195,6 @@ class LoopbackController:
                 self.analog_outputs[int(number)] = float(value)
         elif name == "speed_slider_fraction" and self._masks.get("speed_slider_mask"):
             self.speed_fraction = min(max(float(value), 0.0), 1.0) if isfinite(value) else 0.0
-
-    def read_output(self, name: str) -> Value:
-        """Read an output variable; those without meaning here are zero."""
-        kind, _, number = name.rpartition("_")
-        if kind == "output_int_register":
-            return self.output_int[int(number)]
-        if kind == "output_double_register":
-            return self.output_double[int(number)]
-        if name in _OUTPUTS:
-            return _OUTPUTS[name](self)
-        return zero_output(name)
 
     def tcp_pose(self) -> list[float]:
         """Position in metres and rotation vector of the active TCP in frame b."""
@@ -293,22 +243,11 @@ class LoopbackController:
         if reason:
             self.tell(f"protective stop: {reason}")
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
-        if self._program is not None:
+        if self._programs.running:
             self.runtime = ProgramState.PAUSED
         self.stop_instantly()
 
     # Motion and faults
-
-    def _run_program(self, program: RunningProgram) -> None:
-        try:
-            if program.run_tick():
-                return
-        except ScriptError as error:
-            self.tell(f"program failed: {error}")
-        if program is self._program:
-            self.stop_program()
-        else:
-            self._beside.remove(program)
 
     def _advance(self, motion: Motion, step: float) -> None:
         due = [order for order in self._orders if order.move == self._moves]
@@ -383,29 +322,3 @@ class LoopbackController:
         self._orders.clear()
         if self.runtime is ProgramState.PAUSED:
             self.stop_program()
-
-
-_OUTPUTS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
-    "timestamp": lambda c: c.time,
-    "actual_q": lambda c: c.q.tolist(),
-    "target_q": lambda c: c.q.tolist(),
-    "actual_qd": lambda c: c.speed.tolist(),
-    "target_qd": lambda c: c.speed.tolist(),
-    "actual_TCP_pose": LoopbackController.tcp_pose,
-    "target_TCP_pose": LoopbackController.tcp_pose,
-    "robot_mode": lambda c: int(c.mode),
-    "safety_mode": lambda c: int(c.safety),
-    "runtime_state": lambda c: int(c.runtime),
-    "robot_status_bits": lambda c: (
-        int(c.mode > RobotPower.POWER_OFF) | int(c.runtime is ProgramState.PLAYING) << 1
-    ),
-    "safety_status_bits": lambda c: SAFETY_BITS[c.safety],
-    "payload": lambda c: c.payload,
-    "payload_cog": lambda c: list(c.centre_of_gravity),
-    "speed_scaling": lambda c: c.speed_fraction,
-    "target_speed_fraction": lambda c: c.speed_fraction,
-    "actual_digital_output_bits": lambda c: c.digital_outputs,
-    "standard_analog_output0": lambda c: c.analog_outputs[0],
-    "standard_analog_output1": lambda c: c.analog_outputs[1],
-}
-"""What each output shows. The others are zero."""

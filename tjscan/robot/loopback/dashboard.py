@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from tjscan.robot.loopback.controller import LoopbackController, ProgramState, RobotPower
+from tjscan.robot.loopback.controller import LoopbackController
+from tjscan.robot.loopback.states import ProgramState, RobotPower
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 SERIAL: Final = "00000000000"

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from threading import Thread
 from typing import Any, Final
 
@@ -17,6 +18,7 @@ from tjscan.robot.dh import DhParameters
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.dashboard import GREETING, DashboardServer
 from tjscan.robot.loopback.faults import parse_scheduled_fault
+from tjscan.robot.loopback.outputs import read_output
 from tjscan.robot.loopback.primary import kinematics_message
 from tjscan.robot.loopback.urscript.incoming import IncomingScripts
 from tjscan.robot.loopback.urscript.tokens import ScriptError
@@ -123,7 +125,7 @@ class LoopbackServer:
                     writer.transport.abort()
             for session, writer in list(self._sessions.items()):
                 if writer.transport.get_write_buffer_size() < BACKLOG:
-                    session.send_outputs(self.controller.read_output)
+                    session.send_outputs(partial(read_output, self.controller))
 
     async def _orders(self) -> None:
         """Obey the lines of stdin until it ends."""
