@@ -34,7 +34,8 @@ app.command(tow)
 
 COMMANDS: Final = (
     (app, "scan", "calibrate", "teach", "doctor", "laser", "reprocess", "groove", "stitch"),
-    (app, "chain", "compare", "export", "plan", "report", "joint", "study", "init", "schema"),
+    (app, "chain", "compare", "export", "plan", "report", "view", "joint", "study"),
+    (app, "init", "schema"),
     (app, "ur_loopback", "laser_loopback", "vehicle_loopback"),
     (crawl, "crawl_run", "crawl_size", "crawl_calibrate", "crawl_compare", "crawl_replay"),
     (tow, "tow_run", "tow_replay"),

@@ -405,6 +405,10 @@ class RecordingError(TjscanError):
     """A run directory or a recording can't be written or read."""
 
 
+class PageUnavailable(TjscanError):
+    """The live page can't be shown; a run goes on without it."""
+
+
 def message_with_notes(error: BaseException) -> str:
     """Message of an error and the notes added to it, as one text."""
     sentences = (str(error), *getattr(error, "__notes__", ()))

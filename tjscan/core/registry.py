@@ -141,6 +141,8 @@ class TaskPlugin:
         Name of a file by which a directory without job and recording is known to hold its result.
     page : str
         Its chapter on its own page, where that is another than in the reports of other tasks.
+    live : str
+        What the live page shows of its recording: a `tjscan.live.step.ShowReader`.
     """
 
     name: str
@@ -149,9 +151,10 @@ class TaskPlugin:
     recording: str = ""
     result: str = ""
     page: str = ""
+    live: str = ""
 
-    def load_part(self, part: Literal["report", "study", "page"]) -> Any:
-        """Import one part that the task adds: its report chapter, study backend or own page.
+    def load_part(self, part: Literal["report", "study", "page", "live"]) -> Any:
+        """Import one part that the task adds: report chapter, study, own page, live show.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ from tjscan.core.devices import DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
-from tjscan.job import CellJob, LaserSettings, PlacedSolidSettings, ScanJob
+from tjscan.job import CellJob, LaserSettings, ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.relief import make_relief_height_function
@@ -382,7 +382,7 @@ def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> 
     with add_file_to_errors(key="arm.model"):
         model = CollisionModel(
             kinematics,
-            [_in_b(one, job) for one in table.solid],
+            solids_in_base(job),
             [one.solid for one in table.tool],
             self_collision=table.self_collision,
             ignored=table.ignore,
@@ -390,10 +390,13 @@ def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> 
     return ClearPathPlanner(kinematics, model, table)
 
 
-def _in_b(table: PlacedSolidSettings, job: CellJob) -> Solid:
-    """A solid where it stands in frame b; one about the workpiece as far as that is known."""
-    solid = table.solid
-    return solid if table.frame == "b" else replace(solid, T=inverse_pose(job.T_w_b) @ solid.T)
+def solids_in_base(job: CellJob) -> tuple[Solid, ...]:
+    """Solids about a job's arm where they stand in frame b; of the workpiece as far as known."""
+    T_b_w = inverse_pose(job.T_w_b)
+    return tuple(
+        one.solid if one.frame == "b" else replace(one.solid, T=T_b_w @ one.solid.T)
+        for one in job.clearance.solid
+    )
 
 
 def laser_model_of_job(job: CellJob) -> LaserModel:

@@ -1,0 +1,69 @@
+"""Nobody reaches the page without its token, and nobody from another machine."""
+
+import socket
+from collections.abc import Iterator
+from urllib.request import urlopen
+
+import pytest
+from page_client import page_client
+from websockets.exceptions import InvalidStatus
+
+from tjscan.core.errors import PageUnavailable
+from tjscan.live.access import LOCAL, answer_without_token
+from tjscan.live.page import Page, PageAddress
+from tjscan.live.step import Setting
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    with Page([Setting("nothing")], PageAddress(port=0)) as shown:
+        yield shown
+
+
+def test_the_whole_address_opens_the_page(page: Page) -> None:
+    with urlopen(page.url) as answer:
+        assert b"<html" in answer.read()[:300].lower()
+    with page_client(page.url) as client:
+        assert client.receive() > 0
+
+
+def test_without_the_token_page_and_socket_are_refused(page: Page) -> None:
+    port = page.server.get_port()
+    assert answer_without_token(LOCAL, port) == 403
+    for path in ("", "guess", page.token[:-1], f"x/{page.token}"):
+        with (
+            pytest.raises(InvalidStatus, match="403"),
+            page_client(f"http://{LOCAL}:{port}/{path}"),
+        ):
+            pass
+
+
+def test_two_pages_have_two_tokens(page: Page) -> None:
+    with Page([Setting("nothing")], PageAddress(port=0)) as other:
+        assert other.token != page.token
+
+
+def test_it_is_bound_to_this_machine_alone(page: Page) -> None:
+    bound = page.server._websock_server
+    assert bound is not None
+    assert page.server.get_host() == LOCAL
+    with socket.socket() as other:
+        other.settimeout(1)
+        # The whole net 127/8 is this machine's; another address of it must find nothing there.
+        assert other.connect_ex(("127.0.0.2", page.server.get_port())) != 0
+
+
+def test_a_port_that_is_taken_is_not_exchanged_for_another(page: Page) -> None:
+    with pytest.raises(PageUnavailable, match=r"can't be had.*--port"):
+        Page([Setting("nothing")], PageAddress(port=page.server.get_port()))
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    with pytest.raises(PageUnavailable, match=r"192\.0\.2\.1"):
+        Page([Setting("nothing")], PageAddress(port=0, address="192.0.2.1"))
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    with Page([Setting("nothing")], PageAddress(port=0)):
+        pass
+    assert capfd.readouterr() == ("", "")

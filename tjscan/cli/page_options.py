@@ -1,0 +1,60 @@
+"""The options of every command that shows something in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
+
+from tjscan.core.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from tjscan.live.page import PageAddress
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageOptions:
+    """Where the page is served.
+
+    Parameters
+    ----------
+    port
+        Port of the page in the browser; 0 for any that is free.
+    address
+        Address of this machine that the page is bound to. Whoever has the printed address of a
+        page with buttons moves machines by it: leave it at 127.0.0.1 unless the network is
+        trusted.
+    """
+
+    port: int = 8080
+    address: str = "127.0.0.1"
+
+    @property
+    def where(self) -> PageAddress:
+        """Where the page is served, once viser is found to be there.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is not installed.
+        """
+        with explain_missing_viser():
+            from tjscan.live.page import PageAddress
+        return PageAddress(port=self.port, address=self.address)
+
+
+@contextmanager
+def explain_missing_viser() -> Iterator[None]:
+    """Say what to install where the page's server is missing."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("viser", "websockets"):
+            raise
+        raise ConfigurationError(
+            "the page needs the package viser, which is not installed: pip install 'tjscan[live]'"
+        ) from error

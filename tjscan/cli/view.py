@@ -1,0 +1,36 @@
+"""``tjscan view``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tjscan.cli.page_options import PageOptions
+
+
+def view(*runs: Path, page: PageOptions | None = None) -> None:
+    """Show recorded runs in a browser, with a slider; several stand side by side.
+
+    Parameters
+    ----------
+    runs
+        Run directories, finished or not.
+    """
+    import signal
+
+    from tjscan.cli.console import print_message, show_phase
+    from tjscan.core.errors import ConfigurationError
+
+    if not runs:
+        raise ConfigurationError("view takes one run directory or more")
+    where = (page or PageOptions()).where
+    with show_phase("reading the recordings"):
+        from tjscan.live.replay import Replay
+        from tjscan.runs.view import read_recorded_show
+
+        shows = [read_recorded_show(run) for run in runs]
+    with Replay(shows, where).page as shown:
+        print_message(f"open {shown.url} in a browser; Ctrl-C ends")
+        try:
+            signal.pause()
+        except KeyboardInterrupt:
+            return

@@ -1,0 +1,157 @@
+"""The server of the page: bound to one address, silent, and closed to all without its token.
+
+Buttons of the page move machines, and viser has no login. Any site that is open in the same
+browser may connect to a socket of this machine, so the token is asked for on 127.0.0.1 too. It
+stands in the path of the URL, for the page and for its socket alike.
+"""
+
+from __future__ import annotations
+
+import http.client
+import secrets
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from hmac import compare_digest
+from http import HTTPStatus
+from typing import Any, Final
+
+import rich
+import viser
+from websockets import Headers
+from websockets.asyncio import server as websockets_server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from tjscan.core.errors import PageUnavailable
+
+LOCAL: Final = "127.0.0.1"
+ANSWER_TIMEOUT: Final = 5.0
+"""Seconds within which the server answers its own check of whether it is closed."""
+
+HttpAnswer = Callable[[ServerConnection, Request], Response | None]
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses."""
+    return secrets.token_urlsafe(18)
+
+
+def open_server(address: str, port: int, token: str, label: str) -> viser.ViserServer:
+    """Open the page's server.
+
+    Parameters
+    ----------
+    address : str
+        To bind to.
+    port : int
+        To bind to; 0 for any that is free.
+    token : str
+        What the path of every request must begin with.
+    label : str
+        Of the panel.
+
+    Raises
+    ------
+    PageUnavailable
+        If the port is taken, the address is none of this machine's, or the server answers
+        without the token.
+    """
+    _check_can_bind(address, port)
+    with _guarded(token):
+        server = viser.ViserServer(host=address, port=port, label=label, verbose=False)
+    try:
+        if port and server.get_port() != port:
+            raise PageUnavailable(f"port {port} of {address} was taken meanwhile")
+        if answer_without_token(address, server.get_port()) != HTTPStatus.FORBIDDEN:
+            raise PageUnavailable(
+                "the installed viser answers without the page's token: install the version that "
+                "tjscan[live] names"
+            )
+    except PageUnavailable:
+        close_server(server)
+        raise
+    return server
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """End the page."""
+    with _quiet():
+        server.stop()
+
+
+def answer_without_token(address: str, port: int) -> int:
+    """HTTP status that the server answers a request without the token with.
+
+    Raises
+    ------
+    PageUnavailable
+        If it does not answer.
+    """
+    try:
+        connection = http.client.HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)
+        with closing(connection):
+            connection.request("GET", "/")
+            return connection.getresponse().status
+    except OSError as error:
+        raise PageUnavailable(f"the page's server does not answer: {error}") from error
+
+
+def _check_can_bind(address: str, port: int) -> None:
+    """Where a port is taken, viser would take the next one without a word."""
+    try:
+        family = socket.AF_INET6 if ":" in address else socket.AF_INET
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((address, port))
+    except OSError as error:
+        raise PageUnavailable(
+            f"port {port} of {address} can't be had: {error.strerror or error}; choose another "
+            "with --port"
+        ) from error
+
+
+@contextmanager
+def _guarded(token: str) -> Iterator[None]:
+    """While the block runs, servers are made that ask for the token."""
+    serve = websockets_server.serve
+
+    def serve_guarded(*arguments: Any, process_request: HttpAnswer, **options: Any) -> Any:
+        return serve(*arguments, process_request=_asking_for(token, process_request), **options)
+
+    websockets_server.serve = serve_guarded  # type: ignore[misc,assignment]
+    try:
+        with _quiet():
+            yield
+    finally:
+        websockets_server.serve = serve  # type: ignore[misc]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """While the block runs, viser prints nothing: stdout is for results."""
+    say = rich.print
+    rich.print = _say_nothing
+    try:
+        yield
+    finally:
+        rich.print = say
+
+
+def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
+    """Refuse what does not begin with the token, pages and sockets alike; pass the rest on."""
+
+    def answer_with_token(connection: ServerConnection, request: Request) -> Response | None:
+        first, _, rest = request.path.lstrip("/").partition("/")
+        if not compare_digest(first.encode(), token.encode()):
+            body = b"This page needs the whole address that tjscan printed, with its token.\n"
+            head = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
+            return Response(HTTPStatus.FORBIDDEN, "Forbidden", head, body)
+        return answer(connection, replace(request, path=f"/{rest}"))
+
+    return answer_with_token
+
+
+def _say_nothing(*_: object, **__: object) -> None:
+    """Print nothing."""

@@ -1,0 +1,76 @@
+"""Colours of the page, and the scale that turns values into colours."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from math import floor, isfinite, log10
+from typing import Final
+
+Colour = tuple[int, int, int]
+
+ARM: Final[Colour] = (72, 99, 132)
+TOOL: Final[Colour] = (226, 144, 54)
+SOLID: Final[Colour] = (172, 178, 186)
+GHOST: Final[Colour] = (150, 160, 172)
+LASER: Final[Colour] = (226, 38, 54)
+FITTED: Final[Colour] = (255, 214, 10)
+UNKNOWN: Final[Colour] = (120, 120, 120)
+"""Of a piece whose measure is not known."""
+
+STEPS: Final = (1.0, 2.0, 5.0, 10.0)
+"""What the ends of a scale are multiples of, times a power of ten."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColourScale:
+    """From values to colours, evenly between two round numbers.
+
+    Parameters
+    ----------
+    low, high : float
+        Values of its ends; low < high.
+    """
+
+    low: float
+    high: float
+
+    @classmethod
+    def spanning(cls, values: Iterable[float]) -> ColourScale:
+        """Scale that holds all values that are known, its ends rounded outwards.
+
+        They are multiples of a tenth to a quarter of the span, so that a scale seldom changes
+        while values come in.
+        """
+        known = [value for value in values if isfinite(value)]
+        low, high = (min(known), max(known)) if known else (0.0, 1.0)
+        span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
+        power = 10.0 ** floor(log10(span / 4))
+        step = power * STEPS[min(bisect_left(STEPS, span / 4 / power), len(STEPS) - 1)]
+        first = floor(low / step + 1e-9)
+        last = max(-floor(-high / step + 1e-9), first + 1)
+        return cls(first * step, last * step)
+
+    def colour_of(self, value: float) -> Colour:
+        """Colour of a value; grey where it is not known."""
+        if not isfinite(value):
+            return UNKNOWN
+        share = min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
+        return viridis()[round(share * (len(viridis()) - 1))]
+
+    @property
+    def css_gradient(self) -> str:
+        """The scale as a CSS gradient from left to right."""
+        stops = [viridis()[k] for k in range(0, 256, 51)]
+        return f"linear-gradient(90deg,{','.join(f'rgb{stop}' for stop in stops)})"
+
+
+@cache
+def viridis() -> tuple[Colour, ...]:
+    """The 256 colours of Matplotlib's viridis: even to the eye, and to the colour-blind."""
+    import matplotlib as mpl
+
+    rows = mpl.colormaps["viridis"](range(256), bytes=True)[:, :3].tolist()
+    return tuple((r, g, b) for r, g, b in rows)

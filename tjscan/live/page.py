@@ -1,0 +1,241 @@
+"""The page: a server, and for each run shown a picture and a panel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType, TracebackType
+from typing import Any, Final, Literal, Self
+
+import numpy as np
+import viser
+
+from tjscan.core.frames import Array
+from tjscan.live.access import LOCAL, close_server, new_token, open_server
+from tjscan.live.colours import ColourScale
+from tjscan.live.drawables import MeasuredPiece
+from tjscan.live.panel import Panel
+from tjscan.live.stage import Stage
+from tjscan.live.step import Measure, Setting, Step
+
+FIELD_OF_VIEW: Final = 0.75
+"""Radians, of the picture's height."""
+GAP: Final = 1.6
+"""Distance of runs side by side, as a multiple of the distance that they are seen from."""
+
+Tone = Literal["green", "yellow", "blue", "red", "gray"]
+
+
+@dataclass(frozen=True, slots=True)
+class Button:
+    """A button of the page.
+
+    Parameters
+    ----------
+    word : str
+        On it.
+    press : callable
+        What it does; called in a thread of the page.
+    tone : str
+        Its colour.
+    hint : str
+        What it does, in a sentence.
+    """
+
+    word: str
+    press: Callable[[], object]
+    tone: Tone = "blue"
+    hint: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageAddress:
+    """Where the page is served.
+
+    Parameters
+    ----------
+    port : int
+        0 for any that is free.
+    address : str
+        Of this machine.
+    """
+
+    port: int = 8080
+    address: str = LOCAL
+
+
+class RunView:
+    """One run on the page: its picture and its panel."""
+
+    def __init__(
+        self, server: viser.ViserServer, setting: Setting, root: str, shift: Array
+    ) -> None:
+        self.setting = setting
+        self.stage = Stage(server, setting, root, shift)
+        self.panel = Panel(server, setting)
+        self._values: list[Mapping[str, float]] = []
+
+    def show(self, step: Step, measure: Measure | None) -> None:
+        """Show what a step changes; colours span all values of the measure that ever came."""
+        self._values += [one.values for one in step.samples]
+        self._values += [
+            one.values for one in step.drawn.values() if isinstance(one, MeasuredPiece)
+        ]
+        scale = self.colour_by(measure)
+        self.stage.draw(step.drawn)
+        self.panel.update(step, measure, scale)
+
+    def colour_by(self, measure: Measure | None) -> ColourScale:
+        """Colour the picture by a measure; gives the scale, which holds all its values so far."""
+        if measure is None:
+            return ColourScale(0.0, 1.0)
+        scale = ColourScale.spanning(one.get(measure.name, np.nan) for one in self._values)
+        self.stage.colour_by(measure.name, scale)
+        return scale
+
+
+class Page:
+    """A page that is served while it is entered.
+
+    Parameters
+    ----------
+    settings : sequence of Setting
+        Of the runs, side by side.
+    where : PageAddress
+    buttons : sequence of Button
+        In their order.
+
+    Raises
+    ------
+    PageUnavailable
+        If it can't be served.
+    """
+
+    def __init__(
+        self,
+        settings: Sequence[Setting],
+        where: PageAddress | None = None,
+        buttons: Sequence[Button] = (),
+    ) -> None:
+        where, self.token = where or PageAddress(), new_token()
+        self.server = open_server(where.address, where.port, self.token, "tjscan")
+        self.url = f"http://{_bracketed(where.address)}:{self.server.get_port()}/{self.token}/"
+        self._buttons: dict[str, Any] = {}
+        self._measures = _union([setting.measures for setting in settings])
+        self._measure = self._measures[0] if self._measures else None
+        try:
+            with self.server.atomic():
+                self._prepare(settings)
+                for button in buttons:
+                    self.add_button(button)
+                self._add_choice()
+                self.views = self._add_views(settings)
+        except BaseException:
+            close_server(self.server)
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        close_server(self.server)
+
+    def show(self, step: Step, run: int = 0) -> None:
+        """Show what a step changes in one of the runs."""
+        with self.server.atomic():
+            self.views[run].show(step, self._measure)
+
+    def enable(self, words: Mapping[str, bool] = MappingProxyType({})) -> None:
+        """Let buttons be pressed, or not, by their words."""
+        for word, enabled in words.items():
+            self._buttons[word].disabled = not enabled
+
+    def add_button(self, button: Button) -> None:
+        """Add a button."""
+        handle = self.server.gui.add_button(button.word, color=button.tone, hint=button.hint)
+
+        def press(_: object) -> None:
+            button.press()
+
+        handle.on_click(press)
+        self._buttons[button.word] = handle
+
+    def choose_measure(self, title: str) -> None:
+        """Colour and plot by a measure, by its title."""
+        self._measure = next(one for one in self._measures if one.title == title)
+        self.recolour()
+
+    def recolour(self) -> None:
+        """Colour and plot everything by the measure that is chosen."""
+        if self._measure is None:
+            return
+        with self.server.atomic():
+            for view in self.views:
+                view.panel.plot(self._measure, view.colour_by(self._measure))
+
+    def _prepare(self, settings: Sequence[Setting]) -> None:
+        """Theme, lights that a machine without a graphics card can draw, and the camera."""
+        server = self.server
+        server.gui.configure_theme(
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(42, 111, 187),
+        )
+        server.gui.main_panel.dock_right()
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.configure_environment_map(hdri=None)
+        server.scene.add_light_hemisphere(
+            "/sky", sky_color=(255, 255, 255), ground_color=(150, 155, 165), intensity=2.0
+        )
+        first = settings[0]
+        away = first.look_from - first.look_at
+        shifts = _shifts(settings)
+        server.initial_camera.fov = FIELD_OF_VIEW
+        server.initial_camera.look_at = first.look_at + shifts.mean(axis=0)
+        server.initial_camera.position = (
+            first.look_at + shifts.mean(axis=0) + away * (1 + 0.8 * (len(settings) - 1))
+        )
+
+    def _add_choice(self) -> None:
+        if len(self._measures) < 2:
+            return
+        titles = [one.title for one in self._measures]
+        choice = self.server.gui.add_dropdown("Colour and plot", titles)
+        choice.on_update(lambda _: self.choose_measure(choice.value))
+
+    def _add_views(self, settings: Sequence[Setting]) -> list[RunView]:
+        shifts = _shifts(settings)
+        if len(settings) == 1:
+            return [RunView(self.server, settings[0], "/run", shifts[0])]
+        views, tabs = [], self.server.gui.add_tab_group()
+        for k, setting in enumerate(settings):
+            with tabs.add_tab(setting.title):
+                views.append(RunView(self.server, setting, f"/run_{k}", shifts[k]))
+            self.server.scene.add_label(
+                f"/run_{k}/title",
+                setting.title,
+                position=setting.look_at + np.array((0.0, 0.0, 0.6)),
+            )
+        return views
+
+
+def _shifts(settings: Sequence[Setting]) -> Array:
+    """Where runs stand side by side, square to the way they are looked at, shape (n, 3)."""
+    away = settings[0].look_from - settings[0].look_at
+    aside = np.cross((0.0, 0.0, 1.0), away)
+    step = GAP * float(np.linalg.norm(away)) * aside / max(float(np.linalg.norm(aside)), 1e-9)
+    return np.outer(np.arange(len(settings)), 0.5 * step)
+
+
+def _union(groups: Sequence[Sequence[Measure]]) -> list[Measure]:
+    return list(dict.fromkeys(measure for group in groups for measure in group))
+
+
+def _bracketed(address: str) -> str:
+    return f"[{address}]" if ":" in address else address

@@ -1,0 +1,222 @@
+"""The page's panel beside the picture: state, plots and events of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+import numpy as np
+import viser
+from viser import uplot
+
+from tjscan.core.frames import Array
+from tjscan.live.colours import ColourScale
+from tjscan.live.step import Measure, PlaneCurve, Sample, Setting, Step
+
+MOST_EVENTS: Final = 200
+MOST_PLOTTED: Final = 600
+"""Samples in the plot: of more, as many evenly chosen ones."""
+PROFILE_POINTS: Final = 120
+"""Of the newest profile in its plot."""
+LINE: Final = "#2a6fbb"
+BAND: Final = "rgba(42,111,187,0.35)"
+FIT: Final = "#d0452f"
+DOT: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE}
+DASH: Final[uplot.Series_Points] = {"show": True, "size": 3}
+
+STYLE: Final = (
+    "<style>.tj{font:13px/1.45 system-ui,sans-serif;padding:2px 12px}"
+    ".tj table{border-collapse:collapse;width:100%}"
+    ".tj td{padding:2px 4px;vertical-align:top}"
+    ".tj td:first-child{opacity:.65;white-space:nowrap;width:1%;padding-right:12px}"
+    ".tj .events{max-height:260px;overflow-y:auto}"
+    ".tj .scale{height:10px;border-radius:3px}"
+    ".tj .ends{display:flex;justify-content:space-between}</style>"
+)
+
+
+class Panel:
+    """State, progress, plots and events of one run.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Inside whose present container everything is made.
+    setting : Setting
+        Of the run.
+    """
+
+    def __init__(self, server: viser.ViserServer, setting: Setting) -> None:
+        gui, self._setting, ends = server.gui, setting, setting.plot_range
+        self._x_scale: uplot.Scale = {"time": False}
+        if ends is not None:
+            self._x_scale = {"time": False, "auto": False, "range": ends}
+        self._facts: dict[str, str] = {}
+        self.samples: list[Sample] = []
+        self.events: list[tuple[str, str]] = []
+        self._state = gui.add_html(facts_table({}))
+        self._progress: Any = gui.add_progress_bar(0.0, visible=False)
+        self._legend = gui.add_html("", visible=False)
+        self._plot: Any = None
+        self._profile: Any = None
+        if setting.measures:
+            self._plot = self._make_plot(gui)
+            self._profile = self._make_profile(gui)
+        with gui.add_folder("Events", expand_by_default=True):
+            self._log = gui.add_html(events_table(()))
+
+    def update(self, step: Step, measure: Measure | None, scale: ColourScale) -> None:
+        """Show what a step changes.
+
+        Parameters
+        ----------
+        step : Step
+        measure : Measure or None
+            Which one is plotted.
+        scale : ColourScale
+            Of that measure.
+        """
+        if step.facts:
+            self._facts.update(step.facts)
+            self._state.content = facts_table(self._facts)
+        if step.progress is not None:
+            self._progress.visible, self._progress.value = True, 100 * step.progress
+        if step.events:
+            self.events.extend(step.events)
+            self._log.content = events_table(self.events)
+        if step.profile is not None and self._profile is not None:
+            self._profile.visible = True
+            columns = profile_columns(step.profile)
+            self._profile.data = columns
+            ends = plot_range(np.concatenate(columns[1:]))
+            self._profile.scales = {"x": {"time": False}, "y": {"range": ends}}
+        if step.samples and measure is not None:
+            self.samples.extend(step.samples)
+            self.plot(measure, scale)
+
+    def forget(self) -> None:
+        """Forget samples and events: others are shown next."""
+        self.samples, self.events = [], []
+        self._log.content = events_table(())
+
+    def plot(self, measure: Measure, scale: ColourScale) -> None:
+        """Plot a measure of all samples, and show its colours."""
+        if self._plot is None:
+            return
+        self._plot.visible = bool(self.samples)
+        columns = plot_columns(self.samples, measure.name)
+        self._plot.data = columns
+        self._plot.scales = {"x": self._x_scale, "y": {"range": plot_range(*columns[1:3])}}
+        self._plot.axes = _axes(self._setting.plot_axis, measure.title)
+        self._legend.visible = True
+        self._legend.content = legend(measure, scale)
+
+    def _make_plot(self, gui: viser.GuiApi) -> Any:
+        return gui.add_uplot(
+            data=(np.zeros(0),) * 4,
+            series=(
+                uplot.Series(label=self._setting.plot_axis),
+                uplot.Series(label="value", stroke=LINE, width=0, points=DOT),
+                uplot.Series(label="+ sigma", stroke=BAND, width=0, points=DASH),
+                uplot.Series(label="- sigma", stroke=BAND, width=0, points=DASH),
+            ),
+            scales={"x": self._x_scale},
+            axes=_axes(self._setting.plot_axis, ""),
+            legend={"show": False},
+            height=190,
+            visible=False,
+        )
+
+    def _make_profile(self, gui: viser.GuiApi) -> Any:
+        return gui.add_uplot(
+            data=(np.zeros(0),) * 3,
+            series=(
+                uplot.Series(label=self._setting.profile_axes[0]),
+                uplot.Series(label="profile", stroke=LINE, width=0, points=DASH),
+                uplot.Series(label="fitted", stroke=FIT, width=2, points={"show": False}),
+            ),
+            scales={"x": {"time": False}},
+            axes=_axes(*self._setting.profile_axes),
+            legend={"show": False},
+            height=190,
+            visible=False,
+        )
+
+
+def _axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
+    return (
+        uplot.Axis(label=x, labelSize=20, size=34),
+        uplot.Axis(label=y, labelSize=20, size=56),
+    )
+
+
+def plot_columns(samples: Sequence[Sample], name: str) -> tuple[Array, Array, Array, Array]:
+    """Columns of the plot of a measure: x, value, and one sigma above and below, in order of x.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+    name : str
+        Of the measure.
+    """
+    known = sorted((one for one in samples if name in one.values), key=lambda one: one.x)
+    chosen = known[:: -(-len(known) // MOST_PLOTTED) or 1]
+    rows = np.array([(one.x, one.values[name], one.sigma(name)) for one in chosen]).reshape(-1, 3)
+    x, y, sigma = rows.T
+    return x, y, y + sigma, y - sigma
+
+
+def plot_range(y: Array, above: Array | None = None) -> tuple[float, float]:
+    """Ends of the plot's value axis: all values, and sigmas unless they are far out of line."""
+    known = y[np.isfinite(y)]
+    if not len(known):
+        return 0.0, 1.0
+    sigmas = np.zeros(1) if above is None else (above - y)[np.isfinite(above - y)]
+    margin = max(2 * float(np.median(sigmas)) if len(sigmas) else 0.0, 0.08 * float(np.ptp(known)))
+    margin = margin or 0.05 * abs(float(known[0])) or 1.0
+    return float(known.min()) - margin, float(known.max()) + margin
+
+
+def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
+    """Columns of the newest profile's plot: x, its points, and the corners fitted to them."""
+    known = np.isfinite(curve.x) & np.isfinite(curve.z)
+    x, z = curve.x[known], curve.z[known]
+    thin = slice(None, None, max(1, len(x) // PROFILE_POINTS))
+    x, z = x[thin], z[thin]
+    k = len(curve.fitted)
+    xs = np.concatenate((x, curve.fitted[:, 0]))
+    points = np.concatenate((z, np.full(k, np.nan)))
+    fitted = np.concatenate((np.full(len(x), np.nan), curve.fitted[:, 1]))
+    order = np.argsort(xs, kind="stable")
+    return xs[order], points[order], fitted[order]
+
+
+def facts_table(facts: Mapping[str, str]) -> str:
+    """HTML of the state: a row for each fact."""
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td><b>{escape(text)}</b></td></tr>"
+        for name, text in facts.items()
+        if text
+    )
+    return f"{STYLE}<div class='tj state'><table>{rows}</table></div>"
+
+
+def events_table(events: Sequence[tuple[str, str]]) -> str:
+    """HTML of the last events, the newest first."""
+    if not events:
+        return f"{STYLE}<div class='tj'>none yet</div>"
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td>{escape(detail)}</td></tr>"
+        for name, detail in reversed(events[-MOST_EVENTS:])
+    )
+    return f"{STYLE}<div class='tj'><div class='events'><table>{rows}</table></div></div>"
+
+
+def legend(measure: Measure, scale: ColourScale) -> str:
+    """HTML of the colours of a measure, with the values at their ends."""
+    return (
+        f"{STYLE}<div class='tj'><div class='scale' style='background:{scale.css_gradient}'></div>"
+        f"<div class='ends'><span>{scale.low:g}</span><span>{escape(measure.title)}</span>"
+        f"<span>{scale.high:g}</span></div></div>"
+    )

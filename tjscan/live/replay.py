@@ -1,0 +1,76 @@
+"""A recording on the page, with a slider."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from threading import Lock
+
+from tjscan.live.drawables import Drawable, MeasuredPiece, Posture
+from tjscan.live.page import Page, PageAddress
+from tjscan.live.step import RecordedShow, Step, merge_steps
+
+
+class Replay:
+    """Recordings on a page, each as far as one slider says.
+
+    Parameters
+    ----------
+    shows : sequence of RecordedShow
+        Side by side. They begin together; the slider goes as far as the longest.
+    where : PageAddress, optional
+
+    Raises
+    ------
+    PageUnavailable
+        If the page can't be served.
+    """
+
+    def __init__(self, shows: Sequence[RecordedShow], where: PageAddress | None = None) -> None:
+        self._shows, self._moving = shows, Lock()
+        self.page = Page([show.setting for show in shows], where)
+        last = max(len(show.steps) for show in shows) - 1
+        self._at = [_Position() for _ in shows]
+        gui = self.page.server.gui
+        self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
+        self._slider.on_update(lambda _: self.move_to(self._slider.value))
+        self.move_to(last)
+
+    def move_to(self, number: int) -> None:
+        """Show all runs as they were after a step, by its number."""
+        with self._moving, self.page.server.atomic():
+            for k, show in enumerate(self._shows):
+                self._move(k, show, min(number, len(show.steps) - 1))
+            self.page.recolour()
+
+    def _move(self, k: int, show: RecordedShow, number: int) -> None:
+        """Draw what differs: all that came until then counts, and what came later is hidden."""
+        view, at = self.page.views[k], self._at[k]
+        whole = merge_steps([Step(), *show.steps[: number + 1]])
+        changed = {
+            name: thing
+            for name, thing in whole.drawn.items()
+            if at.drawn.get(name) is not thing or isinstance(thing, Posture)
+        }
+        view.panel.forget()
+        facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}
+        self.page.show(
+            Step(
+                whole.label,
+                changed,
+                facts,
+                whole.progress,
+                whole.samples,
+                whole.profile,
+                whole.events,
+            ),
+            k,
+        )
+        at.drawn.update(changed)
+        view.stage.show_only(whole.drawn)
+
+
+class _Position:
+    """What a run's picture holds: every piece that was ever drawn, hidden or not."""
+
+    def __init__(self) -> None:
+        self.drawn: dict[str, Drawable | MeasuredPiece] = {}

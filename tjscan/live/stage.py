@@ -1,0 +1,200 @@
+"""The page's picture: nodes of viser's scene for what a run draws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.frames import Array
+from tjscan.live.colours import ARM, SOLID, TOOL, Colour, ColourScale
+from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Posture, Surface
+from tjscan.live.step import Setting
+from tjscan.robot.solids import Solid
+from tjscan.robot.visuals import link_bodies, solid_mesh
+
+POINT_SIZE: Final = 0.0016
+"""Metres across a drawn point."""
+SOLID_OPACITY: Final = 0.16
+
+
+class Stage:
+    """The picture of one run.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    setting : Setting
+        What stands still is drawn at once.
+    root : str
+        Name of the node below which all is.
+    shift : ndarray, shape (3,)
+        Where frame b is in the picture, metres.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, setting: Setting, root: str, shift: Array
+    ) -> None:
+        self._scene, self._root, self._arm = server.scene, root, setting.arm
+        self._scene.add_frame(root, show_axes=False, position=shift)
+        self._links: dict[str, Any] = {}
+        self._nodes: dict[str, list[Any]] = {}
+        self._bodies: dict[str, Any] = {}
+        self.pieces: dict[str, MeasuredPiece] = {}
+        self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
+        self._draw_arm(setting)
+        self._draw_solids("solid", setting.solids, SOLID, SOLID_OPACITY)
+        for name, solids in setting.bodies.items():
+            self._bodies[name] = self._hidden_frame(name)
+            self._draw_solids(name, solids, ARM)
+        for k, thing in enumerate(setting.ghost):
+            self._draw(f"ghost/{k}", thing)
+
+    def draw(self, things: Mapping[str, Drawable]) -> None:
+        """Draw things by their names; what had a name before is replaced."""
+        for name, thing in things.items():
+            self._draw(name, thing)
+
+    def show_only(self, names: Iterable[str]) -> None:
+        """Hide what was drawn and is not named; draw nothing anew."""
+        wanted = set(names)
+        for name, nodes in self._nodes.items():
+            shown = name in wanted or name.startswith("ghost/")
+            for node in nodes:
+                if node.visible != shown:
+                    node.visible = shown
+
+    def nodes(self, name: str) -> Sequence[Any]:
+        """Nodes of viser's scene that a thing was drawn as, by its name."""
+        return self._nodes[name]
+
+    def colour_by(self, measure: str, scale: ColourScale) -> None:
+        """Colour the measured pieces by a measure, on a scale."""
+        if (measure, scale) == (self._colour_by, self._scale):
+            return
+        self._colour_by, self._scale = measure, scale
+        for name, piece in self.pieces.items():
+            self._colour_nodes(self._nodes[name], self._colour_of(piece))
+
+    def _draw(self, name: str, thing: Drawable) -> None:
+        path = f"{self._root}/{name}"
+        match thing:
+            case Posture():
+                self._pose_arm(thing.q)
+            case Placement():
+                self._place(name, thing.T)
+            case Lines():
+                self._nodes[name] = [self._lines(path, thing)]
+            case Surface():
+                self._nodes[name] = [
+                    self._mesh(path, thing.vertices, thing.triangles, thing.colour, thing.opacity)
+                ]
+            case MeasuredPiece():
+                self.pieces[name] = thing
+                self._nodes[name] = self._piece(path, thing)
+
+    def _draw_arm(self, setting: Setting) -> None:
+        """Links as meshes; the tool is a child of the flange."""
+        if setting.arm is None:
+            return
+        flange = setting.arm.link_names[-1]
+        for name in setting.arm.link_names:
+            self._links[name] = self._hidden_frame(f"arm/{name}")
+        for body in link_bodies(setting.arm.urdf):
+            path = f"{self._root}/arm/{body.link}/body"
+            self._mesh(path, body.vertices, body.triangles, ARM)
+        self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL)
+
+    def _pose_arm(self, q: Array) -> None:
+        if self._arm is None:
+            return
+        poses = self._arm.link_poses(q)
+        for name, T in zip(self._arm.link_names, poses, strict=True):
+            _put(self._links[name], T)
+
+    def _place(self, name: str, T: Array) -> None:
+        if name not in self._bodies:
+            self._bodies[name] = self._hidden_frame(name)
+        _put(self._bodies[name], T)
+
+    def _hidden_frame(self, name: str) -> Any:
+        path = f"{self._root}/{name}"
+        return self._scene.add_frame(path, show_axes=False, visible=False)
+
+    def _draw_solids(
+        self, name: str, solids: Iterable[Solid], colour: Colour, opacity: float = 1.0
+    ) -> None:
+        for k, solid in enumerate(solids):
+            mesh = solid_mesh(solid)
+            path = f"{self._root}/{name}/{k}"
+            self._mesh(path, np.asarray(mesh.vertices), mesh.faces, colour, opacity)
+
+    def _lines(self, path: str, lines: Lines) -> Any:
+        middle = lines.segments.reshape(-1, 3).mean(axis=0) if lines.segments.size else np.zeros(3)
+        return self._scene.add_line_segments(
+            path,
+            np.asarray(lines.segments - middle, dtype=np.float32),
+            lines.colour,
+            thickness=lines.width,
+            thickness_units="screen",
+            position=middle,
+        )
+
+    def _mesh(
+        self, path: str, vertices: Array, triangles: Any, colour: Colour, opacity: float = 1.0
+    ) -> Any:
+        return self._scene.add_mesh_simple(
+            path,
+            np.asarray(vertices, dtype=np.float32),
+            np.asarray(triangles, dtype=np.uint32),
+            color=colour,
+            opacity=opacity if opacity < 1.0 else None,
+            side="double",
+            flat_shading=False,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
+        """Points about their own middle: half the bits are enough for a hundredth of a mm there."""
+        colour, nodes = self._colour_of(piece), []
+        points = piece.points[np.isfinite(piece.points).all(axis=1)]
+        if len(points):
+            middle = points.mean(axis=0)
+            nodes.append(
+                self._scene.add_point_cloud(
+                    f"{path}/points",
+                    points - middle,
+                    colour,
+                    point_size=POINT_SIZE,
+                    point_shape="circle",
+                    point_shading="flat",
+                    position=middle,
+                )
+            )
+        if len(piece.vertices):
+            mesh = self._mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
+            nodes.append(mesh)
+        return nodes
+
+    def _colour_of(self, piece: MeasuredPiece) -> Colour:
+        return self._scale.colour_of(piece.values.get(self._colour_by, np.nan))
+
+    @staticmethod
+    def _colour_nodes(nodes: Iterable[Any], colour: Colour) -> None:
+        for node in nodes:
+            if isinstance(node, viser.PointCloudHandle):
+                node.colors = np.array(colour, dtype=np.uint8)
+            else:
+                node.color = colour
+
+
+def _put(node: Any, T: Array) -> None:
+    """Place a node, and show it."""
+    node.position = T[:3, 3]
+    node.wxyz = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+    if not node.visible:
+        node.visible = True

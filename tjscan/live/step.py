@@ -1,0 +1,203 @@
+"""What a run has to show: what stands still, and what changes step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.live.drawables import Drawable, Lines, Surface
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.solids import Solid
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A quantity that the page colours by and plots.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    unit : str
+        Of its values; empty for a number.
+    """
+
+    name: str
+    unit: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name with unit, as on an axis."""
+        return f"{self.name} / {self.unit}" if self.unit else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Values of measures at one place of the plot's axis.
+
+    Parameters
+    ----------
+    x : float
+        Place.
+    values : mapping of str to float
+        By the measures' names.
+    sigmas : mapping of str to float
+        Their standard deviations, as far as they are known.
+    """
+
+    x: float
+    values: Mapping[str, float]
+    sigmas: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a measure; NaN where it is not known."""
+        return self.sigmas.get(name, nan)
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneCurve:
+    """A profile in its own plane, millimetres: the points, and what was fitted to them.
+
+    Parameters
+    ----------
+    x, z : ndarray, shape (n,)
+        Of the points.
+    fitted : ndarray, shape (k, 2)
+        Corners of the polyline that was fitted; empty where none was.
+    """
+
+    x: Array
+    z: Array
+    fitted: Array = field(default_factory=lambda: np.empty((0, 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """What changed at once; what it does not name stays as it was.
+
+    Parameters
+    ----------
+    label : str
+        Of the step, in words: the slider of a recording shows it.
+    drawn : mapping of str to drawable
+        By their names, such as ``groove/12``.
+    facts : mapping of str to str
+        State in words, by what it is of.
+    progress : float or None
+        Share of the work that is done.
+    samples : sequence of Sample
+        For the plot.
+    profile : PlaneCurve or None
+        The newest profile.
+    events : sequence of (str, str)
+        Name and detail of what happened.
+    """
+
+    label: str = ""
+    drawn: Mapping[str, Drawable] = field(default_factory=lambda: MappingProxyType({}))
+    facts: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    progress: float | None = None
+    samples: Sequence[Sample] = ()
+    profile: PlaneCurve | None = None
+    events: Sequence[tuple[str, str]] = ()
+
+
+def merge_steps(steps: Sequence[Step]) -> Step:
+    """Merge steps into one: of what has the same name the last one counts."""
+    progress = [step.progress for step in steps if step.progress is not None]
+    profiles = [step.profile for step in steps if step.profile is not None]
+    return Step(
+        next((step.label for step in reversed(steps) if step.label), ""),
+        {name: thing for step in steps for name, thing in step.drawn.items()},
+        {name: text for step in steps for name, text in step.facts.items()},
+        progress[-1] if progress else None,
+        [sample for step in steps for sample in step.samples],
+        profiles[-1] if profiles else None,
+        [event for step in steps for event in step.events],
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """What a run shows from its beginning to its end.
+
+    Parameters
+    ----------
+    title : str
+        Of the run.
+    measures : tuple of Measure
+        What may be coloured by and plotted, the most wanted first.
+    plot_axis : str
+        What the samples' x is, with its unit.
+    plot_range : tuple of float or None
+        Ends of that axis; as the samples have them where left out.
+    arm : Kinematics or None
+    solids : tuple of Solid
+        What stands about, in frame b.
+    tool : tuple of Solid
+        What the arm carries, in frame f.
+    bodies : mapping of str to tuple of Solid
+        What else moves, each in its own frame, placed by `Placement` steps of its name.
+    ghost : tuple of Lines or Surface
+        What was designed, drawn faintly.
+    look_at : ndarray, shape (3,)
+        Middle of the picture.
+    look_from : ndarray, shape (3,)
+        Where it is seen from.
+    profile_axes : tuple of str
+        Of the newest profile, with units.
+    """
+
+    title: str
+    measures: tuple[Measure, ...] = ()
+    plot_axis: str = ""
+    plot_range: tuple[float, float] | None = None
+    arm: Kinematics | None = None
+    solids: tuple[Solid, ...] = ()
+    tool: tuple[Solid, ...] = ()
+    bodies: Mapping[str, tuple[Solid, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    ghost: tuple[Lines | Surface, ...] = ()
+    look_at: Array = field(default_factory=lambda: np.zeros(3))
+    look_from: Array = field(default_factory=lambda: np.array((2.0, -2.0, 1.5)))
+    profile_axes: tuple[str, str] = ("x / mm", "z / mm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedShow:
+    """What a recording has to show.
+
+    Parameters
+    ----------
+    setting : Setting
+        What stands still.
+    steps : tuple of Step
+        In their order.
+    """
+
+    setting: Setting
+    steps: tuple[Step, ...]
+
+
+class ShowReader(Protocol):
+    """A function that each algorithm registers: what the recording of its run has to show."""
+
+    def __call__(self, directory: Path) -> RecordedShow | None:
+        """Read what a run directory has to show; None where it holds no run of this algorithm.
+
+        Parameters
+        ----------
+        directory : Path
+            Of the run, finished or not.
+
+        Raises
+        ------
+        ConfigurationError, RecordingError
+            If a file in it is wrong or damaged.
+        """

@@ -1,0 +1,273 @@
+"""What the live page shows of a scan: while it goes on, and of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, transform_points
+from tjscan.groove.measured import MeasuredSection, section_to_result_frame
+from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.cell import kinematics_of_job, solids_in_base
+from tjscan.joint.edges import feature_edges
+from tjscan.live.colours import FITTED, GHOST, LASER
+from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
+from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.recording.event import RecordedEvent
+from tjscan.recording.parts import recording_files
+from tjscan.result.directory import JOB, RECORDING
+from tjscan.result.section import absent_corners
+from tjscan.result.wireframe import joint_wireframe
+from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.scanning.reader import read_recording_entries
+from tjscan.scanning.recorded import RecordedSection
+from tjscan.scanning.scanned_surface import grid_triangles
+from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.sections_before import read_section
+
+DEVIATION: Final = Measure("deviation", "mm")
+ANGLE: Final = Measure("groove angle", "°")
+OPENING: Final = Measure("root opening", "mm")
+DEPTH: Final = Measure("depth", "mm")
+SIGMA: Final = Measure("sigma of the corners", "mm")
+"""By the profile's noise alone: what all sections share is in the report's budget."""
+
+FAN_POINTS: Final = 48
+"""Of the laser's drawn fan."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanEvent:
+    """An event as the journal receives it."""
+
+    name: str
+    detail: str
+
+
+ScanEntry = ProfileView | ScannedSection | RecordedSection | ScanEvent
+
+
+class ScanShow:
+    """Turns what a scan's journal receives into steps of the page.
+
+    Parameters
+    ----------
+    context : RunContext
+        The job, of one station if it has any.
+    title : str
+        Of the run.
+    """
+
+    def __init__(self, context: RunContext, title: str) -> None:
+        self._context, self._title = context, title
+        self._frame = result_frame_of_job(context.job)
+        self._last_b: Array | None = None
+        self._joint = context.joint if self._frame.T_b_j is not None else None
+        self._edges = None if self._joint is None else feature_edges(self._joint)
+        self._total = planned_sections(context.job)
+
+    @cached_property
+    def setting(self) -> Setting:
+        """What stands still: arm, solids, tool and the joint as designed."""
+        job = self._context.job
+        measures = (ANGLE, OPENING, DEPTH, SIGMA)
+        at, seen_from = self._camera()
+        known = self._joint is not None
+        return Setting(
+            self._title,
+            (DEVIATION, *measures) if known else measures,
+            "clock position / h" if known else "section",
+            (0.0, 12.0) if known else None,
+            kinematics_of_job(job),
+            solids_in_base(job),
+            tuple(one.solid for one in job.clearance.tool),
+            ghost=tuple(self._ghost()),
+            look_at=at,
+            look_from=seen_from,
+        )
+
+    def step(self, entry: ScanEntry) -> Step:
+        """Return what one entry of the journal changes on the page."""
+        match entry:
+            case ProfileView():
+                return self._view_step(entry)
+            case ScannedSection():
+                return self._section_step(entry)
+            case RecordedSection():  # whose profile is not read with these settings
+                label = f"section {entry.view.index}"
+                return Step(label, self._piece(entry.view, entry.points_b, {}))
+            case ScanEvent():
+                return Step(entry.name, events=((entry.name, entry.detail),))
+
+    def _view_step(self, view: ProfileView) -> Step:
+        label = f"section {view.index}, {view.substep}"
+        profile = view.profile.points_s
+        return Step(
+            label,
+            {"arm": Posture(view.q), **laser_fan(view)},
+            {"doing": label, "arm's clock": f"{view.time:.1f} s"},
+            profile=PlaneCurve(1e3 * profile[:, 0], 1e3 * profile[:, 2]),
+        )
+
+    def _section_step(self, section: ScannedSection) -> Step:
+        groove, view = section.groove, section.view
+        measured = section_to_result_frame(
+            groove, self._frame.T_r_b @ view.T_b_s, self._frame.letter, index=view.index
+        )
+        values, sigmas = self._measures(measured)
+        x = view.index if np.isnan(measured.azimuth) else clock_position(measured.azimuth)
+        profile, corners = 1e3 * view.profile.points_s, 1e3 * groove.points_s
+        form = ", ".join((groove.model, *groove.conditions))
+        done = view.index + 1
+        return Step(
+            f"section {view.index}",
+            {
+                **self._piece(view, section.points_b, values),
+                "fitted": Lines.through(section.points_b, colour=FITTED, width=3.0),
+            },
+            {
+                "sections": f"{done} of {self._total}" if self._total else f"{done}",
+                "groove": form,
+                **{
+                    measure.name: _in_words(measure, values, sigmas)
+                    for measure in (*(() if self._joint is None else (DEVIATION,)), ANGLE, OPENING)
+                },
+            },
+            None if self._total is None else min(done / self._total, 1.0),
+            (Sample(float(x), values, sigmas),),
+            PlaneCurve(profile[:, 0], profile[:, 2], corners[:, [0, 2]]),
+        )
+
+    def _measures(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of the measures and their standard deviations, millimetres and degrees."""
+        angle, width, depth, _ = section.measures
+        angle_sigma, width_sigma, depth_sigma, _ = section.sigmas
+        is_open = np.isfinite(section.root_opening)
+        corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
+        values = {
+            ANGLE.name: float(np.degrees(angle)),
+            OPENING.name: 1e3 * float(section.root_opening if is_open else width),
+            DEPTH.name: 1e3 * float(depth),
+            SIGMA.name: corner_sigma,
+        }
+        sigmas = {
+            ANGLE.name: float(np.degrees(angle_sigma)),
+            OPENING.name: 1e3 * float(width_sigma),
+            DEPTH.name: 1e3 * float(depth_sigma),
+        }
+        if self._edges is not None:
+            absent = absent_corners([section])
+            off = corner_to_edge_distances(section.points[None], self._edges, absent)
+            values[DEVIATION.name] = (
+                1e3 * float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
+            )
+            sigmas[DEVIATION.name] = corner_sigma
+        return values, sigmas
+
+    def _piece(
+        self, view: ProfileView, points_b: Array, values: dict[str, float]
+    ) -> dict[str, Drawable]:
+        last, self._last_b = self._last_b, points_b
+        joined = last is not None
+        piece = MeasuredPiece(
+            transform_points(view.T_b_s, view.profile.points_s),
+            np.concatenate((last, points_b)) if last is not None else np.empty((0, 3)),
+            grid_triangles(2, len(points_b)) if joined else np.empty((0, 3), dtype=np.int64),
+            values,
+        )
+        return {f"groove/{view.index}": piece}
+
+    def _ghost(self) -> Iterator[Lines | Surface]:
+        T_b_j = self._frame.T_b_j
+        if self._joint is None or T_b_j is None:
+            return
+        lines = [transform_points(T_b_j, line) for line in joint_wireframe(self._joint)]
+        yield Lines.through(*lines[:3], colour=GHOST, width=2.0)  # the groove's edges
+        yield Lines.through(*lines[3:], colour=GHOST, width=1.0)
+
+    def _camera(self) -> tuple[Array, Array]:
+        """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
+        T_b_j, first = self._frame.T_b_j, self._context.job.scan.first
+        flange = np.array((0.8, 0.0, 0.4)) if first is None else first.T[:3, 3]
+        at = flange * (0.7, 0.7, 0.5) if T_b_j is None else T_b_j[:3, 3] + (0.0, 0.0, 0.2)
+        out = (flange - at) * (1.0, 1.0, 0.0)
+        size = max(float(np.linalg.norm(at[:2])), 0.5)
+        out *= 1.25 * size / max(float(np.linalg.norm(out)), 1e-6)
+        at = at * (0.8, 0.8, 1.0)  # towards the arm's base, which is in the picture too
+        return at, at + out + (0.0, 0.0, 1.1 * size)
+
+
+def planned_sections(job: ScanJob) -> int | None:
+    """Sections that a job asks for; None where it goes as far as the arm reaches."""
+    plan = job.scan
+    if plan.sections is None and plan.length is not None:
+        return 2 + round(plan.length / plan.step)
+    return plan.sections
+
+
+def clock_position(azimuth: float) -> float:
+    """Hours from 0 to 12 of an azimuth in radians: 12 is at the crown."""
+    return float(np.degrees(azimuth) % 360.0 / 30.0)
+
+
+def laser_fan(view: ProfileView) -> dict[str, Drawable]:
+    """The laser's plane, from the sensor to what it saw; and the profile."""
+    points = view.profile.points_s
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 2:
+        return {"profile": Lines(np.empty((0, 2, 3)), LASER)}
+    thin = points[np.linspace(0, len(points) - 1, FAN_POINTS).round().astype(int)]
+    seen_b = transform_points(view.T_b_s, thin)
+    k = np.arange(1, len(thin))
+    fan = np.concatenate((view.T_b_s[None, :3, 3], seen_b))
+    return {
+        "laser": Surface(fan, np.column_stack((np.zeros_like(k), k, k + 1)), LASER, 0.18),
+        "profile": Lines.through(seen_b, colour=LASER, width=3.0),
+    }
+
+
+def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, float]) -> str:
+    """A value with its standard deviation; empty where it is not known."""
+    value, sigma = values.get(measure.name, np.nan), sigmas.get(measure.name, np.nan)
+    if not np.isfinite(value):
+        return ""
+    spread = f" ± {sigma:.3f}" if np.isfinite(sigma) else ""
+    return f"{value:.3f}{spread} {measure.unit}"
+
+
+def read_recorded_scan_show(directory: Path) -> RecordedShow | None:
+    """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
+    if not (directory / RECORDING).is_file():
+        return None
+    job = read_scan_job(directory / JOB)
+    context = RunContext(job.job_at_station(), directory / JOB)
+    show = ScanShow(context, directory.resolve().name)
+    return RecordedShow(
+        show.setting, tuple(show.step(entry) for entry in _entries(directory, context))
+    )
+
+
+def _entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
+    """Views, sections and events in their order; sections are read again for their measures."""
+    read = groove_reader_of_job(context.job)
+    found: list[ScannedSection] = []
+    for file in recording_files(directory):
+        for _, entry in read_recording_entries(file, lambda _: None):
+            match entry:
+                case RecordedSection():
+                    try:
+                        found.append(read_section(read, entry.view, entry.T_s_t, found))
+                        yield found[-1]
+                    except GrooveNotFound:
+                        yield entry
+                case RecordedEvent():
+                    yield ScanEvent(entry.name, entry.detail)
+                case ProfileView():
+                    yield entry
