@@ -14,6 +14,7 @@ from views_on_arm import T_F_S, ur10e, views
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.laser.deviation import LARGEST
 from tjscan.laser.model import LaserModel
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.tolerance import PlacementTolerance
@@ -27,7 +28,7 @@ from tjscan.uncertainty.causes import (
     reading_cause,
     repeatability_cause,
 )
-from tjscan.uncertainty.laser_causes import LARGEST, linearity_cause, range_bias_cause
+from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
 
 SECTIONS = views(4)
 DRAWS = 4000

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import tan
 from typing import Final
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.groove.measures import measure_groove
+from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import ViewCause
@@ -21,16 +20,6 @@ RANGE_BIAS: Final = "range bias at steep incidence"
 
 MOST_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
-
-DEGREE: Final = 3
-DEGREES: Final = tuple(
-    (i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1) if 0 < i + j <= DEGREE
-)
-"""Degrees in x and z of the polynomials that a laser's deviation is made of."""
-
-LARGEST: Final = 2.9
-"""Largest deviation of x or z over the window, in the mean over draws of standard normal
-coefficients (`tests/uncertainty/test_causes.py`)."""
 
 STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
@@ -42,11 +31,7 @@ SIDES: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
 def linearity_cause(
     sections: Sequence[ScannedSection], deviation: float, model: LaserModel, evidence: str
 ) -> ViewCause:
-    """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
-
-    Products of Legendre polynomials of x and z up to the third degree, a lens' own, every one as
-    likely as others of its degree and higher degrees as much less likely. (Assumption.) They are
-    as large as makes the largest deviation in the window the stated one, in the mean.
+    """What the laser deviates by all over its window, see `LaserDeviation`.
 
     Parameters
     ----------
@@ -59,29 +44,20 @@ def linearity_cause(
     evidence : str
         As of `BudgetComponent`.
     """
-    middle = np.array((0.0, 0.5 * (model.near + model.far)))
-    half = np.array(
-        ((model.far - model.emitter_z) * tan(model.half_angle), 0.5 * (model.far - model.near))
+    field = LaserDeviation.in_window(
+        deviation,
+        near=model.near,
+        far=model.far,
+        apex_z=model.emitter_z,
+        half_angle=model.half_angle,
     )
-
-    def field(xz: Array) -> Array:
-        """Displacement at points (k, 2) by each draw, (k, 2, m)."""
-        by_x, by_z = np.moveaxis(legvander((xz - middle) / half, DEGREE), 1, 0)
-        terms = np.stack([by_x[:, i] * by_z[:, j] / (i + j) for i, j in DEGREES], axis=1) * (
-            deviation / LARGEST
-        )
-        none = np.zeros_like(terms)
-        return np.stack(
-            (np.concatenate((terms, none), axis=1), np.concatenate((none, terms), axis=1)), axis=1
-        )
-
     moves, measures = [], []
     for section in sections:
         xz, tangents = _in_plane(section)
-        points = field(xz)
+        points = field.at(xz)
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
-            ahead, here = field(np.array((at + STEP * t, at)))
+            ahead, here = field.at(np.array((at + STEP * t, at)))
             by_step = (ahead - here) / STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         moves.append(points)
