@@ -33,13 +33,14 @@ from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.operator import DefaultAnswerOperator
+from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_roof_samples
 from tjscan.calibration.recorded import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
 from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof
-from tjscan.calibration.session import CalibrationPlan, current_progress, suggest_next_line_pose
+from tjscan.calibration.session import current_progress, suggest_next_line_pose
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused

@@ -1,15 +1,37 @@
 """The arm's geometry error: how it correlates, how large it is, and what it leaves uncertain."""
 
+from dataclasses import replace
+
 import numpy as np
-from calibration_stage import HAND, NOISE, circle, error, samples, shots, target
+import pytest
+from calibration_stage import (
+    CENTRE,
+    HAND,
+    NOISE,
+    PLACES,
+    PLANE,
+    circle,
+    error,
+    looking,
+    samples,
+    shots,
+    target,
+)
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.arm.geometry import ArmGeometry
 from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.samples import LineSample
+from tjscan.calibration.seen import SeenBoard
 from tjscan.calibration.targets import fit_plane
-from tjscan.core.frames import Array, pose
-from tjscan.core.pose_vector import boxplus
+from tjscan.calibration.verify import verify_with_fresh_line
+from tjscan.core.frames import Array, pose, skew_matrix
+from tjscan.core.pose_vector import boxminus, boxplus
+from tjscan.robot.deviations import with_deviations
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.tolerance import PlacementTolerance
 
 POSES = circle(25)
 
@@ -73,3 +95,57 @@ def test_touches_next_to_each_other_err_alike() -> None:
     assert np.sqrt(off[2, 2]) > 0.27e-3
     assert np.sqrt(off[0, 0]) < 3e-4 / 0.15
     assert (np.diag(off) > np.diag(alone)).all()
+
+
+def test_a_known_arm_moves_as_its_deviations_move_it() -> None:
+    arm, rng = Kinematics.load("ur10e"), np.random.default_rng(3)
+    q, off = rng.uniform(-2, 2, 6), 1e-6 * rng.standard_normal((6, 6))
+    size = off / PlacementTolerance().sigmas
+    moved = boxminus(with_deviations(arm, off).forward(q), arm.forward(q))
+    # The maker's tolerance leaves 0.40 mm RMS, all directions together: so many metres each.
+    np.testing.assert_allclose(
+        ArmGeometry(arm).moves(q) @ size.ravel() * 0.232e-3, moved, rtol=0.01, atol=1e-9
+    )
+
+
+def rigid(p: Array) -> Array:
+    """How a point moves as the arm's whole base does, by a metre and a radian, shape (3, 6)."""
+    return np.hstack((np.eye(3), -skew_matrix(p)))
+
+
+def on_a_base_that_moves() -> SeenBoard:
+    """Touches and lines of an arm of which nothing but the base may be off."""
+    rng = np.random.default_rng(5)
+    touched = HAND.touches(PLACES, rng)
+    by_arm = np.array([rigid(p) for p in touched])
+    board = fit_plane(touched, NOISE.touch, CENTRE + PLANE.u, by_arm=by_arm)
+    lines = [base_moves(s) for s in samples(POSES, shots(POSES, HAND, rng))]
+    return SeenBoard(lines, board, NOISE)
+
+
+def base_moves(sample: LineSample) -> LineSample:
+    turns = np.hstack((np.zeros((3, 3)), np.eye(3)))
+    return replace(sample, by_arm=np.vstack((rigid(sample.T_b_f[:3, 3]), turns)))
+
+
+def test_what_touches_and_lines_err_by_alike_leaves_the_sensor_where_it_is() -> None:
+    board = on_a_base_that_moves()
+    exact = calibrate_on_plane(board.samples, board.target, NOISE)
+    off = calibrate_on_plane(board.samples, board.target, NoiseModel(geometry=1e-3))
+    np.testing.assert_allclose(off.T_f_s, exact.T_f_s, atol=1e-7)
+    np.testing.assert_allclose(
+        np.diag(off.covariance), np.diag(exact.covariance), rtol=1e-3, atol=1e-16
+    )
+
+
+def test_a_fresh_line_that_errs_as_the_others_do_is_no_contradiction() -> None:
+    board = on_a_base_that_moves()
+    noise = NoiseModel(geometry=1e-3)
+    result = calibrate_on_plane(board.samples, board.target, noise)
+    T = looking(10.0, -15.0)
+    fresh = base_moves(samples(T[None], shots(T[None], HAND, np.random.default_rng(6)))[0])
+    exact = verify_with_fresh_line(board, replace(result, geometry=0.0), fresh)
+    alike = verify_with_fresh_line(replace(board, noise=noise), result, fresh)
+    # It may miss no more than it may on an exact arm.
+    assert alike.sigma_offset == pytest.approx(exact.sigma_offset, rel=1e-3)
+    assert alike.agrees

@@ -36,6 +36,7 @@ from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transf
 from tjscan.calibration.refine import leave_one_out_changes, refine_by_least_squares
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.samples import LineSample
+from tjscan.calibration.seen import SeenBoard
 from tjscan.calibration.verify import verify_with_fresh_line
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
@@ -319,19 +320,21 @@ def test_a_little_more_noise_than_stated_widens_the_covariance() -> None:
 
 
 def test_a_fresh_line_verifies_a_good_result_and_unmasks_a_bad_one() -> None:
-    result = calibrated(0)
-    rng = np.random.default_rng(99)
-    fresh = [
-        samples(T[None], shots(T[None], HAND, rng))[0] for T in varied(np.random.default_rng(7), 60)
+    rng = np.random.default_rng(0)
+    board = SeenBoard(samples(POSES, shots(POSES, HAND, rng)), target(rng), NOISE)
+    result = calibrate_on_plane(board.samples, board.target, NOISE)
+    rng, poses = np.random.default_rng(99), varied(np.random.default_rng(7), 60)
+    profiles = [shots(T[None], HAND, rng)[0] for T in poses]
+    checks = [
+        verify_with_fresh_line(board, result, samples(T[None], [profile])[0])
+        for T, profile in zip(poses, profiles, strict=True)
     ]
-    checks = [verify_with_fresh_line(result, one, NOISE) for one in fresh]
     assert all(check.agrees for check in checks)
     assert np.mean([check.misfit**2 for check in checks]) == pytest.approx(1.0, abs=0.45)
-    T = result.T_f_s.copy()
-    T[2, 3] += 1.5 * MM  # along the central ray
-    assert not any(
-        verify_with_fresh_line(replace(result, T_f_s=T), one, NOISE).agrees for one in fresh
-    )
+    moved = [
+        samples(T[None], [raised(p, 1.5 * MM)])[0] for T, p in zip(poses, profiles, strict=True)
+    ]
+    assert not any(verify_with_fresh_line(board, result, one).agrees for one in moved)
 
 
 def test_infinite_trust_is_no_noise_model() -> None:

@@ -26,9 +26,10 @@ from written import content
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.operator import Question
+from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.posed_profile import PosedProfile
 from tjscan.calibration.probe import JoggedProbe
-from tjscan.calibration.session import CalibrationPlan, CalibrationProgress, planned_touch_points
+from tjscan.calibration.session import CalibrationProgress, planned_touch_points
 from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import (
     CALIBRATION_RECORDING,
@@ -58,6 +59,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
+from tjscan.robot.arm import ArmState
 from tjscan.runs.calibrate import (
     calibration_plan_of_job,
     make_calibration_cell,
@@ -137,13 +139,14 @@ class Clumsy:
     def __init__(self, probe: SimulatedTouchProbe, slips: int) -> None:
         self._probe, self._slips = probe, slips
 
-    def touch(self, place_b: Array) -> Array:
-        T_b_f = self._probe.touch(place_b)
+    def touch(self, place_b: Array) -> ArmState:
+        state = self._probe.touch(place_b)
         self._slips -= 1
-        if self._slips >= 0:
-            T_b_f = T_b_f.copy()
-            T_b_f[2, 3] += 3 * MM
-        return T_b_f
+        return (
+            replace(state, T_b_f=pose(p=(0, 0, 3 * MM)) @ state.T_b_f)
+            if self._slips >= 0
+            else state
+        )
 
 
 def off(T_f_s: Array) -> tuple[float, float]:
@@ -406,20 +409,34 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
 
         touch_question = JoggedProbe(stage.cell.arm).touch_question
 
-        def touch(self, place_b: Array) -> Array:
-            T_b_f = JoggedProbe(stage.cell.arm).touch(place_b)
-            read.append(T_b_f)
-            return T_b_f
+        def touch(self, place_b: Array) -> ArmState:
+            state = JoggedProbe(stage.cell.arm).touch(place_b)
+            read.append(state.T_b_f)
+            return state
 
     def answer(question: Question) -> bool:
         if question.text.startswith("Jog"):
-            stage.cell.arm.move_joint_to_pose(hand.touch(next(places)))
+            stage.cell.arm.move_joint_to_pose(hand.touch(next(places)).T_b_f)
         return question.default
 
     outcome = stage.run(Watcher(answer), probe=JoggingHand())
     assert off(outcome.result.T_f_s)[0] < 4 * outcome.result.uncertainty.position
     tips = [(T @ np.append(stage.task.tip_f, 1.0))[:3] for T in read]
     np.testing.assert_allclose(tips, planned_touch_points(stage.task), atol=10 * MM)
+
+
+def test_the_tip_touches_where_the_arm_truly_is(tmp_path: Path) -> None:
+    """An arm that is off reads the touch off by as much."""
+    keys = {"board__touch_mm": 0.0, "arm__errors": {"seed": 4}, "arm__repeatability_mm": 0.0}
+    stage = Stage(tmp_path, **{f"simulation__{key}": value for key, value in keys.items()})
+    with stage.cell as cell:
+        read = stage.probe.touch(planned_touch_points(stage.task)[0])
+        there = cell.arm.move_linear(read.T_b_f)
+        tip_b = cell.true_flange() @ np.append(stage.task.tip_f, 1.0)
+    assert isinstance(stage.probe, SimulatedTouchProbe)
+    assert abs(stage.probe.plane.signed_distances(tip_b[:3])) < 1e-6
+    told_b = there.T_b_f @ np.append(stage.task.tip_f, 1.0)
+    assert abs(stage.probe.plane.signed_distances(told_b[:3])) > 1e-5
 
 
 def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) -> None:

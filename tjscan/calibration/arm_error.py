@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -12,9 +13,13 @@ ARM_REACH: Final = 0.7
 """Metres from a joint to the flange, typically: by this much times the change of a joint's angle
 the flange moves, and an error of its position over it is the error of its orientation."""
 
+FlangeMoves = Callable[[Array], Array]
+"""From joint angles, shape (joints,), to how the flange moves with m independent standard normal
+draws of the arm's geometry, shape (6, m): see `ArmGeometry.moves`."""
+
 
 def geometry_correlation(T_b_f: Array) -> Array:
-    """Correlation of an arm's geometry error between its poses, shape (n, n).
+    """Correlation of the geometry error of an arm of which nothing is known, shape (n, n).
 
     Parameters
     ----------

@@ -52,6 +52,10 @@ class CombinedModel:
         Of the arm's geometry error between the poses of all profiles.
     geometry : float
         Standard deviation of that error, position in each axis, metres.
+
+    Notes
+    -----
+    `correlation` counts where the arm's postures are not known; see `LinearisedModel.by_geometry`.
     """
 
     models: tuple[TargetModel, ...]
@@ -121,12 +125,16 @@ class CombinedModel:
         parts = self.linearise_each(T_f_s, target)
         sizes = [np.full(len(part.residuals), part.residuals.shape[1]) for part in parts]
         profile = np.repeat(np.arange(len(self.correlation)), np.concatenate(sizes))
-        by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
-        geometry = geometry_covariance(by_arm, self.correlation[profile][:, profile])
+        shared = _stacked([part.by_geometry for part in parts])
+        if shared is None:
+            by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
+            geometry = geometry_covariance(by_arm, self.correlation[profile][:, profile])
+        else:
+            geometry = shared @ shared.T
         return StackedResiduals(
             np.concatenate([part.residuals.ravel() for part in parts]),
             _jacobian(parts),
-            _white_covariance(parts) + self.geometry**2 * geometry,
+            _covariance_but_geometry(parts) + self.geometry**2 * geometry,
             geometry,
             profile,
         )
@@ -146,8 +154,14 @@ def _jacobian(parts: list[LinearisedModel]) -> Array:
     return J
 
 
-def _white_covariance(parts: list[LinearisedModel]) -> Array:
-    """Of range noise and pose noise: none from one profile to another."""
+def _stacked(parts: list[Array | None]) -> Array | None:
+    """Rows of all targets, shape (N, m); none where some target has none."""
+    known = [part.reshape(-1, part.shape[2]) for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
+
+
+def _covariance_but_geometry(parts: list[LinearisedModel]) -> Array:
+    """Of range noise and pose noise, each profile's own, and of what the laser deviates by."""
     total = sum(part.residuals.size for part in parts)
     covariance, row = np.zeros((total, total)), 0
     for part in parts:
@@ -155,4 +169,5 @@ def _white_covariance(parts: list[LinearisedModel]) -> Array:
         each = row + np.arange(n * k).reshape(n, k)
         covariance[each[:, :, None], each[:, None, :]] = part.covariance
         row += n * k
-    return covariance
+    by_laser = _stacked([part.by_laser for part in parts])
+    return covariance if by_laser is None else covariance + by_laser @ by_laser.T

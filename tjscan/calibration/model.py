@@ -30,6 +30,12 @@ class LinearisedModel:
         Of the residuals: what the range noise alone makes of them.
     noise : NoiseModel
         For the arm's errors.
+    by_laser : ndarray, shape (n, k, m), or None
+        Derivative by independent standard normal draws of the laser's deviation, the same for all
+        profiles; none where nothing is stated of it.
+    by_geometry : ndarray, shape (n, k, m), or None
+        The same by draws of the arm's geometry, for an error of one metre, see
+        `ArmGeometry.moves`; none where the arm's postures are not known.
     """
 
     residuals: Array
@@ -38,6 +44,8 @@ class LinearisedModel:
     by_arm: Array
     own_covariance: Array
     noise: NoiseModel
+    by_laser: Array | None = None
+    by_geometry: Array | None = None
 
     @property
     def covariance(self) -> Array:

@@ -32,6 +32,10 @@ class PlaneModel:
         The board.
     noise : NoiseModel
         For the arm's errors.
+    by_laser : ndarray, shape (n, 2, m), or None
+        As `line_by_laser` gives it for each line.
+    by_arm : ndarray, shape (n, 6, m), or None
+        As `ArmGeometry.moves` gives it for each pose.
     """
 
     lines: LineBundle
@@ -39,10 +43,18 @@ class PlaneModel:
     sigma_angle: Array
     target: PlaneTarget
     noise: NoiseModel
+    by_laser: Array | None = None
+    by_arm: Array | None = None
 
     @classmethod
     def from_line_fits(
-        cls, T_b_f: Array, fits: list[LineFit], target: PlaneTarget, noise: NoiseModel
+        cls,
+        T_b_f: Array,
+        fits: list[LineFit],
+        target: PlaneTarget,
+        noise: NoiseModel,
+        by_laser: Array | None = None,
+        by_arm: Array | None = None,
     ) -> Self:
         """Model of the lines that were seen from n poses.
 
@@ -56,6 +68,8 @@ class PlaneModel:
             The board, and how well it is known.
         noise : NoiseModel
             For the arm's errors.
+        by_laser, by_arm : ndarray or None
+            As of the class.
         """
         return cls(
             stack_lines(T_b_f, fits),
@@ -63,6 +77,8 @@ class PlaneModel:
             np.array([fit.sigma_angle for fit in fits]),
             target,
             noise,
+            by_laser,
+            by_arm,
         )
 
     def seen_from(self, T_b_f: Array) -> Self:
@@ -108,19 +124,20 @@ class PlaneModel:
         by_arm = np.zeros((len(x_b), 2, 6))
         by_arm[:, 0, :3] = u
         by_arm[:, 0, 3:], by_arm[:, 1, 3:] = np.cross(x_b, u), np.cross(a_b, u)
-        own = self._own_covariance(R, u_f)
-        return LinearisedModel(residuals, by_pose, by_target, by_arm, own, self.noise)
-
-    def _own_covariance(self, R: Array, u_f: Array) -> Array:
-        """Of offset and tilt, shape (n, 2, 2), from the range noise of each line."""
         a = self.lines.directions_s
         across_f = np.stack((-a[:, 2], a[:, 1], a[:, 0]), axis=1) @ R.T
         # A line's errors lie in the laser plane; this much of them points at the board.
         share = np.einsum("ni,ni->n", across_f, u_f)
-        covariance = np.zeros((len(a), 2, 2))
-        covariance[:, 0, 0] = (share * self.sigma_offset) ** 2
-        covariance[:, 1, 1] = (share * self.sigma_angle) ** 2
-        return covariance
+        own = np.zeros((len(a), 2, 2))
+        own[:, 0, 0] = (share * self.sigma_offset) ** 2
+        own[:, 1, 1] = (share * self.sigma_angle) ** 2
+        by_laser = None if self.by_laser is None else share[:, None, None] * self.by_laser
+        by_geometry = None if self.by_arm is None else by_arm @ self.by_arm
+        if by_geometry is not None and self.target.by_arm is not None:
+            by_geometry = by_geometry + by_target @ self.target.by_arm
+        return LinearisedModel(
+            residuals, by_pose, by_target, by_arm, own, self.noise, by_laser, by_geometry
+        )
 
 
 def _turn(R: Array, v: Array) -> Array:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from tjscan.calibration.circle_fit import fit_dominant_circle
+from tjscan.calibration.laser_error import circle_by_laser, line_by_laser, roof_by_laser
 from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.roof_fit import fit_roof
 from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
 
@@ -45,7 +47,7 @@ S = TypeVar("S", LineSample, ArcSample, RoofSample)
 
 
 def fit_line_samples(
-    profiles: Sequence[PosedProfile], noise: NoiseModel
+    profiles: Sequence[PosedProfile], noise: NoiseModel, laser: LaserDeviation | None = None
 ) -> tuple[list[LineSample], dict[str, CalibrationRefused]]:
     """Fit a line to every profile, and keep its flange pose with it.
 
@@ -55,6 +57,8 @@ def fit_line_samples(
         Of a board.
     noise : NoiseModel
         Range noise of a point.
+    laser : LaserDeviation, optional
+        By what the laser may deviate.
 
     Returns
     -------
@@ -63,11 +67,17 @@ def fit_line_samples(
     refused : dict of str to CalibrationRefused
         By name, why each of the others shows none.
     """
-    return _sort(profiles, lambda s: LineSample(s.name, s.T_b_f, fit_line(s.profile, noise)))
+
+    def fit(shot: PosedProfile) -> LineSample:
+        line = fit_line(shot.profile, noise)
+        by_laser = None if laser is None else line_by_laser(line, shot.profile, laser)
+        return LineSample(shot.name, shot.T_b_f, line, by_laser)
+
+    return _sort(profiles, fit)
 
 
 def fit_arc_samples(
-    profiles: Sequence[PosedProfile], noise: NoiseModel
+    profiles: Sequence[PosedProfile], noise: NoiseModel, laser: LaserDeviation | None = None
 ) -> tuple[list[ArcSample], dict[str, CalibrationRefused]]:
     """Fit a circle to every profile of a ball, and keep its flange pose with it.
 
@@ -77,6 +87,8 @@ def fit_arc_samples(
         Of a ball.
     noise : NoiseModel
         Range noise of a point.
+    laser : LaserDeviation, optional
+        By what the laser may deviate.
 
     Returns
     -------
@@ -85,13 +97,17 @@ def fit_arc_samples(
     refused : dict of str to CalibrationRefused
         By name, why each of the others shows none.
     """
-    return _sort(
-        profiles, lambda s: ArcSample(s.name, s.T_b_f, fit_dominant_circle(s.profile, noise))
-    )
+
+    def fit(shot: PosedProfile) -> ArcSample:
+        arc = fit_dominant_circle(shot.profile, noise)
+        by_laser = None if laser is None else circle_by_laser(arc, shot.profile, laser)
+        return ArcSample(shot.name, shot.T_b_f, arc, by_laser)
+
+    return _sort(profiles, fit)
 
 
 def fit_roof_samples(
-    profiles: Sequence[PosedProfile], noise: NoiseModel
+    profiles: Sequence[PosedProfile], noise: NoiseModel, laser: LaserDeviation | None = None
 ) -> tuple[list[RoofSample], dict[str, CalibrationRefused]]:
     """Fit two lines that meet to every profile of a roof edge.
 
@@ -101,6 +117,8 @@ def fit_roof_samples(
         Of a roof edge.
     noise : NoiseModel
         Range noise of a point.
+    laser : LaserDeviation, optional
+        By what the laser may deviate.
 
     Returns
     -------
@@ -109,7 +127,13 @@ def fit_roof_samples(
     refused : dict of str to CalibrationRefused
         By name, why each of the others shows none.
     """
-    return _sort(profiles, lambda s: RoofSample(s.name, s.T_b_f, fit_roof(s.profile, noise)))
+
+    def fit(shot: PosedProfile) -> RoofSample:
+        roof = fit_roof(shot.profile, noise)
+        by_laser = None if laser is None else roof_by_laser(roof, shot.profile, laser)
+        return RoofSample(shot.name, shot.T_b_f, roof, by_laser)
+
+    return _sort(profiles, fit)
 
 
 def _sort(

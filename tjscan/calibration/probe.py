@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tjscan.core.frames import Array
-from tjscan.robot.arm import Arm
+from tjscan.robot.arm import Arm, ArmState
 
 
 class TouchProbe(Protocol):
@@ -17,13 +17,13 @@ class TouchProbe(Protocol):
         """Question to the operator before each touch; yes means that `touch` may go on."""
         ...
 
-    def touch(self, place_b: Array) -> Array:
-        """Touch the board near a point, shape (3,), and leave; gives the flange pose at the touch.
+    def touch(self, place_b: Array) -> ArmState:
+        """Touch the board near a point, shape (3,), and leave.
 
         Returns
         -------
-        ndarray, shape (4, 4)
-            Flange pose while the tip touched, as the arm read it.
+        ArmState
+            While the tip touched, as the arm read it.
 
         Raises
         ------
@@ -50,6 +50,6 @@ class JoggedProbe:
         """Question that asks the operator to jog the tip onto the board and say yes."""
         return "Jog the probe tip until it just touches the board, then say yes"
 
-    def touch(self, place_b: Array) -> Array:
-        """Read the flange pose where the operator has jogged the tip onto the board."""
-        return self.arm.state().T_b_f
+    def touch(self, place_b: Array) -> ArmState:
+        """Read the arm where the operator has jogged the tip onto the board."""
+        return self.arm.state()

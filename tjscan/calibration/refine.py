@@ -238,11 +238,35 @@ def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
             delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
             step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
         else:
-            own = np.flatnonzero(stacked.profile == i)
-            J, r = stacked.jacobian[own], stacked.residuals[own]
-            C = stacked.covariance[np.ix_(own, own)] + J @ estimate.covariance @ J.T
+            r, C = predicted_residuals(estimate, i)
             chi2[i] = r @ np.linalg.solve(C, r)
     return LeaveOneOutChanges(chi2, step)
+
+
+def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:
+    """What a profile that is not in use misses of what the others predict, and what it may miss.
+
+    Parameters
+    ----------
+    estimate : RefinedEstimate
+        That does without the profile.
+    profile : int
+        Which one.
+
+    Returns
+    -------
+    residuals : ndarray, shape (k,)
+        In metres and radians.
+    covariance : ndarray, shape (k, k)
+        Of its own errors and of the estimate's, which have arm and laser in common.
+    """
+    stacked, used = estimate.stacked, estimate.rows_used
+    own = stacked.profile == profile
+    J, C = stacked.jacobian[own], stacked.covariance
+    W_J = np.linalg.solve(C[np.ix_(used, used)], stacked.jacobian[used])
+    shared = J @ estimate.covariance @ W_J.T @ C[np.ix_(used, own)]
+    covariance = C[np.ix_(own, own)] + J @ estimate.covariance @ J.T - shared - shared.T
+    return stacked.residuals[own], np.asarray(covariance)
 
 
 def _solve_checked(M: Array, b: Array, C: Array) -> tuple[Array, float]:

@@ -32,7 +32,12 @@ class RoofModel:
 
     @classmethod
     def from_roof_fits(
-        cls, T_b_f: Array, fits: list[RoofFit], roof: RoofTarget, noise: NoiseModel
+        cls,
+        T_b_f: Array,
+        fits: list[RoofFit],
+        roof: RoofTarget,
+        noise: NoiseModel,
+        by_laser: Array | None = None,
     ) -> Self:
         """Model of the flanks that were seen from n poses.
 
@@ -46,10 +51,14 @@ class RoofModel:
             The planes that steps count from.
         noise : NoiseModel
             For the arm's errors.
+        by_laser : ndarray, shape (n, 4, m), or None
+            As `roof_by_laser` gives it for each roof.
         """
+        left, right = (None, None) if by_laser is None else np.split(by_laser, 2, axis=1)
+        lefts, rights = [fit.left for fit in fits], [fit.right for fit in fits]
         return cls(
-            PlaneModel.from_line_fits(T_b_f, [fit.left for fit in fits], roof.left, noise),
-            PlaneModel.from_line_fits(T_b_f, [fit.right for fit in fits], roof.right, noise),
+            PlaneModel.from_line_fits(T_b_f, lefts, roof.left, noise, left),
+            PlaneModel.from_line_fits(T_b_f, rights, roof.right, noise, right),
         )
 
     def seen_from(self, T_b_f: Array) -> Self:
@@ -78,6 +87,9 @@ class RoofModel:
         by_target, own = np.zeros((n, 4, 6)), np.zeros((n, 4, 4))
         by_target[:, :2, :3], by_target[:, 2:, 3:] = left.by_target, right.by_target
         own[:, :2, :2], own[:, 2:, 2:] = left.own_covariance, right.own_covariance
+        by_laser = None
+        if left.by_laser is not None and right.by_laser is not None:
+            by_laser = np.concatenate((left.by_laser, right.by_laser), axis=1)
         return LinearisedModel(
             np.concatenate((left.residuals, right.residuals), axis=1),
             np.concatenate((left.by_pose, right.by_pose), axis=1),
@@ -85,4 +97,5 @@ class RoofModel:
             np.concatenate((left.by_arm, right.by_arm), axis=1),
             own,
             left.noise,
+            by_laser,
         )

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from tjscan.calibration.circle_fit import CircleFit
 from tjscan.calibration.line_fit import LineFit
 from tjscan.calibration.roof_fit import RoofFit
 from tjscan.core.frames import Array, readonly_copy
 
+Fit = TypeVar("Fit", LineFit, CircleFit, RoofFit)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineSample:
-    """A line fitted to a profile of the board, and the flange pose it was taken from.
+class PosedFit(Generic[Fit]):
+    """What was fitted to a profile, and the flange pose it was taken from.
 
     Parameters
     ----------
@@ -20,37 +23,38 @@ class LineSample:
         What reports call it.
     T_b_f : ndarray, shape (4, 4)
         Flange pose, as the arm read it.
-    fit : LineFit
-        The line, frame s.
+    fit : LineFit, CircleFit or RoofFit
+        Frame s.
+    by_laser : ndarray, shape (k, m), or None
+        How it changes with each draw of the laser's deviation, see `line_by_laser`; none where
+        nothing is stated of that.
+    by_arm : ndarray, shape (6, m), or None
+        How the flange moves with each draw of the arm's geometry, see `ArmGeometry.moves`; none
+        where the arm's posture is not known.
     """
 
     name: str
     T_b_f: Array
-    fit: LineFit
+    fit: Fit
+    by_laser: Array | None = None
+    by_arm: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
+        for name in ("T_b_f", "by_laser", "by_arm"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else readonly_copy(value))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArcSample:
-    """A circle fitted to a profile of the ball, and the flange pose; see `LineSample`."""
-
-    name: str
-    T_b_f: Array
-    fit: CircleFit
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
+class LineSample(PosedFit[LineFit]):
+    """A line fitted to a profile of the board."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoofSample:
-    """Two lines fitted to a profile of the roof edge, and the flange pose; see `LineSample`."""
+class ArcSample(PosedFit[CircleFit]):
+    """A circle fitted to a profile of the ball."""
 
-    name: str
-    T_b_f: Array
-    fit: RoofFit
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
+@dataclass(frozen=True, slots=True, eq=False)
+class RoofSample(PosedFit[RoofFit]):
+    """Two lines fitted to a profile of the roof edge."""

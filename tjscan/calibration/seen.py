@@ -113,6 +113,11 @@ class SeenProfiles(Generic[Sample]):
         samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
         return replace(self, samples=samples)
 
+    @property
+    def by_laser(self) -> Array | None:
+        """As the samples have it, shape (n, k, m); none where one has none."""
+        return _all_or_none([sample.by_laser for sample in self.samples])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenBoard(SeenProfiles[LineSample]):
@@ -152,7 +157,15 @@ class SeenBoard(SeenProfiles[LineSample]):
         """The plane as touched, or through all points."""
         target = self.target or _plane_through(self.T_b_f, self.fits, T_f_s)
         return TargetStart(
-            PlaneModel.from_line_fits(self.T_b_f, self.fits, target, self.noise), np.zeros(3)
+            PlaneModel.from_line_fits(
+                self.T_b_f,
+                self.fits,
+                target,
+                self.noise,
+                self.by_laser,
+                _all_or_none([sample.by_arm for sample in self.samples]),
+            ),
+            np.zeros(3),
         )
 
     def is_behind(self, start: TargetStart, T_f_s: Array, target: Array) -> bool:
@@ -190,7 +203,7 @@ class SeenBall(SeenProfiles[ArcSample]):
     def model(self) -> SphereModel:
         """The same wherever the sensor may sit."""
         fits = [sample.fit for sample in self.samples]
-        return SphereModel.from_arc_fits(self.T_b_f, fits, self.sphere, self.noise)
+        return SphereModel.from_arc_fits(self.T_b_f, fits, self.sphere, self.noise, self.by_laser)
 
     def starts(self) -> list[Array]:
         """One for each way to turn a cube."""
@@ -242,12 +255,19 @@ class SeenRoof(SeenProfiles[RoofSample]):
             _plane_through(self.T_b_f, flank, T_f_s)
             for flank in ([fit.left for fit in fits], [fit.right for fit in fits])
         )
-        model = RoofModel.from_roof_fits(self.T_b_f, fits, RoofTarget(left, right), self.noise)
+        model = RoofModel.from_roof_fits(
+            self.T_b_f, fits, RoofTarget(left, right), self.noise, self.by_laser
+        )
         return TargetStart(model, np.zeros(6))
 
     def is_behind(self, start: TargetStart, T_f_s: Array, target: Array) -> bool:
         """Never: a mirror image fits no two planes that meet."""
         return False
+
+
+def _all_or_none(each: list[Array | None]) -> Array | None:
+    known = [one for one in each if one is not None]
+    return np.stack(known) if known and len(known) == len(each) else None
 
 
 def _plane_through(T_b_f: Array, fits: list[LineFit], T_f_s: Array) -> PlaneTarget:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,14 +20,20 @@ from tjscan.calibration.advice import (
 from tjscan.calibration.design import HandEyeUncertainty, ReachabilityCheck, predict_uncertainty
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.logbook import MeasurementsSoFar
-from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import fit_line_samples
+from tjscan.calibration.plan import CalibrationPlan
+from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.samples import LineSample
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z, transform_points
+from tjscan.core.frames import (
+    Array,
+    pose,
+    rot_x,
+    rot_z,
+    skew_matrix,
+    transform_points,
+)
 
 TOUCH_EDGE_MARGIN: Final = 0.02
 """Metres that touched places keep from the board's edges: it stands only about where stated."""
@@ -41,42 +48,6 @@ SMALL_TILT_GRID: Final = CandidatePoseGrid(
 )
 """What to choose from until there is a first result: the mount is known only roughly, and the
 line must not leave board or range."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CalibrationPlan:
-    """Plan of a calibration: where board and sensor roughly are, and how many lines to take.
-
-    Parameters
-    ----------
-    T_b_board : ndarray, shape (4, 4)
-        About where the board is: origin in the middle of its face, z away from it.
-    half_sizes : ndarray, shape (2,)
-        Half its sides along its x and y, in metres.
-    tip_f : ndarray, shape (3,)
-        The probe's tip in frame f, in metres. The flange's z points into the board to touch.
-    T_f_s : ndarray, shape (4, 4)
-        About where the sensor sits on the flange.
-    window : MeasuringRange
-        What the sensor sees.
-    noise : NoiseModel
-        What measurements err by.
-    touches, lines : int
-        How many to take.
-    """
-
-    T_b_board: Array
-    half_sizes: Array
-    tip_f: Array
-    T_f_s: Array
-    window: MeasuringRange
-    noise: NoiseModel
-    touches: int
-    lines: int
-
-    def __post_init__(self) -> None:
-        for name in ("T_b_board", "half_sizes", "tip_f", "T_f_s"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,8 +165,27 @@ def fit_touched_board(
     """
     points = np.array(list(touched_points(task, measured).values())).reshape(-1, 3)
     outside = task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
-    target = fit_plane(points, task.noise.touch, outside, geometry=task.noise.geometry)
+    target = fit_plane(
+        points,
+        task.noise.touch,
+        outside,
+        geometry=task.noise.geometry,
+        by_arm=_tip_by_arm(task, measured),
+    )
     return target, BoardRectangle.through_touched_points(points, target)
+
+
+def _tip_by_arm(task: CalibrationPlan, measured: MeasurementsSoFar) -> Array | None:
+    """How the tip moves at each touch with draws of the arm's geometry, shape (n, 3, m)."""
+    touches = [t for _, t in sorted(measured.touches.items()) if t.T_b_f is not None]
+    moves = []
+    for touch in touches:
+        if task.flange_moves is None or touch.q is None or touch.T_b_f is None:
+            return None
+        by_flange = task.flange_moves(touch.q)
+        tip_b = touch.T_b_f[:3, :3] @ task.tip_f
+        moves.append(by_flange[:3] - skew_matrix(tip_b) @ by_flange[3:])
+    return np.array(moves) if moves else None
 
 
 def worst_touch_number(task: CalibrationPlan, measured: MeasurementsSoFar) -> int:
@@ -214,6 +204,24 @@ def worst_touch_number(task: CalibrationPlan, measured: MeasurementsSoFar) -> in
     return list(points)[int(np.argmax(off))]
 
 
+def line_samples(task: CalibrationPlan, profiles: Sequence[PosedProfile]) -> list[LineSample]:
+    """Lines of the profiles that show one, and how they answer to what all of them share.
+
+    Parameters
+    ----------
+    task : CalibrationPlan
+        Has the errors of arm and laser.
+    profiles : sequence of PosedProfile
+        Of the board.
+    """
+    samples, _ = fit_line_samples(profiles, task.noise, task.laser)
+    if task.flange_moves is None:
+        return samples
+    q = {shot.name: shot.q for shot in profiles}
+    moves = {name: None if at is None else task.flange_moves(at) for name, at in q.items()}
+    return [replace(sample, by_arm=moves[sample.name]) for sample in samples]
+
+
 def current_progress(
     task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
 ) -> CalibrationProgress:
@@ -228,7 +236,7 @@ def current_progress(
     target : PlaneTarget
         The board as touched.
     """
-    samples, _ = fit_line_samples(measured.line_profiles, task.noise)
+    samples = line_samples(task, measured.line_profiles)
     result, refusal = None, None
     try:
         result = calibrate_on_plane(samples, target, task.noise, T_f_s_guess=task.T_f_s)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.session import poses_square_to_board
 from tjscan.core.errors import PoseUnreachable
-from tjscan.core.frames import Array, pose
-from tjscan.robot.arm import Arm
+from tjscan.core.frames import Array, pose, transform_points
+from tjscan.robot.arm import Arm, ArmState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +34,8 @@ class SimulatedTouchProbe:
         Metres above the board from which the tip comes down.
     rng : numpy.random.Generator
         Source of the errors.
+    true_flange : callable
+        Gives where the flange truly is, shape (4, 4): there the tip is what touches.
     """
 
     arm: Arm
@@ -42,13 +45,14 @@ class SimulatedTouchProbe:
     sigma: float
     approach: float
     rng: np.random.Generator
+    true_flange: Callable[[], Array]
 
     @property
     def touch_question(self) -> str:
         """Question to the operator before the arm itself moves to touch."""
         return "Move the probe tip down onto the board"
 
-    def touch(self, place_b: Array) -> Array:
+    def touch(self, place_b: Array) -> ArmState:
         """Come from above, touch the board, and go back up; raises as `TouchProbe.touch` does."""
         up = self.T_b_board[:3, 2]
         below = float(self.plane.signed_distances(place_b)) / float(self.plane.u @ up)
@@ -59,10 +63,13 @@ class SimulatedTouchProbe:
             above = pose(T_b_f[:3, :3], T_b_f[:3, 3] + self.approach * up)
             try:
                 self.arm.move_joint_to_pose(above)
-                touched = self.arm.move_linear(T_b_f).T_b_f
+                touched = self.arm.move_linear(T_b_f)
             except PoseUnreachable as error:
                 unreachable = error
                 continue
+            # The tip triggers on its way, where it truly meets the board; there the arm is read.
+            tip_b = transform_points(self.true_flange(), self.tip_f)
+            left = float((tip_b - contact_b) @ self.plane.u) / float(self.plane.u @ up)
             self.arm.move_linear(above)
-            return touched
+            return replace(touched, T_b_f=pose(p=-left * up) @ touched.T_b_f)
         raise unreachable

@@ -35,6 +35,8 @@ class SphereModel:
         The ball.
     noise : NoiseModel
         For the arm's errors.
+    by_laser : ndarray, shape (n, 3, m), or None
+        As `circle_by_laser` gives it for each arc.
     """
 
     T_b_f: Array
@@ -43,10 +45,16 @@ class SphereModel:
     covariances: Array
     sphere: SphereTarget
     noise: NoiseModel
+    by_laser: Array | None = None
 
     @classmethod
     def from_arc_fits(
-        cls, T_b_f: Array, fits: list[CircleFit], sphere: SphereTarget, noise: NoiseModel
+        cls,
+        T_b_f: Array,
+        fits: list[CircleFit],
+        sphere: SphereTarget,
+        noise: NoiseModel,
+        by_laser: Array | None = None,
     ) -> Self:
         """Model of the arcs that were seen from n poses.
 
@@ -60,6 +68,8 @@ class SphereModel:
             The ball.
         noise : NoiseModel
             For the arm's errors.
+        by_laser : ndarray or None
+            As of the class.
         """
         return cls(
             T_b_f,
@@ -68,6 +78,7 @@ class SphereModel:
             np.stack([fit.covariance for fit in fits]),
             sphere,
             noise,
+            by_laser,
         )
 
     def seen_from(self, T_b_f: Array) -> Self:
@@ -123,4 +134,5 @@ class SphereModel:
         lever_b = target[:3] - p_b_f
         by_arm = np.concatenate((-moved_b, moved_b @ skew_matrix(lever_b)), axis=2)
         own = by_arc @ self.covariances @ by_arc.transpose(0, 2, 1)
-        return LinearisedModel(residuals, by_pose, by_target, by_arm, own, self.noise)
+        by_laser = None if self.by_laser is None else by_arc @ self.by_laser
+        return LinearisedModel(residuals, by_pose, by_target, by_arm, own, self.noise, by_laser)

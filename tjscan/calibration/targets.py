@@ -52,6 +52,9 @@ class PlaneTarget:
     singular_values : ndarray, shape (3,)
         Of the touched points about their centroid, in metres: length, width and thickness of
         the pattern, times the root of the number of points.
+    by_arm : ndarray, shape (3, m), or None
+        How (tilt, tilt, height) move with draws of the arm's geometry, see `ArmGeometry.moves`;
+        `information` is then that of the touches alone. None where it holds both.
     """
 
     plane: PluckerPlane
@@ -60,6 +63,7 @@ class PlaneTarget:
     information: Array
     residuals: Array
     singular_values: Array
+    by_arm: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("centre_b", "axes_b", "information", "residuals", "singular_values"):
@@ -98,6 +102,7 @@ def fit_plane(
     side_b: ArrayLike | None = None,
     *,
     geometry: float = 0.0,
+    by_arm: Array | None = None,
 ) -> PlaneTarget:
     """Fit the plane through points touched with the arm's probe tip.
 
@@ -112,6 +117,9 @@ def fit_plane(
     geometry : float
         Standard deviation of the arm's geometry error, metres: points that are touched near each
         other err alike; see `tjscan.calibration.arm_error`.
+    by_arm : ndarray, shape (n, 3, m), optional
+        How the tip moves with draws of the arm's geometry, for an error of one metre, where the
+        arm's postures are known; see `ArmGeometry.moves`.
 
     Raises
     ------
@@ -134,15 +142,18 @@ def fit_plane(
     residuals = (points - centre) @ u
     _check_pattern(singular, sigma)
     across = np.column_stack(((points - centre) @ axes[:2].T, np.ones(len(points))))
-    metres = np.linalg.norm(points[:, None] - points, axis=2)
-    alike = np.exp(-0.5 * (metres / ARM_REACH) ** 2)
-    covariance = sigma**2 * np.eye(len(points)) + geometry**2 * alike
+    own, gain = sigma**2 * np.eye(len(points)), np.linalg.pinv(across)
+    if by_arm is None:
+        metres = np.linalg.norm(points[:, None] - points, axis=2)
+        covariance = own + geometry**2 * np.exp(-0.5 * (metres / ARM_REACH) ** 2)
+        information, moves = np.linalg.inv(gain @ covariance @ gain.T), None
+    else:
+        off = np.einsum("i,nim->nm", u, by_arm)
+        covariance = own + geometry**2 * (off @ off.T)
+        information, moves = np.linalg.inv(gain @ own @ gain.T), -gain @ off
     _check_flatness(residuals, across, covariance, sigma)
-    gain = np.linalg.pinv(across)
-    information = np.linalg.inv(gain @ covariance @ gain.T)
-    return PlaneTarget(
-        plane_through_point(centre, u), centre, axes[:2], information, residuals, singular
-    )
+    plane = plane_through_point(centre, u)
+    return PlaneTarget(plane, centre, axes[:2], information, residuals, singular, moves)
 
 
 def plane_stated_beforehand(

@@ -57,10 +57,13 @@ class BoardTouch:
         Which of the planned places; a later touch of the same place replaces the earlier one.
     T_b_f : ndarray, shape (4, 4)
         Flange pose with the tip on the board; none where the place was passed over.
+    q : ndarray, shape (joints,), or None
+        Joint angles there, radians, where they are known.
     """
 
     place_number: int
     T_b_f: Array | None
+    q: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +106,24 @@ CalibrationEntry = StartOrResumeEntry | BoardTouch | LaserLineTaken | SkippedPos
 
 def _to_touch(fields: dict[str, Any]) -> BoardTouch:
     T_b_f = fields["T_b_f"]
-    return BoardTouch(int(fields["place"]), pose_from_list(T_b_f) if T_b_f else None)
+    pose = pose_from_list(T_b_f) if T_b_f else None
+    return BoardTouch(int(fields["place"]), pose, _to_joints(fields))
 
 
 def _to_line(fields: dict[str, Any]) -> LaserLineTaken:
-    shot = PosedProfile(str(fields["name"]), pose_from_list(fields["T_b_f"]), _NO_PROFILE)
-    return LaserLineTaken(shot, bool(fields["fresh"]))
+    T_b_f, q = pose_from_list(fields["T_b_f"]), _to_joints(fields)
+    return LaserLineTaken(
+        PosedProfile(str(fields["name"]), T_b_f, _NO_PROFILE, q), bool(fields["fresh"])
+    )
+
+
+def _to_joints(fields: dict[str, Any]) -> Array | None:
+    """Joint angles; an earlier version recorded none with touches and lines."""
+    return np.array(fields["q"], dtype=float) if fields.get("q") else None
+
+
+def _from_joints(q: Array | None) -> list[float]:
+    return [] if q is None else [float(angle) for angle in q]
 
 
 def _to_arm_pose(fields: dict[str, Any]) -> ArmPoseTaken:
@@ -126,21 +141,23 @@ STARTED_TOPIC: Final = make_json_topic(
 TOUCH_TOPIC: Final = make_json_topic(
     "/touch",
     "tjscan.Touch",
-    {"place": INTEGER_SCHEMA, "T_b_f": NUMBERS_SCHEMA},
+    {"place": INTEGER_SCHEMA, "T_b_f": NUMBERS_SCHEMA, "q": NUMBERS_SCHEMA},
     lambda touch: {
         "place": touch.place_number,
         "T_b_f": [] if touch.T_b_f is None else pose_to_list(touch.T_b_f),
+        "q": _from_joints(touch.q),
     },
     _to_touch,
 )
 LINE_TOPIC: Final = make_json_topic(
     "/line",
     "tjscan.CalibrationLine",
-    {"name": TEXT_SCHEMA, "fresh": BOOLEAN_SCHEMA, "T_b_f": NUMBERS_SCHEMA},
+    {"name": TEXT_SCHEMA, "fresh": BOOLEAN_SCHEMA, "T_b_f": NUMBERS_SCHEMA, "q": NUMBERS_SCHEMA},
     lambda line: {
         "name": line.posed_profile.name,
         "fresh": line.for_verification,
         "T_b_f": pose_to_list(line.posed_profile.T_b_f),
+        "q": _from_joints(line.posed_profile.q),
     },
     _to_line,
 )
@@ -197,7 +214,7 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> tuple[tuple[Topic[A
     match entry:
         case StartOrResumeEntry():
             return ((STARTED_TOPIC, entry),)
-        case BoardTouch(_, T_b_f):
+        case BoardTouch(_, T_b_f, _):
             touch = (TOUCH_TOPIC, entry)
             return (touch,) if T_b_f is None else (touch, _flange(time, T_b_f))
         case SkippedPose():

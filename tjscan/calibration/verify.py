@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
 
-from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.combined import CombinedModel
+from tjscan.calibration.refine import predicted_residuals, refine_by_least_squares
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.samples import LineSample
+from tjscan.calibration.seen import SeenBoard
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to reject a good calibration."""
@@ -47,31 +48,29 @@ class Verification:
 
 
 def verify_with_fresh_line(
-    result: HandEyeCalibration, fresh: LineSample, noise: NoiseModel
+    board: SeenBoard, result: HandEyeCalibration, fresh: LineSample
 ) -> Verification:
     """Verify a calibration with a line that took no part in it.
 
+    What arm and laser err by in all lines alike is no contradiction: the line may miss what its
+    own errors, those of the calibration, and what both have in common explain.
+
     Parameters
     ----------
+    board : SeenBoard
+        The lines that `result` was found from.
     result : HandEyeCalibration
-        From lines on a plane.
+        From them.
     fresh : LineSample
-        A line on the same plane that `result` does not rest on.
-    noise : NoiseModel
-        Errors of line and pose.
-
-    Raises
-    ------
-    ValueError
-        If the calibration was made on a sphere.
+        A line on the same board.
     """
-    if result.board is None:
-        raise ValueError("only a calibration on a plane can be verified with a line")
-    model = PlaneModel.from_line_fits(fresh.T_b_f[None], [fresh.fit], result.board, noise)
-    found = model.linearise(result.T_f_s, np.zeros(3))
-    J = np.concatenate((found.by_pose, found.by_target), axis=2)[0]
-    covariance = result.sigma_scale**2 * found.covariance[0] + J @ result.joint_covariance @ J.T
-    r = found.residuals[0]
+    every = replace(board, samples=[*board.samples, fresh])
+    used = np.array([*(one.used for one in result.residuals), False])
+    start = every.start_at(result.T_f_s)
+    model = CombinedModel.of([start.model], every.T_b_f, result.geometry)
+    estimate = refine_by_least_squares(model, result.T_f_s, start.target, used)
+    r, covariance = predicted_residuals(estimate, len(used) - 1)
+    covariance = result.sigma_scale**2 * covariance
     sigma = np.sqrt(np.diag(covariance))
     misfit = np.sqrt(r @ np.linalg.solve(covariance, r) / 2)
     return Verification(

@@ -11,14 +11,16 @@ import numpy as np
 from tjscan.calibration.advice import BoardRectangle
 from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.operator import Operator, Question
+from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.probe import TouchProbe
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.seen import SeenBoard
 from tjscan.calibration.session import (
-    CalibrationPlan,
     CalibrationProgress,
     current_progress,
     fit_touched_board,
+    line_samples,
     planned_touch_points,
     start_poses_over_board,
     suggest_next_line_pose,
@@ -174,8 +176,9 @@ class CalibrationWizard:
         while self.measurements.verification_profile is None:
             progress = current_progress(self.task, self.measurements, target)
             self._take(target, board, progress, fresh=True)
-        (sample,), _ = fit_line_samples([self.measurements.verification_profile], self.task.noise)
-        found = verify_with_fresh_line(result, sample, self.task.noise)
+        (fresh,) = line_samples(self.task, [self.measurements.verification_profile])
+        lines = line_samples(self.task, self.measurements.line_profiles)
+        found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
         said = (
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
@@ -201,15 +204,16 @@ class CalibrationWizard:
     def _touch(self, k: int, place_b: Array) -> None:
         x, y, z = 1e3 * place_b
         question = f"{self.probe.touch_question}: place {k + 1} of {self.task.touches}, about "
-        T_b_f = None
+        touched = BoardTouch(k, None)
         if self.operator.confirm(
             Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)
         ):
             try:
-                T_b_f = self.probe.touch(place_b)
+                state = self.probe.touch(place_b)
+                touched = BoardTouch(k, state.T_b_f, state.q)
             except PoseUnreachable as error:
                 self.operator.report(f"place {k + 1} is passed over: {error}")
-        self.logbook.record_entry(BoardTouch(k, T_b_f))
+        self.logbook.record_entry(touched)
 
     def _wants_more(self, progress: CalibrationProgress) -> bool:
         count, wanted = len(progress.samples), progress.wanted
@@ -251,8 +255,8 @@ class CalibrationWizard:
         if not self.operator.confirm(Question(question, True, moves=True)):
             self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
             return
-        reached = self.arm.move_linear(there.T_b_f).T_b_f
-        shot = PosedProfile(what, reached, self.laser.capture())
+        reached = self.arm.move_linear(there.T_b_f)
+        shot = PosedProfile(what, reached.T_b_f, self.laser.capture(), reached.q)
         samples, refused = fit_line_samples([shot], self.task.noise)
         if samples:
             self.logbook.record_entry(LaserLineTaken(shot, fresh))

@@ -55,12 +55,16 @@ class Cell:
         Pose of the laser in the flange frame.
     clearance : ClearPathPlanner
         What the arm's paths keep; scanned surfaces are added to it.
+    true_flange : callable
+        Gives where the flange truly is, shape (4, 4), for what else is simulated; see
+        `ArmDriverFactory`.
     """
 
     arm: Arm
     laser: LineLaser
     T_f_s: Array
     clearance: ClearPathPlanner
+    true_flange: Callable[[], Array]
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -215,12 +219,13 @@ def make_cell(
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     rows = None if simulation is None else simulation.T_f_s_mm
+    true_flange = partial(arm_driver.truth, device)
     with LASER_DRIVERS.explain_missing_package(job.laser.driver):
         laser = laser_driver.make(
             LaserDriverInputs(
                 laser_model_of_job(job),
                 LaserFlange(
-                    partial(arm_driver.truth, device),
+                    true_flange,
                     lambda: device.state().T_b_f,
                     lambda: device.state().time,
                 ),
@@ -231,7 +236,7 @@ def make_cell(
             ),
             job.laser.driver_settings,
         )
-    return Cell(arm, laser, T_f_s, clearance)
+    return Cell(arm, laser, T_f_s, clearance, true_flange)
 
 
 def make_simulated_laser(

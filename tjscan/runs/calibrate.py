@@ -8,6 +8,7 @@ from typing import Final, NoReturn
 import numpy as np
 import trimesh
 
+from tjscan.calibration.arm.geometry import ArmGeometry
 from tjscan.calibration.file import (
     CalibrationFile,
     SavedCalibration,
@@ -17,10 +18,10 @@ from tjscan.calibration.file import (
 from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.operator import Operator, Question
+from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.probe import JoggedProbe, TouchProbe
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.session import CalibrationPlan
 from tjscan.calibration.simulated import SimulatedTouchProbe
 from tjscan.calibration.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard import CalibrationWizard
@@ -37,7 +38,14 @@ from tjscan.job import (
     SimulatedBoardSettings,
     read_calibration_job,
 )
-from tjscan.job.cell import Cell, laser_model_of_job, make_cell, sensor_mount_of_job
+from tjscan.job.cell import (
+    Cell,
+    kinematics_of_job,
+    laser_model_of_job,
+    make_cell,
+    sensor_mount_of_job,
+)
+from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
@@ -119,7 +127,9 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
             result, found = _of_sensor(job, wizard)
         else:
             about = wizard.take_lines(*wizard.touch_board()).T_f_s
-            result, found = calibrate_arm_in_cell(job, cell, operator, logbook, about, task.window)
+            result, found = calibrate_arm_in_cell(
+                job, cell, operator, logbook, about, task.window, task.laser
+            )
     if not operator.confirm(Question(f"Save it as {file}?", default=True)):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     write_calibration(
@@ -185,6 +195,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         sigma=truth.touch,
         approach=board.approach,
         rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
+        true_flange=cell.true_flange,
     )
     return cell, probe
 
@@ -217,15 +228,38 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     T_f_s : ndarray, shape (4, 4)
         About where the laser sits.
     """
-    model, board = laser_model_of_job(job), job.board
+    board = job.board
+    window = measuring_range_of_job(job)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
         np.array(board.probe_tip),
         T_f_s,
-        # That other lasers of this class open their fan as the simulated one is an assumption.
-        MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns),
+        window,
         board.noise,
         board.touches,
         board.lines,
+        ArmGeometry(kinematics_of_job(job)).moves,
+        laser_deviation_of_job(job, window),
+    )
+
+
+def measuring_range_of_job(job: CalibrationJob) -> MeasuringRange:
+    """Measuring range of a job's laser."""
+    model = laser_model_of_job(job)
+    # That other lasers of this class open their fan as the simulated one is an assumption.
+    return MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
+
+
+def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
+    """By what a job's laser may deviate in its window; none where it is stated to be exact."""
+    largest, _ = job.laser.uncertainty.linear
+    if largest == 0:
+        return None
+    return LaserDeviation.in_window(
+        largest,
+        near=window.near,
+        far=window.far,
+        apex_z=window.apex_z,
+        half_angle=window.half_angle,
     )

@@ -19,6 +19,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job import CalibrationJob
 from tjscan.job.cell import Cell, kinematics_of_job
+from tjscan.laser.deviation import LaserDeviation
 from tjscan.runs.calibration_basis import basis_of_postures
 
 BALL_SUBDIVISIONS: Final = 6
@@ -32,6 +33,7 @@ def calibrate_arm_in_cell(
     logbook: Logbook,
     T_f_s: Array,
     window: MeasuringRange,
+    laser: LaserDeviation | None,
 ) -> tuple[HandEyeCalibration, CalibrationFile]:
     """Look at the ball of a job from many postures, and calibrate arm and sensor together.
 
@@ -49,6 +51,8 @@ def calibrate_arm_in_cell(
         How the sensor sits, as lines on the board have it.
     window : MeasuringRange
         What the sensor sees.
+    laser : LaserDeviation or None
+        By what it may deviate.
 
     Raises
     ------
@@ -68,6 +72,7 @@ def calibrate_arm_in_cell(
         ball.tolerance,
         ball.poses,
         ball.held_out,
+        laser,
     )
     views = plan_views(plan, kinematics)
     wizard = ArmWizard(

@@ -9,8 +9,9 @@ import numpy as np
 
 from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
 from tjscan.calibration.logbook import MeasurementsSoFar
+from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.session import CalibrationPlan, current_progress, fit_touched_board
+from tjscan.calibration.session import current_progress, fit_touched_board
 from tjscan.calibration.targets import PlaneTarget
 
 

@@ -16,6 +16,7 @@ from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, rot_z, transform_points
+from tjscan.laser.deviation import LaserDeviation
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.tolerance import PlacementTolerance
 
@@ -84,6 +85,8 @@ class BallPlan:
         What the maker leaves of deviations.
     poses, held_out : int
         How many postures to find the deviations from, and to check them with.
+    laser : LaserDeviation, optional
+        By what the laser may deviate.
     """
 
     centre_b: Array
@@ -94,6 +97,7 @@ class BallPlan:
     tolerance: PlacementTolerance
     poses: int
     held_out: int
+    laser: LaserDeviation | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre_b", readonly_copy(self.centre_b))

@@ -52,7 +52,8 @@ class StackedProfiles:
     jacobian : ndarray, shape (N, 6 + 6 joints + m)
         By a step of T_f_s (axes of f), the joints' deviations, and the targets' parameters.
     covariance : ndarray, shape (N, N)
-        Of range noise and of what the arm does not repeat.
+        Of range noise, of what the arm does not repeat, each profile's own, and of what the laser
+        deviates by in all of them.
     profile : ndarray of int, shape (N,)
         To which profile each residual belongs.
     is_length : ndarray of bool, shape (N,)
@@ -142,6 +143,7 @@ class ArmModel:
         ends = np.cumsum([len(seen.start) for seen in self.targets])
         parts, by_target, lengths = [], [], []
         blocks: list[Array] = []
+        by_laser: list[Array] = []
         profile, first = [], 0
         for seen, own, E, J in zip(
             self.targets,
@@ -167,15 +169,21 @@ class ArmModel:
             )
             by_target.append(found.by_target.reshape(n * k, -1))
             blocks.extend(found.covariance)
+            if found.by_laser is not None:
+                by_laser.append(found.by_laser.reshape(n * k, -1))
             # Of each line offset and tilt, of an arc three lengths.
             lengths.append(np.tile(np.ones(k, bool) if k == 3 else np.arange(k) % 2 == 0, n))
             profile.append(np.repeat(np.arange(first, first + n), k))
             first += n
         stacked = np.concatenate(parts)
+        covariance = block_diag(*blocks)
+        if len(by_laser) == len(parts):
+            shared = np.concatenate(by_laser)
+            covariance = covariance + shared @ shared.T
         return StackedProfiles(
             stacked[:, 0],
             np.hstack((stacked[:, 1:], block_diag(*by_target))),
-            block_diag(*blocks),
+            covariance,
             np.concatenate(profile),
             np.concatenate(lengths),
         )

@@ -14,7 +14,7 @@ from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.operator import Operator, Question
 from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples
 from tjscan.calibration.samples import ArcSample
-from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.seen import SeenBall
 from tjscan.calibration.targets import SphereTarget
 from tjscan.calibration.topics import ArmPoseTaken
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
@@ -134,16 +134,12 @@ class ArmWizard:
         found: list[tuple[Array, ArcSample]] = []
         for number, taken in self.logbook.measured.arm_poses.items():
             if self.views[number].held_out is held_out:
-                arcs, _ = fit_arc_samples([taken.posed_profile], self.plan.noise)
+                arcs, _ = fit_arc_samples([taken.posed_profile], self.plan.noise, self.plan.laser)
                 found.extend((taken.q, arc) for arc in arcs if arc.fit.radius < largest)
         return found
 
     def _model(self, samples: list[tuple[Array, ArcSample]]) -> ArmModel:
         q = np.array([q for q, _ in samples])
-        arcs = [arc for _, arc in samples]
-        T_b_f = np.array([arc.T_b_f for arc in arcs])
-        sphere = SphereModel.from_arc_fits(
-            T_b_f, [arc.fit for arc in arcs], SphereTarget(), self.plan.noise
-        )
+        ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
         start = np.append(self.plan.centre_b, self.plan.radius)
-        return ArmModel(self.kinematics, (SeenTarget(sphere, q, T_b_f, start),))
+        return ArmModel(self.kinematics, (SeenTarget(ball.model, q, ball.T_b_f, start),))
