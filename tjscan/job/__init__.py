@@ -14,8 +14,8 @@ from tjscan.job.surroundings import (
     ClearanceSettings,
     JointSettings,
     PlacedSolidSettings,
-    SolidSettings,
 )
+from tjscan.robot.solid_settings import SolidSettings
 
 __all__ = [
     "ArmSettings",

@@ -6,21 +6,20 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Annotated, Final, Literal
 
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
 from tjscan.core.units import (
     LIST_OR_WORD_IN_FILE,
     MM,
-    EulerAngles,
     PoseSettings,
     Position,
     SettingsTable,
 )
 from tjscan.job.fields import LengthMm
 from tjscan.robot.margins import ClearanceMargins
-from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
+from tjscan.robot.solid_settings import SolidSettings
 from tjscan.robot.tolerance import PlacementTolerance
 
 MOST: Final = 300
@@ -28,50 +27,6 @@ MOST: Final = 300
 
 SMALLEST_BOARD: Final = 0.1
 """Metres."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SolidSettings(PoseSettings):
-    """Settings of a simple solid; cylinder and capsule lie along the z axis of its frame.
-
-    Parameters
-    ----------
-    name : str
-        What messages call it.
-    kind : str
-        Box, cylinder or capsule.
-    size : tuple of float, optional
-        Of a box along x, y and z, metres.
-    radius, length : float, optional
-        Of a cylinder or capsule, metres.
-    """
-
-    euler_zyx: EulerAngles = (0.0, 0.0, 0.0)
-    name: Annotated[str, MinLen(1)]
-    kind: Literal["box", "cylinder", "capsule"]
-    size: Annotated[tuple[LengthMm, LengthMm, LengthMm] | None, MM] = None
-    radius: Annotated[LengthMm | None, MM] = None
-    length: Annotated[LengthMm | None, MM] = None
-
-    def __post_init__(self) -> None:
-        is_box = self.kind == "box"
-        round_sizes = (self.radius, self.length)
-        if is_box != (self.size is not None) or any(is_box != (s is None) for s in round_sizes):
-            raise ValueError(
-                f"a {self.kind} takes {'size_mm' if is_box else 'radius_mm and length_mm'} alone"
-            )
-
-    @property
-    def solid(self) -> Solid:
-        """The solid as collision checks take it, in its place."""
-        return Solid(self.name, self._shape, self.T)
-
-    @property
-    def _shape(self) -> SolidShape:
-        if self.size is not None:
-            return Box(self.size)
-        shape = Cylinder if self.kind == "cylinder" else Capsule
-        return shape(self.radius or 0.0, self.length or 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

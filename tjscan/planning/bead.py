@@ -8,7 +8,17 @@ import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
 
-_ARRAYS = ("s", "T_r_torch", "speed", "area", "heat", "slope", "rotation", "relative_sigma")
+_ARRAYS = (
+    "s",
+    "T_r_torch",
+    "speed",
+    "area",
+    "heat",
+    "slope",
+    "rotation",
+    "width",
+    "relative_sigma",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +52,12 @@ class PlannedBead:
         Radians, see `tjscan.planning.torch.slope_and_rotation`.
     positions : tuple of str
         Welding position at each point.
+    width : ndarray, shape (q,)
+        In the middle of its height, metres.
     relative_sigma : ndarray, shape (q,)
         Standard deviation of the section's area, and so of speed and fill, as a share of it.
+    station : str
+        That welds it, or this part of it; empty where none is told.
     """
 
     number: int
@@ -61,15 +75,17 @@ class PlannedBead:
     slope: Array
     rotation: Array
     positions: tuple[str, ...]
+    width: Array
     relative_sigma: Array
+    station: str = ""
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
-    def numbered(self, number: int, zone: int) -> PlannedBead:
-        """The same bead with its number in the order of welding and that of its zone, from 1."""
-        return replace(self, number=number, zone=zone)
+    def numbered(self, number: int, zone: int, station: str) -> PlannedBead:
+        """The same bead with its number in the order of welding, its zone's, and its station."""
+        return replace(self, number=number, zone=zone, station=station)
 
     @property
     def points(self) -> Array:

@@ -34,19 +34,23 @@ class ZoneEntry(StrictFileModel):
 
 
 class BeadEntry(StrictFileModel):
-    """A bead; its points stand in ``beads.csv``."""
+    """A bead, or a station's part of it; its points stand in ``beads.csv``."""
 
     number: int
     zone: int
     layer: int
     place: Annotated[int, Field(description="in its layer, from the bevel")]
     kind: str
+    station: Annotated[
+        str, Field(description="that welds it, or its part of it; empty where none is told")
+    ]
     begin_mm: Annotated[float, Field(description="length along the groove where it starts")]
     end_mm: float
     length_mm: Annotated[float, Field(description="of the tip's path")]
     feed_m_min: float
     speed_mm_min: Range
     area_mm2: Range
+    width_mm: Range
     heat_kJ_mm: Range  # noqa: N815
     positions: Annotated[tuple[str, ...], Field(strict=False, description="after ISO 6947")]
     arc_time_s: float
@@ -134,12 +138,14 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
                 layer=bead.layer,
                 place=bead.place,
                 kind=bead.kind,
+                station=bead.station,
                 begin_mm=_short(bead.s[0], MM.factor),
                 end_mm=_short(bead.s[-1], MM.factor),
                 length_mm=_short(bead.length, MM.factor),
                 feed_m_min=_short(bead.feed, M_MIN.factor),
                 speed_mm_min=_range(bead.speed, MM_MIN.factor),
                 area_mm2=_range(bead.area, MM2.factor),
+                width_mm=_range(bead.width, MM.factor),
                 heat_kJ_mm=_range(bead.heat, KJ_MM.factor),
                 positions=tuple(sorted(set(bead.positions))),
                 arc_time_s=_short(bead.arc_time),

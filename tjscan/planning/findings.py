@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
+from tjscan.planning.stops import NO_LENGTH, StopPlacement
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
 
 ROUNDING: Final = 1e-9
@@ -72,11 +73,53 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
                 out,
                 f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}",
             )
+    out = bead.width > wps.bead.weave_limit * (1 + ROUNDING)
+    if out.any():
+        widest, limit = 1e3 * bead.width.max(), 1e3 * wps.bead.weave_limit
+        yield _finding(bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}")
     out = ~np.isin(bead.positions, wps.sequence.positions)
     if out.any():
         names = sorted(set(np.array(bead.positions)[out].tolist()))
         allowed = ", ".join(wps.sequence.positions)
         yield _finding(bead, "sequence.positions", out, f"{', '.join(names)}, allowed {allowed}")
+
+
+def findings_of_stops(
+    beads: Sequence[PlannedBead], stops: StopPlacement, wps: WeldingProcedure
+) -> Iterator[WpsFinding]:
+    """What of starts and stops is out of the WPS: too near, unspread, or a bead too short.
+
+    The ends of a groove that does not close are where they are.
+
+    Parameters
+    ----------
+    beads : sequence of PlannedBead
+        In the order of welding.
+    stops : StopPlacement
+        Where crowns and saddles are.
+    wps : WeldingProcedure
+        Its windows.
+    """
+    spread, apart = wps.sequence.start_spread, 1e3 * wps.sequence.start_spread
+    seen: dict[tuple[int, str, int, int], list[float]] = {}
+    for bead in beads:
+        if bead.length < wps.sequence.shortest_bead * (1 - ROUNDING):
+            text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
+            whole = np.ones(len(bead.s), dtype=bool)
+            yield _finding(bead, "sequence.shortest_bead_mm", whole, text)
+        for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
+            seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
+            if stops.is_open_end(at):
+                continue
+            near = stops.nearest_landmark(at)
+            if near < wps.sequence.stop_distance - NO_LENGTH:
+                text = f"a stop {1e3 * near:.0f} from crown or saddle"
+                yield _finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
+            below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
+            away = min((stops.apart(at, other) for other in below), default=spread)
+            if away < spread - NO_LENGTH:
+                text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
+                yield _finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
 def _finding(bead: PlannedBead, key: str, out: NDArray[np.bool_], text: str) -> WpsFinding:

@@ -117,6 +117,9 @@ def lay_layer(
     )
     middles = free_angle_middles(cells, layer) - wps.torch.work_angle
     outward = stations.vectors_to_space(np.stack((np.sin(middles), np.cos(middles)), axis=2))
+    quads = cells.quadrilaterals(layer)
+    sides = 0.5 * (quads[:, :, :2] + quads[:, :, :1:-1])
+    widths = np.linalg.norm(sides[:, :, 1] - sides[:, :, 0], axis=2)
     sigma = edges.relative_area_sigma(s)
     first = sum(arrangement.counts[:layer])
     found = []
@@ -150,6 +153,7 @@ def lay_layer(
                 slope=slope[way],
                 rotation=rotation[way],
                 positions=position_names(slope, rotation)[way],
+                width=widths[way, place],
                 relative_sigma=sigma[way],
             )
         )

@@ -11,9 +11,10 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.findings import WpsFinding, findings_of_bead
+from tjscan.planning.findings import WpsFinding, findings_of_bead, findings_of_stops
 from tjscan.planning.lay import lay_layer, sampling_step
 from tjscan.planning.path import LONGEST, stations_at, template_at
+from tjscan.planning.stops import StationStretch, StopPlacement
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.topology import Arrangement, arrange_beads
 from tjscan.planning.wire_feed import DoesNotFit
@@ -52,7 +53,7 @@ class WeldPlan:
     zones : tuple of PlannedZone
         One, where one number of beads fits everywhere.
     beads : tuple of PlannedBead
-        In the order of welding.
+        In the order of welding; a bead that stations share stands there in parts of one number.
     findings : tuple of WpsFinding
         What is out of the WPS, and where.
     """
@@ -91,7 +92,13 @@ class WeldPlan:
         return self.arc_time * self.wps.arc.gas_flow
 
 
-def plan_weld(edges: GrooveEdges, wps: WeldingProcedure, gravity: Array) -> WeldPlan:
+def plan_weld(
+    edges: GrooveEdges,
+    wps: WeldingProcedure,
+    gravity: Array,
+    landmarks: Array | tuple[float, ...] = (),
+    stretches: tuple[StationStretch, ...] = (),
+) -> WeldPlan:
     """Plan the beads of a groove.
 
     Parameters
@@ -102,6 +109,10 @@ def plan_weld(edges: GrooveEdges, wps: WeldingProcedure, gravity: Array) -> Weld
         Windows and values.
     gravity : ndarray, shape (3,)
         Downwards in the frame of the sections, of any length above zero.
+    landmarks : array_like, shape (k,)
+        Crowns and saddles, metres along the groove, from which starts and stops are kept.
+    stretches : tuple of StationStretch
+        What each station reaches, in the order in which they weld: beads are parted among them.
 
     Raises
     ------
@@ -113,15 +124,31 @@ def plan_weld(edges: GrooveEdges, wps: WeldingProcedure, gravity: Array) -> Weld
         raise ConfigurationError("must be a direction, not zero", key="--gravity")
     gravity = gravity / size
     zones = _zones(edges, wps)
-    beads: list[PlannedBead] = []
+    borders = [(zone.begin, zone.end) for zone in zones]
+    stops = StopPlacement(
+        edges.length, edges.closed, wps.sequence, np.array(landmarks, dtype=float), stretches
+    )
+    beads, last = list[PlannedBead](), 0
     for number, zone in enumerate(zones, start=1):
         step = sampling_step(edges, zone.begin, zone.end, zone.arrangement, wps)
-        for layer in range(len(zone.arrangement.counts)):
-            span = _span(edges, zones, number - 1, layer, wps)
-            laid = lay_layer(edges, zone.arrangement, layer, span, step, wps, gravity)
-            first = len(beads) + 1
-            beads.extend(bead.numbered(first + i, number) for i, bead in enumerate(laid))
-    found = tuple(finding for bead in beads for finding in findings_of_bead(bead, wps))
+        layers = len(zone.arrangement.counts)
+        for layer, spans in enumerate(stops.spans(borders, number - 1, layers)):
+            laid = [
+                lay_layer(
+                    edges, zone.arrangement, layer, (span.begin, span.end), step, wps, gravity
+                )
+                for span in spans
+            ]
+            for parts in zip(*laid, strict=True):
+                last += 1
+                beads.extend(
+                    part.numbered(last, number, span.station)
+                    for part, span in zip(parts, spans, strict=True)
+                )
+    found = (
+        *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
+        *findings_of_stops(beads, stops, wps),
+    )
     return WeldPlan(edges, wps, gravity, zones, tuple(beads), found)
 
 
@@ -152,30 +179,3 @@ def _zones(edges: GrooveEdges, wps: WeldingProcedure) -> tuple[PlannedZone, ...]
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))
         first = fits
     return tuple(found)
-
-
-def _span(
-    edges: GrooveEdges,
-    zones: tuple[PlannedZone, ...],
-    number: int,
-    layer: int,
-    wps: WeldingProcedure,
-) -> tuple[float, float]:
-    """From where to where along the groove a layer's beads go, metres."""
-    zone, spread = zones[number], layer * wps.sequence.start_spread
-    if edges.closed and len(zones) == 1:
-        return spread % edges.length, spread % edges.length + edges.length + wps.sequence.overlap
-    begin, end = zone.begin, zone.end
-    cascade = wps.sequence.ends == "cascade"
-    if number == 0 and not edges.closed:
-        begin += spread * cascade
-    if number < len(zones) - 1 or edges.closed:
-        end += wps.sequence.overlap
-    else:
-        end -= spread * cascade
-    if end - begin < LONGEST:
-        raise ConfigurationError(
-            f"layer {layer + 1} would have no length: the groove is too short for it",
-            key="sequence.start_spread_mm",
-        )
-    return begin, min(end, edges.length + wps.sequence.overlap)

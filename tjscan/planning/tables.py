@@ -23,7 +23,7 @@ from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 COLUMNS: Final = (
     *("bead", "zone", "layer", "place", "kind", "s_mm", "x_mm", "y_mm", "z_mm", "rx", "ry", "rz"),
     *("speed_mm_min", "sigma_speed_mm_min", "feed_m_min", "area_mm2", "sigma_area_mm2"),
-    *("heat_kJ_mm", "slope_deg", "rotation_deg", "position"),
+    *("width_mm", "heat_kJ_mm", "slope_deg", "rotation_deg", "position", "station"),
 )
 """rx, ry and rz are the rotation vector of the torch, radians."""
 
@@ -33,7 +33,7 @@ MOST_BYTES: Final = 200_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadCourse:
-    """How a bead goes along the groove, as ``beads.csv`` says, in the units of that file.
+    """How a bead, or a station's part of it, goes along the groove, in the units of ``beads.csv``.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         lines = (line for line in text.splitlines() if not line.startswith("#"))
         rows = list(csv.DictReader(lines, strict=True))
         return tuple(
-            _course(number, list(of_bead))
-            for number, of_bead in groupby(rows, key=lambda row: int(row["bead"]))
+            _course(int(number), list(of_part))
+            for (number, _), of_part in groupby(rows, lambda row: (row["bead"], row["station"]))
         )
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
@@ -117,6 +117,7 @@ def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
                 np.full(len(sigma), bead.feed / M_MIN.factor),
                 bead.area / MM2.factor,
                 sigma * bead.area / MM2.factor,
+                bead.width / MM.factor,
                 bead.heat / KJ_MM.factor,
                 bead.slope / DEG.factor,
                 bead.rotation / DEG.factor,
@@ -124,5 +125,5 @@ def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
         )
         names = (bead.number, bead.zone, bead.layer, bead.place, bead.kind)
         for row, position in zip(numbers, bead.positions, strict=True):
-            writer.writerow((*names, *(f"{value:.6f}" for value in row), position))
+            writer.writerow((*names, *(f"{value:.6f}" for value in row), position, bead.station))
     return stream.getvalue()

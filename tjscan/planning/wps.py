@@ -18,6 +18,7 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
 from tjscan.core.units import SettingsTable as Table
+from tjscan.robot.solid_settings import SolidSettings
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 M_MIN: Final = FileUnit("m_min", 1 / 60)
@@ -125,6 +126,8 @@ class BeadSettings(Table):
         Window of a layer's height in the middle of its width, metres.
     cap_height : float
         How far the middle of the weld stands above the line of the brace's wall, metres.
+    weave_limit : float
+        Width of the widest bead that may be laid, metres.
     """
 
     root_area: Annotated[_Window, MM2]
@@ -132,6 +135,21 @@ class BeadSettings(Table):
     cap_area: Annotated[_Window, MM2]
     layer_height: Annotated[_Window, MM]
     cap_height: Annotated[float, Ge(0), Le(20), MM]
+    weave_limit: Annotated[float, Gt(0), Le(100), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchSolidSettings(SolidSettings):
+    """A solid that is part of the torch or its mount, in the flange frame.
+
+    Parameters
+    ----------
+    in_groove : bool
+        Whether it enters the groove, as a nozzle does: it is then held against the measured groove
+        alone, for what stands for tubes in the job has no groove in it.
+    """
+
+    in_groove: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,6 +168,10 @@ class TorchSettings(Table):
         From the contact tip to the wire's tip, metres: printed, part of `tcp` already.
     retract : float
         How far the torch is drawn back along the wire between beads, metres.
+    margin : float
+        How far the torch keeps from everything but the groove that it enters, metres.
+    solid : tuple of TorchSolidSettings
+        The torch and its mount, for the check of its reach.
     """
 
     tcp: PoseSettings
@@ -157,6 +179,8 @@ class TorchSettings(Table):
     travel_angle: Annotated[_Tilt, DEG]
     stick_out: Annotated[float, Gt(0), Le(60), MM]
     retract: Annotated[float, Gt(0), Le(500), MM]
+    margin: Annotated[float, Ge(0), Le(500), MM]
+    solid: Annotated[tuple[TorchSolidSettings, ...], MinLen(1), MaxLen(100), LIST_OR_WORD_IN_FILE]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,6 +193,10 @@ class SequenceSettings(Table):
         Sections further apart than this are refused, as one is missing; metres.
     start_spread : float
         Between the starts of a layer and of the one below it, metres.
+    stop_distance : float
+        How far starts and stops keep from crown and saddle of a tubular joint, metres.
+    shortest_bead : float
+        A shorter bead is named, metres.
     overlap : float
         How far a bead goes on over its own start, or over the end of the zone before it, metres.
     ends : str
@@ -184,6 +212,8 @@ class SequenceSettings(Table):
 
     longest_step: Annotated[float, Gt(0), Le(1000), MM]
     start_spread: Annotated[float, Ge(0), Le(1000), MM]
+    stop_distance: Annotated[float, Ge(0), Le(1000), MM]
+    shortest_bead: Annotated[float, Gt(0), Le(1000), MM]
     overlap: Annotated[float, Ge(0), Le(200), MM]
     ends: Literal["square", "cascade"]
     reverse: bool

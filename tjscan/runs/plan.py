@@ -19,6 +19,7 @@ from tjscan.job.wps import read_wps
 from tjscan.planning.document import PlanDocument, plan_document
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.stops import crowns_and_saddles
 from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import plan_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
@@ -108,7 +109,9 @@ def plan_run(
     try:
         shared = _shared_area_sigma(summary)
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
-        plan = plan_weld(edges, wps, gravity)
+        # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
+        marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
+        plan = plan_weld(edges, wps, gravity, marks)
     except ConfigurationError as error:
         of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
         file = error.file or (wps_file if of_wps else directory / SECTIONS)

@@ -1,0 +1,272 @@
+"""Where beads start and stop: spread from layer to layer, and parted among stations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, transform_points
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.path import LONGEST
+from tjscan.planning.wps import SequenceSettings
+
+NOBODY: Final = ""
+"""Station of a length that none reaches, and of all where no stations are told apart."""
+
+NO_LENGTH: Final = 1e-6
+"""Metres: a shorter span is none."""
+
+Span = tuple[float, float]
+"""From where to where along the groove, metres; where it closes, any number of turns on."""
+
+
+@dataclass(frozen=True, slots=True)
+class StationStretch:
+    """Length of groove that a station can weld.
+
+    Parameters
+    ----------
+    station : str
+        Its name.
+    begin, end : float
+        Metres along the groove; beyond its length where it closes and the stretch passes its start.
+    """
+
+    station: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class BeadSpan:
+    """From where to where a station lays the beads of a layer.
+
+    Parameters
+    ----------
+    station : str
+        Its name.
+    begin, end : float
+        Metres along the groove, overlap included.
+    """
+
+    station: str
+    begin: float
+    end: float
+
+
+def crowns_and_saddles(edges: GrooveEdges, T_j_r: Array) -> Array:
+    """Where the groove passes the crowns and saddles of a tubular joint, metres along it.
+
+    Parameters
+    ----------
+    edges : GrooveEdges
+        The groove, in frame r.
+    T_j_r : ndarray, shape (4, 4)
+        Frame r in frame j, whose z is the brace's axis and whose x lies in the plane of both.
+    """
+    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+    x, y, _ = transform_points(T_j_r, edges.corners(s)[:, 0]).T
+    azimuth = np.unwrap(np.arctan2(y, x))
+    if azimuth[-1] < azimuth[0]:
+        azimuth = -azimuth
+    first, last = azimuth[0] / (0.5 * np.pi), azimuth[-1] / (0.5 * np.pi)
+    quarters = 0.5 * np.pi * np.arange(ceil(first - 1e-9), floor(last + 1e-9) + 1)
+    found = np.interp(quarters, azimuth, s)
+    if edges.closed:
+        found = np.unique(np.round(np.mod(found, edges.length), 9))
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopPlacement:
+    """Places the starts and stops of beads.
+
+    Parameters
+    ----------
+    length : float
+        Of the groove, metres.
+    closed : bool
+        Whether it closes.
+    sequence : SequenceSettings
+        What the WPS says of starts and stops.
+    landmarks : ndarray, shape (k,)
+        Crowns and saddles, metres along the groove; none where they are not known.
+    stretches : tuple of StationStretch
+        What stations reach, in the order in which these weld: one has laid all of its beads before
+        the next begins. None where there is but one place to weld from.
+    """
+
+    length: float
+    closed: bool
+    sequence: SequenceSettings
+    landmarks: Array
+    stretches: tuple[StationStretch, ...] = ()
+
+    def spans(self, zones: Sequence[Span], zone: int, layers: int) -> list[tuple[BeadSpan, ...]]:
+        """Spans of the beads of each layer of a zone, in the order of the stations.
+
+        Parameters
+        ----------
+        zones : sequence of (float, float)
+            Lengths of groove with one arrangement of beads, metres, in their order.
+        zone : int
+            Which.
+        layers : int
+            How many it has.
+
+        Raises
+        ------
+        ConfigurationError
+            If the groove is too short for a layer.
+        """
+        links, whole = self._links(), self.closed and len(zones) == 1
+        seams = self._seams(links, layers, whole=whole)
+        order = [stretch.station for stretch in self.stretches]
+        found = []
+        for layer in range(layers):
+            spans = []
+            for i, link in enumerate(links):
+                begin, end, goes_on = self._between(seams[:, layer], i, layer)
+                for low, high in (
+                    [(begin, end)] if whole else self._in_zone(zones[zone], begin, end)
+                ):
+                    over = self.sequence.overlap if goes_on or high < end - NO_LENGTH else 0.0
+                    spans.append(BeadSpan(link.station, low, high + over))
+            if not spans:
+                raise ConfigurationError(
+                    f"layer {layer + 1} would have no length: the groove is too short for it",
+                    key="sequence.start_spread_mm",
+                )
+            spans.sort(key=lambda one: (_rank(order, one.station), one.begin))
+            found.append(tuple(spans))
+        return found
+
+    def is_open_end(self, s: float) -> bool:
+        """Whether an end of a groove that does not close is at s, where no stop can be moved.
+
+        Of a cascade it is the lowest layer's alone.
+        """
+        return not self.closed and min(abs(s), abs(s - self.length)) < NO_LENGTH
+
+    def apart(self, a: float, b: float) -> float:
+        """Length of groove between two places, the shorter way round, metres."""
+        if not self.closed:
+            return abs(a - b)
+        return abs((a - b + 0.5 * self.length) % self.length - 0.5 * self.length)
+
+    def nearest_landmark(self, s: float) -> float:
+        """Length of groove to the nearest crown or saddle, metres; infinite without any."""
+        return min((self.apart(s, float(mark)) for mark in self.landmarks), default=np.inf)
+
+    def _between(self, seams: Array, i: int, layer: int) -> tuple[float, float, bool]:
+        """Span of link i without overlap, and whether another one follows."""
+        if self.closed:
+            return float(seams[i - 1]) - self.length * (i == 0), float(seams[i]), True
+        back = layer * self.sequence.start_spread * (self.sequence.ends == "cascade")
+        begin = back if i == 0 else float(seams[i - 1])
+        goes_on = i < len(seams)
+        return begin, float(seams[i]) if goes_on else self.length - back, goes_on
+
+    def _in_zone(self, zone: Span, begin: float, end: float) -> list[Span]:
+        """Parts of a span in a zone, which comes again with every turn where the groove closes."""
+        turns = range(-1, 3) if self.closed else range(1)
+        parts = [
+            (max(begin, zone[0] + k * self.length), min(end, zone[1] + k * self.length))
+            for k in turns
+        ]
+        return [part for part in parts if part[1] - part[0] > NO_LENGTH]
+
+    def _seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
+        """Where each link ends and the next begins, shape (seams, layers), metres."""
+        order = [stretch.station for stretch in self.stretches]
+        overlap, seams = self.sequence.overlap, []
+        for i in range(len(links) if self.closed else len(links) - 1):
+            a, b = links[i], links[(i + 1) % len(links)]
+            turn = self.length * (i + 1 == len(links))
+            if len(links) == 1 and not whole:
+                seams.append(np.full(layers, a.begin + self.length))  # zones begin and end anyway
+            elif len(links) > 1 and NOBODY in (a.station, b.station):
+                seams.append(np.full(layers, b.begin + turn))
+            else:
+                window = (b.begin + turn, a.end - overlap)
+                falls = _rank(order, a.station) < _rank(order, b.station)
+                seams.append(self._stops(window, layers, falls=falls))
+        return np.array(seams).reshape(-1, layers)
+
+    def _stops(self, window: Span, layers: int, *, falls: bool) -> Array:
+        """Places of the stops of each layer in a window, each further on than the one below.
+
+        Spread and kept from the landmarks; where there is no room for that, spread alone; where
+        there is none for that either, evenly over the window.
+        """
+        sign = -1.0 if falls else 1.0
+        begin, end = (window[1], window[0]) if falls else window
+        for distance in (self.sequence.stop_distance, 0.0):
+            at, found = begin, []
+            for _ in range(layers):
+                at = self._out_of_the_way(at, sign, distance)
+                found.append(at)
+                at += sign * self.sequence.start_spread
+            if sign * (end - found[-1]) >= -NO_LENGTH:
+                return np.array(found)
+        return np.linspace(begin, end, layers)
+
+    def _out_of_the_way(self, at: float, sign: float, distance: float) -> float:
+        """The first place from one on that is far enough from all landmarks."""
+        marks = self.landmarks
+        if self.closed:
+            marks = (marks[:, None] + self.length * np.arange(-2, 4)).ravel()
+        for mark in sorted(marks, key=lambda mark: sign * mark):
+            if abs(at - mark) < distance - NO_LENGTH:
+                at = float(mark + sign * distance)
+        return at
+
+    def _links(self) -> tuple[StationStretch, ...]:
+        """Stretches that follow one another over the whole groove; gaps are nobody's.
+
+        Of a groove that closes, from the stretch on that leaves the shortest gaps, with the fewest
+        stations.
+        """
+        if not self.stretches:
+            end = 3 * self.length if self.closed else self.length
+            return (StationStretch(NOBODY, 0.0, end + self.sequence.overlap),)
+        if not self.closed:
+            return self._chain(0.0, self.stretches)
+        turned = tuple(
+            StationStretch(one.station, one.begin + k * self.length, one.end + k * self.length)
+            for k in (-1, 0, 1)
+            for one in self.stretches
+        )
+        chains = [self._chain(one.begin, turned) for one in self.stretches]
+        gaps = [sum(link.end - link.begin for link in c if link.station == NOBODY) for c in chains]
+        return min(zip(gaps, chains, strict=True), key=lambda one: (round(one[0], 6), len(one[1])))[
+            1
+        ]
+
+    def _chain(
+        self, begin: float, stretches: Sequence[StationStretch]
+    ) -> tuple[StationStretch, ...]:
+        end, at, links = begin + self.length, begin, list[StationStretch]()
+        overlap = self.sequence.overlap
+        while at < end - NO_LENGTH:
+            follow = [one for one in stretches if one.begin <= at + NO_LENGTH and one.end > at]
+            best = max(follow, key=lambda one: one.end, default=None)
+            if best is not None and best.end - overlap > at + NO_LENGTH:
+                links.append(best)
+                last = end if not self.closed else end + overlap
+                at = end if best.end >= last - NO_LENGTH else best.end - overlap
+                continue
+            later = [one.begin for one in stretches if one.begin > at + NO_LENGTH]
+            follows = min([*later, end])
+            links.append(StationStretch(NOBODY, at, follows))
+            at = follows
+        return tuple(links)
+
+
+def _rank(order: Sequence[str], station: str) -> int:
+    return order.index(station) if station in order else len(order)

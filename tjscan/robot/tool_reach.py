@@ -1,0 +1,200 @@
+"""Where along a line an arm can hold a tool that may turn about its own axis.
+
+A torch, or any tool that works at a point and along its axis, may be turned about that axis, its
+spin, as the arm likes. At every place of the line all spins and all branches of the inverse
+kinematics are looked at; what holds the tool there, clear of everything, is a node, and nodes of
+neighbouring places are joined where no joint has to jump: the ladder graph of Cartesian planning.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array, inverse_pose, pose, rot_z
+from tjscan.robot.kinematics import Kinematics
+
+SPINS: Final = 72
+"""Of the tool about its axis that are tried, evenly round."""
+
+SPIN_STEPS: Final = 3
+"""By how many of these the spin may change from one place to the next."""
+
+_STEPS: Final = tuple(range(-SPIN_STEPS, SPIN_STEPS + 1))
+
+JUMP: Final = np.radians(30.0)
+"""A joint that turns further from one place to the next is taken to jump."""
+
+OUT_OF_REACH: Final = "out of the arm's reach"
+
+Hindrance = Callable[[Array], str]
+"""What keeps an arm from standing with these joint angles, shape (6,); empty where nothing does."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolHolds:
+    """How an arm can hold a tool at m places along a line.
+
+    Parameters
+    ----------
+    can : ndarray, shape (m, SPINS, 8)
+        Whether a spin and a branch of the inverse hold it, clear of everything.
+    q : ndarray, shape (m, SPINS, 8, 6)
+        Joint angles at the first of the poses of each place, from -pi to pi.
+    turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPINS, 8)
+        Sum of the joints' squared turns to a node of the following place, from the node that is
+        -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite where there is no way.
+    hindrances : tuple of str
+        What mostly stands in the way at each place; empty where something holds the tool.
+    closed : bool
+        Whether the last place is followed by the first.
+    """
+
+    can: NDArray[np.bool_]
+    q: Array
+    turns: Array
+    hindrances: tuple[str, ...]
+    closed: bool
+
+    def stretches(self) -> tuple[tuple[int, int], ...]:
+        """Longest runs of places along which the tool can be led without a jump.
+
+        Returns
+        -------
+        tuple of (int, int)
+            First and last place, both included, none within another. Where the line closes, a last
+            place may be beyond the number of places, up to the first once more.
+        """
+        m, found = len(self.can), list[tuple[int, int]]()
+        for first in range(m):
+            if not self.can[first].any():
+                continue
+            last = self._farthest(first, first + m if self.closed else m - 1)
+            if found and found[-1][1] >= last:
+                continue
+            found.append((first, last))
+            if last == first + m:
+                return ((first, last),)
+        if self.closed and len(found) > 1:  # the first ones may lie in a later one, a turn on
+            found = [one for one in found if one[1] + m > found[-1][1] or one is found[-1]]
+        return tuple(found)
+
+    def path(self, first: int, last: int) -> tuple[Array, Array]:
+        """The way of the joints from place to place that turns them least.
+
+        Parameters
+        ----------
+        first, last : int
+            Places of one of the `stretches`.
+
+        Returns
+        -------
+        spins : ndarray, shape (k,)
+            Radians, of k places, without jumps.
+        q : ndarray, shape (k, 6)
+            Joint angles at the first of the poses of each place, without jumps: whole turns are
+            left to the caller.
+        """
+        places = np.arange(first, last + 1) % len(self.can)
+        cost, before = np.where(self.can[places[0]], 0.0, np.inf), []
+        for place in places[:-1]:
+            total = np.stack([np.roll(cost, k, axis=0) for k in _STEPS]) + self.turns[place]
+            step = total.argmin(axis=0)
+            cost = np.take_along_axis(total, step[None], axis=0)[0]
+            before.append(step)
+        spin, branch = np.unravel_index(int(np.argmin(cost)), cost.shape)
+        chosen = [int(spin)]
+        for step in reversed(before):
+            chosen.append((chosen[-1] - _STEPS[step[chosen[-1], branch]]) % SPINS)
+        chosen.reverse()
+        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPINS)
+        return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
+
+    def _farthest(self, first: int, limit: int) -> int:
+        joined, alive = np.isfinite(self.turns), self.can[first]
+        for place in range(first, limit):
+            goes = joined[place % len(self.can)]
+            alive = np.logical_or.reduce(
+                [np.roll(alive, k, axis=0) & goes[i] for i, k in enumerate(_STEPS)]
+            )
+            if not alive.any():
+                return place
+        return limit
+
+
+def find_tool_holds(
+    kinematics: Kinematics,
+    T_f_tool: Array,
+    poses: Array,
+    hindrance: Hindrance,
+    *,
+    closed: bool,
+) -> ToolHolds:
+    """Find how an arm can hold a tool along a line, its z axis the one it may turn about.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    T_f_tool : ndarray, shape (4, 4)
+        The tool on the flange.
+    poses : ndarray, shape (m, n, 4, 4)
+        n poses at each of m places that must all be held with the same spin and in the same branch,
+        in frame b.
+    hindrance : callable
+        What keeps the arm from standing somewhere.
+    closed : bool
+        Whether the last place is followed by the first.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm is not of the Universal Robots type.
+    """
+    m, n = poses.shape[:2]
+    spun = np.array([pose(rot_z(2 * np.pi * k / SPINS)) for k in range(SPINS)])
+    T_tool_f = inverse_pose(T_f_tool)
+    first, can, hindrances = [], np.zeros((m, SPINS, 8), dtype=bool), []
+    for i in range(m):
+        T = poses[i][:, None] @ spun @ T_tool_f
+        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPINS, 8, 6)
+        first.append(q[0])
+        within = np.isfinite(q) & (_nearest_turn(kinematics, q) <= 0)
+        reasons: Counter[str] = Counter()
+        for spin, branch in np.argwhere(within.all(axis=(0, 3))):
+            reason = next(filter(None, map(hindrance, q[:, spin, branch])), "")
+            can[i, spin, branch] = not reason
+            reasons[reason] += 1
+        likely = (reason for reason, _ in reasons.most_common())
+        hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH))
+    held = np.array(first)
+    return ToolHolds(can, held, _turns(can, held), tuple(hindrances), closed)
+
+
+def _turns(can: NDArray[np.bool_], q: Array) -> Array:
+    """Squared turns from place to place, as `ToolHolds` has them; a last place leads to the first.
+
+    That is not looked at where the line does not close.
+    """
+    found = []
+    for a in range(len(can)):
+        b = (a + 1) % len(can)
+        for k in _STEPS:
+            turn = q[b] - np.roll(q[a], k, axis=0)
+            turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+            with np.errstate(invalid="ignore"):
+                goes = np.roll(can[a], k, axis=0) & can[b] & (np.abs(turn).max(axis=2) <= JUMP)
+            found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
+    return np.array(found).reshape(len(can), len(_STEPS), SPINS, 8)
+
+
+def _nearest_turn(kinematics: Kinematics, q: Array) -> Array:
+    """How far angles are beyond the limits in the turn that is best, radians."""
+    turns = [q + 2 * np.pi * k for k in (-1, 0, 1)]
+    beyond = [np.maximum(kinematics.lower - t, t - kinematics.upper) for t in turns]
+    return np.asarray(np.min(beyond, axis=0))
