@@ -59,7 +59,7 @@ def test_a_plan_leaves_files_that_agree(run: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda text: text.replace('"version": 1', '"version": 0'), "run `tjscan plan` again"),
+        (lambda text: text.replace('"version": 2', '"version": 1'), "run `tjscan plan` again"),
         (lambda text: text.replace('"wire_kg"', '"wire_lb"'), "run `tjscan plan` again"),
         (lambda text: text[: len(text) // 2], "is no plan"),
     ],

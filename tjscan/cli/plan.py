@@ -18,6 +18,7 @@ def plan(
     wps: Path,
     gravity: tuple[float, float, float],
     out: Path | None = None,
+    after_pass: int = 0,
     output: int = 0,
     arc: bool = False,
     json: bool = False,
@@ -35,6 +36,8 @@ def plan(
         points up.
     out
         Directory for the plan's files; the run directory where left out.
+    after_pass
+        Passes that were welded before the groove was scanned: planned are those after them.
     output
         Standard digital output that switches the arc in the program for the arm, 0 to 7.
     arc
@@ -47,13 +50,15 @@ def plan(
 
     if not 0 <= output <= 7:
         raise ConfigurationError("must be 0 to 7", key="--output")
+    if after_pass < 0:
+        raise ConfigurationError("must be 0 or more", key="--after-pass")
     with show_phase("planning the beads"):
         import numpy as np
 
         from tjscan.report.plan_page import write_plan_page
         from tjscan.runs.plan import ArcSwitch, plan_run
 
-        done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out)
+        done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out, after_pass)
         page = write_plan_page(done.directory)
     if json:
         print(done.document.model_dump_json(indent=1))
@@ -96,6 +101,14 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
         f"stick-out {found.stick_out_mm:g} mm, "
         f"interpass temperature {found.interpass_temperature_C:g} °C"
     )
+    for begin, end in found.root.tack_spans_mm:
+        done_with = "fused" if found.root.tacks == "fuse" else "skipped by the root bead"
+        print(f"tack weld about s = {0.5 * (begin + end):.0f} mm: {done_with}")
+    if found.root.opening_mm is not None:
+        print(
+            "open root, {:.1f} to {:.1f} mm wide, ".format(*found.root.opening_mm)
+            + ("backed" if found.root.backing else "without backing")
+        )
     for one in found.out_of_wps:
         print(
             f"out of the WPS: bead {one.bead}, s = {one.begin_mm:.0f} to {one.end_mm:.0f} mm: "

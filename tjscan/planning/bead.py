@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,6 +59,8 @@ class PlannedBead:
         Standard deviation of the section's area, and so of speed and fill, as a share of it.
     station : str
         That welds it, or this part of it; empty where none is told.
+    open_root : bool
+        Whether it is the root bead over an opening.
     """
 
     number: int
@@ -78,10 +81,21 @@ class PlannedBead:
     width: Array
     relative_sigma: Array
     station: str = ""
+    open_root: bool = False
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:
+        """The parts of it from one point to another, both included, in the order of welding."""
+        return tuple(
+            replace(
+                self,
+                **{name: getattr(self, name)[a : b + 1] for name in (*_ARRAYS, "positions")},
+            )
+            for a, b in spans
+        )
 
     def numbered(self, number: int, zone: int, station: str) -> PlannedBead:
         """The same bead with its number in the order of welding, its zone's, and its station."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import numpy as np
 from pydantic import Field, ValidationError
 
 from tjscan.core.config import StrictFileModel
@@ -60,6 +61,20 @@ class BeadEntry(StrictFileModel):
     ]
 
 
+class RootEntry(StrictFileModel):
+    """What is at the root, as the sections show it."""
+
+    opening_mm: Annotated[
+        Range | None, Field(description="of an open root; null where it is closed all along")
+    ]
+    backing: Annotated[bool, Field(description="as the WPS says")]
+    tacks: Literal["fuse", "skip"]
+    tack_spans_mm: Annotated[
+        tuple[Range, ...],
+        Field(strict=False, description="where tacks may reach, by the WPS's length of them"),
+    ]
+
+
 class FindingEntry(StrictFileModel):
     """What of a bead is out of the WPS."""
 
@@ -75,12 +90,14 @@ class PlanDocument(StrictFileModel):
     """A weld plan: what was computed, never that it complies with anything."""
 
     schema_name: Literal["tjscan.plan"] = "tjscan.plan"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     run: str
     wps: Annotated[str, Field(description="name of the WPS, and its SHA-256")]
     provenance: Provenance
     gravity: Annotated[tuple[float, float, float], Field(strict=False)]
     closed: bool
+    after_pass: Annotated[int, Field(description="passes that were welded before the scan")]
+    root: RootEntry
     groove_mm: float
     arc_time_s: float
     volume_mm3: float
@@ -115,6 +132,8 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
         provenance=provenance,
         gravity=(x, y, z),
         closed=plan.edges.closed,
+        after_pass=plan.after_pass,
+        root=_root(plan),
         groove_mm=_short(plan.edges.length, MM.factor),
         arc_time_s=_short(plan.arc_time),
         volume_mm3=_short(plan.volume, 1e-9),
@@ -164,6 +183,19 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
                 text=one.text,
             )
             for one in plan.findings
+        ),
+    )
+
+
+def _root(plan: WeldPlan) -> RootEntry:
+    root, settings = plan.edges.root, plan.wps.root
+    opening = root.opening[root.opening > 0]
+    return RootEntry(
+        opening_mm=_range(opening, MM.factor) if len(opening) else None,
+        backing=settings.backing,
+        tacks=settings.tacks,
+        tack_spans_mm=tuple(
+            _range(np.array(span), MM.factor) for span in root.tack_spans(settings.tack_length)
         ),
     )
 

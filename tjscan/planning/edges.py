@@ -11,6 +11,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
+from tjscan.planning.root import RootAlongGroove, closed_root, root_of_sections
 from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 
 FEWEST: Final = 4
@@ -39,6 +40,8 @@ class GrooveEdges:
         erred independently.
     curves : tuple of SmoothCurve
         Of p3, p4, g and p2.
+    root : RootAlongGroove
+        Open, closed, tacked.
     shared_area_sigma : float
         Standard deviation by which the areas of all sections err alike, m².
     """
@@ -48,6 +51,7 @@ class GrooveEdges:
     sections: Array
     correlation: Array
     curves: tuple[SmoothCurve, ...]
+    root: RootAlongGroove
     shared_area_sigma: float = 0.0
     _together: SmoothCurve = field(init=False, repr=False)
 
@@ -95,17 +99,10 @@ def fit_groove_edges(
     Raises
     ------
     ConfigurationError
-        If there are too few, they stand out of order, one is missing, or a root is open.
+        If there are too few, they stand out of order, or one is missing.
     """
     if len(sections) < FEWEST:
         raise ConfigurationError(f"{FEWEST} sections or more are needed", key="sections")
-    for section in sections:
-        if "open root" in section.conditions:
-            raise ConfigurationError(
-                f"section {section.index} has an open root; root passes over an opening are not "
-                "planned yet",
-                key="conditions",
-            )
     points = np.array([s.points for s in sections])
     corners = np.stack(
         (points[:, 2], points[:, 3], np.array([s.T_r_g[:3, 3] for s in sections]), points[:, 1]),
@@ -115,7 +112,8 @@ def fit_groove_edges(
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _sigmas(sections), own / areas, longest_step)
-    return replace(edges, shared_area_sigma=shared_area_sigma)
+    root = root_of_sections(sections, edges.sections, edges.length, closed=edges.closed)
+    return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
 def fit_edges_to_corners(
@@ -166,7 +164,9 @@ def fit_edges_to_corners(
         fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )
     correlation = area_sigma * _areas(corners) / _area_sigma_of_corners(corners, spread)
-    return GrooveEdges(length, closed, s, correlation, curves)
+    return GrooveEdges(
+        length, closed, s, correlation, curves, closed_root(s, length, closed=closed)
+    )
 
 
 def _areas(corners: Array) -> Array:

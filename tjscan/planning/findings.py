@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
+from tjscan.planning.root import RootAlongGroove
 from tjscan.planning.stops import NO_LENGTH, StopPlacement
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
 
@@ -55,10 +56,11 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     wps : WeldingProcedure
         Its windows.
     """
+    table, limits = wps.limits(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
-        ("arc.wire_feed", M_MIN, np.full_like(bead.speed, bead.feed), wps.arc.wire_feed),
-        ("arc.travel_speed", MM_MIN, bead.speed, wps.arc.travel_speed),
-        ("arc.heat_input", KJ_MM, bead.heat, wps.arc.heat_input),
+        (f"{table}.wire_feed", M_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
+        (f"{table}.travel_speed", MM_MIN, bead.speed, limits.travel_speed),
+        (f"{table}.heat_input", KJ_MM, bead.heat, limits.heat_input),
         (f"bead.{bead.kind}_area", MM2, bead.area, getattr(wps.bead, f"{bead.kind}_area")),
     )
     for name, unit, values, (low, high) in checks:
@@ -120,6 +122,31 @@ def findings_of_stops(
             if away < spread - NO_LENGTH:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _finding(bead, "sequence.start_spread_mm", bead.s == at, text)
+
+
+def findings_of_root(root: RootAlongGroove, wps: WeldingProcedure) -> Iterator[WpsFinding]:
+    """Where an open root is narrower or wider than the WPS allows: bead 1 is laid over it.
+
+    Parameters
+    ----------
+    root : RootAlongGroove
+        Its opening at the sections.
+    wps : WeldingProcedure
+        The window of the root opening.
+    """
+    low, high = wps.root.opening
+    open_at = root.opening > 0
+    out = open_at & ((root.opening < low) | (root.opening > high))
+    if out.any():
+        at, widths = root.s[out], 1e3 * root.opening[out]
+        yield WpsFinding(
+            "root.opening_mm",
+            1,
+            float(at.min()),
+            float(at.max()),
+            float(out.sum() / open_at.sum()),
+            f"{widths.min():.2f} to {widths.max():.2f}, allowed {1e3 * low:g} to {1e3 * high:g}",
+        )
 
 
 def _finding(bead: PlannedBead, key: str, out: NDArray[np.bool_], text: str) -> WpsFinding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil
 from typing import Final
 
@@ -82,6 +83,7 @@ def lay_layer(
     step: float,
     wps: WeldingProcedure,
     gravity: Array,
+    stops: Sequence[float] = (),
 ) -> tuple[PlannedBead, ...]:
     """Lay the beads of one layer, in the order of welding.
 
@@ -106,8 +108,11 @@ def lay_layer(
         Windows and values.
     gravity : ndarray, shape (3,)
         Unit vector downwards.
+    stops : sequence of float
+        Lengths within the span that get a point of their own, metres.
     """
     s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
+    s = np.union1d(s, stops)
     stations, cells = cut_groove(edges, s, arrangement, wps)
     aims, centres = stations.to_space(aim_points(cells)), stations.to_space(centroids(cells))
     along = np.gradient(aims, s, axis=0, edge_order=2)
@@ -155,6 +160,7 @@ def lay_layer(
                 positions=position_names(slope, rotation)[way],
                 width=widths[way, place],
                 relative_sigma=sigma[way],
+                open_root=arrangement.root_kind == "open" and arrangement.kind_names[j] == "root",
             )
         )
     return tuple(found)
@@ -165,6 +171,7 @@ def cut_groove(
 ) -> tuple[GrooveStations, BeadCells]:
     """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
     stations = stations_at(edges, s)
-    template = template_at(stations, wps.bead.cap_height)
+    root_area = wps.root.penetration * edges.root.opening_at(s)
+    template = template_at(stations, wps.bead.cap_height, root_area)
     areas = template.area[:, None] * arrangement.shares
     return stations, template.cut_into_beads(arrangement.counts, areas)

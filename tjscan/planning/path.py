@@ -80,15 +80,24 @@ def stations_at(edges: GrooveEdges, s: Array) -> GrooveStations:
     return GrooveStations(np.asarray(s), origin, across, up, flat, tangent)
 
 
-def template_at(stations: GrooveStations, cap_height: float) -> SectionTemplate:
+def template_at(
+    stations: GrooveStations, cap_height: float, root_area: Array | float = 0.0
+) -> SectionTemplate:
     """The template mapped onto stations.
+
+    Parameters
+    ----------
+    stations : GrooveStations
+        Of m lengths.
+    cap_height, root_area : float, or ndarray of shape (m,)
+        As of `SectionTemplate`.
 
     Raises
     ------
     ConfigurationError
         If the corners of one make no convex quadrilateral.
     """
-    template = SectionTemplate(stations.corners, cap_height)
+    template = SectionTemplate(stations.corners, cap_height, np.asarray(root_area))
     if not template.is_proper.all():
         at = 1e3 * float(stations.s[int(np.argmin(template.is_proper))])
         raise ConfigurationError(

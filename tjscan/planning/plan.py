@@ -11,11 +11,21 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.findings import WpsFinding, findings_of_bead, findings_of_stops
+from tjscan.planning.findings import (
+    WpsFinding,
+    findings_of_bead,
+    findings_of_root,
+    findings_of_stops,
+)
 from tjscan.planning.lay import lay_layer, sampling_step
 from tjscan.planning.path import LONGEST, stations_at, template_at
+from tjscan.planning.root import (
+    RootKind,
+    check_passes_are_there,
+    spans_to_skip,
+    without_spans,
+)
 from tjscan.planning.stops import StationStretch, StopPlacement
-from tjscan.planning.template import SectionTemplate
 from tjscan.planning.topology import Arrangement, arrange_beads
 from tjscan.planning.wire_feed import DoesNotFit
 from tjscan.planning.wps import WeldingProcedure
@@ -53,9 +63,12 @@ class WeldPlan:
     zones : tuple of PlannedZone
         One, where one number of beads fits everywhere.
     beads : tuple of PlannedBead
-        In the order of welding; a bead that stations share stands there in parts of one number.
+        In the order of welding; a bead that stations share, or that tacks part, stands there in
+        parts of one number.
     findings : tuple of WpsFinding
         What is out of the WPS, and where.
+    after_pass : int
+        Passes that were welded before the sections were measured.
     """
 
     edges: GrooveEdges
@@ -64,6 +77,7 @@ class WeldPlan:
     zones: tuple[PlannedZone, ...]
     beads: tuple[PlannedBead, ...]
     findings: tuple[WpsFinding, ...]
+    after_pass: int = 0
 
     @property
     def arc_time(self) -> float:
@@ -98,6 +112,7 @@ def plan_weld(
     gravity: Array,
     landmarks: Array | tuple[float, ...] = (),
     stretches: tuple[StationStretch, ...] = (),
+    after_pass: int = 0,
 ) -> WeldPlan:
     """Plan the beads of a groove.
 
@@ -113,6 +128,9 @@ def plan_weld(
         Crowns and saddles, metres along the groove, from which starts and stops are kept.
     stretches : tuple of StationStretch
         What each station reaches, in the order in which they weld: beads are parted among them.
+    after_pass : int
+        Passes that were welded before the sections were measured: then no root bead is laid, and
+        beads are numbered from there on.
 
     Raises
     ------
@@ -123,43 +141,51 @@ def plan_weld(
     if not np.isfinite(size) or size == 0:
         raise ConfigurationError("must be a direction, not zero", key="--gravity")
     gravity = gravity / size
-    zones = _zones(edges, wps)
+    check_passes_are_there(edges.root, after_pass)
+    zones = _zones(edges, wps, after_pass)
     borders = [(zone.begin, zone.end) for zone in zones]
     stops = StopPlacement(
         edges.length, edges.closed, wps.sequence, np.array(landmarks, dtype=float), stretches
     )
-    beads, last = list[PlannedBead](), 0
+    beads, last = list[PlannedBead](), after_pass
     for number, zone in enumerate(zones, start=1):
         step = sampling_step(edges, zone.begin, zone.end, zone.arrangement, wps)
         layers = len(zone.arrangement.counts)
         for layer, spans in enumerate(stops.spans(borders, number - 1, layers)):
-            laid = [
-                lay_layer(
-                    edges, zone.arrangement, layer, (span.begin, span.end), step, wps, gravity
-                )
-                for span in spans
-            ]
+            over_tacks = layer == 0 and after_pass == 0
+            laid = []
+            for span in spans:
+                way = span.begin, span.end
+                skipped = spans_to_skip(edges.root, way, wps) if over_tacks else ()
+                ends = [end for part in skipped for end in part]
+                done = lay_layer(edges, zone.arrangement, layer, way, step, wps, gravity, ends)
+                laid.append([without_spans(bead, skipped) for bead in done])
             for parts in zip(*laid, strict=True):
                 last += 1
                 beads.extend(
-                    part.numbered(last, number, span.station)
-                    for part, span in zip(parts, spans, strict=True)
+                    piece.numbered(last, number, span.station)
+                    for pieces, span in zip(parts, spans, strict=True)
+                    for piece in pieces
                 )
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),
+        *(findings_of_root(edges.root, wps) if after_pass == 0 else ()),
     )
-    return WeldPlan(edges, wps, gravity, zones, tuple(beads), found)
+    return WeldPlan(edges, wps, gravity, zones, tuple(beads), found, after_pass)
 
 
-def _zones(edges: GrooveEdges, wps: WeldingProcedure) -> tuple[PlannedZone, ...]:
+def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[PlannedZone, ...]:
     """One zone where one arrangement fits all of the groove; else the longest that fit, in turn."""
     s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
-    template = template_at(stations_at(edges, s), wps.bead.cap_height)
+    root_area = wps.root.penetration * edges.root.opening_at(s)
+    template = template_at(stations_at(edges, s), wps.bead.cap_height, root_area)
 
     def fit(first: int, last: int) -> Arrangement:
-        part = SectionTemplate(template.corners[first : last + 1], template.cap_height)
-        return arrange_beads(part, wps)
+        root: RootKind = "welded" if after_pass else "closed"
+        if not after_pass and edges.root.is_open_between(s[first], s[last]):
+            root = "open"
+        return arrange_beads(template.part(first, last), wps, root)
 
     found: list[PlannedZone] = []
     first, end = 0, len(s) - 1

@@ -34,6 +34,8 @@ class SectionTemplate:
         p3, p4, g and p2, counterclockwise, metres.
     cap_height : float
         Of the parabola above the line from p2 to g, in its middle, metres.
+    root_area : ndarray, shape (m,)
+        Below the line from p3 to p4, of what the first layer fills in an open root, m².
 
     Attributes
     ----------
@@ -45,6 +47,7 @@ class SectionTemplate:
 
     corners: Array
     cap_height: float
+    root_area: Array = field(default_factory=lambda: np.zeros(1))
     jacobian: tuple[Array, Array, Array] = field(init=False, repr=False)
     opening: Array = field(init=False, repr=False)
     _edges: tuple[Array, Array, Array] = field(init=False, repr=False)
@@ -57,6 +60,7 @@ class SectionTemplate:
             ("corners", corners),
             ("jacobian", (_cross(E, F), _cross(E, H), _cross(H, F))),
             ("opening", np.linalg.norm(g - p2, axis=1)),
+            ("root_area", np.broadcast_to(self.root_area, len(corners))),
             ("_edges", (E, F, H)),
         ):
             object.__setattr__(self, name, value)
@@ -80,8 +84,13 @@ class SectionTemplate:
 
     @property
     def area(self) -> Array:
-        """Area of the groove and its reinforcement, shape (m,), m²."""
-        return self.groove_area + self.cap_area
+        """Area of the groove with what is above and below it, shape (m,), m²."""
+        return self.groove_area + self.cap_area + self.root_area
+
+    def part(self, first: int, last: int) -> SectionTemplate:
+        """The same of the sections from one to another, both included."""
+        chosen = slice(first, last + 1)
+        return SectionTemplate(self.corners[chosen], self.cap_height, self.root_area[chosen])
 
     def points(self, u: Array, w: Array) -> Array:
         """Points, shape (m, ..., 2), of u and w of shape (m, ...)."""
@@ -123,7 +132,7 @@ class SectionTemplate:
         Parameters
         ----------
         below : ndarray, shape (m, L - 1)
-            Areas of the groove below each inner line, m².
+            Areas of the beads below each inner line, m².
 
         Returns
         -------
@@ -133,10 +142,13 @@ class SectionTemplate:
         Raises
         ------
         ValueError
-            If the last layer would be all reinforcement.
+            If the first or the last layer would lie outside the groove.
         """
+        below = below - self.root_area[:, None]
         if np.any(below >= self.groove_area[:, None]):
             raise ValueError("the last layer would be all reinforcement")
+        if np.any(below <= 0):
+            raise ValueError("the first layer would fill no more than what is below the groove")
         a, b, c = (x[:, None] for x in self.jacobian)
         B = a + 0.5 * b
         lines = 2 * below / (B + np.sqrt(B**2 + 2 * c * below))  # of B w + c w²/2 = area below
@@ -202,7 +214,9 @@ class BeadCells:
             np.diff(self.template.area_beside(*self._layer(k), u, capped=k == last), axis=1)
             for k, u in enumerate(self.u)
         ]
-        return np.concatenate(parts, axis=1)
+        found = np.concatenate(parts, axis=1)
+        found[:, 0] += self.template.root_area  # only where the first layer is one bead
+        return found
 
     @property
     def layer_heights(self) -> Array:

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.planning.root import RootKind
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wire_feed import DoesNotFit, choose_wire_feed
 from tjscan.planning.wps import WeldingProcedure
@@ -55,12 +56,15 @@ class Arrangement:
     Parameters
     ----------
     counts : tuple of int
-        Beads in each layer, from the root on.
+        Beads in each layer, from the lowest on.
+    root_kind : str
+        What is at the root; where passes are welded already, there is no root bead.
     root, fill, cap : BeadKind
-        Of the first layer, those between, and the last.
+        Of the root bead, which is the first layer, of the last layer, and of those between.
     """
 
     counts: tuple[int, ...]
+    root_kind: RootKind
     root: BeadKind
     fill: BeadKind
     cap: BeadKind
@@ -68,13 +72,14 @@ class Arrangement:
     @property
     def kinds(self) -> tuple[BeadKind, ...]:
         """Kind of every bead, layer by layer, from the bevel to the leg."""
-        inner = sum(self.counts[1:-1])
-        return (self.root,) + (self.fill,) * inner + (self.cap,) * self.counts[-1]
+        return tuple(getattr(self, name) for name in self.kind_names)
 
     @property
     def kind_names(self) -> tuple[str, ...]:
         """Name of each bead's kind."""
-        return ("root",) + ("fill",) * sum(self.counts[1:-1]) + ("cap",) * self.counts[-1]
+        roots = int(self.root_kind != "welded")
+        inner = sum(self.counts[roots:-1])
+        return ("root",) * roots + ("fill",) * inner + ("cap",) * self.counts[-1]
 
     @property
     def shares(self) -> Array:
@@ -87,11 +92,14 @@ class Arrangement:
         return np.array([kind.feed for kind in self.kinds])
 
 
-def arrange_beads(template: SectionTemplate, wps: WeldingProcedure) -> Arrangement:
+def arrange_beads(
+    template: SectionTemplate, wps: WeldingProcedure, root: RootKind = "closed"
+) -> Arrangement:
     """Choose layers, beads and wire feeds that fit all of some sections.
 
-    Of those that fit, the one that takes least time with the arc on; then the one with the fewest
-    beads, then the fewest layers. Where the heat input fits nowhere, the rest still does.
+    Of those that fit, the one that comes nearest to the highest wire feeds of its beads, and so
+    takes least time with the arc on; then the one with the fewest beads, then the fewest layers.
+    Where the heat input fits nowhere, the rest still does.
 
     Parameters
     ----------
@@ -99,6 +107,8 @@ def arrange_beads(template: SectionTemplate, wps: WeldingProcedure) -> Arrangeme
         Sections square to the groove.
     wps : WeldingProcedure
         The windows.
+    root : str
+        What is at their root.
 
     Raises
     ------
@@ -110,7 +120,8 @@ def arrange_beads(template: SectionTemplate, wps: WeldingProcedure) -> Arrangeme
     beads = wps.bead
     low = min(beads.root_area[0], beads.fill_area[0], beads.cap_area[0])
     high = max(beads.root_area[1], beads.fill_area[1], beads.cap_area[1])
-    first, last = max(3, ceil(largest / high - 1e-9)), min(MOST_BEADS, floor(smallest / low + 1e-9))
+    first = max(1 if root == "welded" else 3, ceil(largest / high - 1e-9))
+    last = min(MOST_BEADS, floor(smallest / low + 1e-9))
     if first > last:
         raise DoesNotFit(
             "bead.fill_area_mm2",
@@ -118,20 +129,19 @@ def arrange_beads(template: SectionTemplate, wps: WeldingProcedure) -> Arrangeme
             f"take {first} beads of {1e6 * high:g} mm² or more, and at most {last} of "
             f"{1e6 * low:g} mm²",
         )
-    layers, widths = _layers(template, wps), _widths(template)
+    layers, widths = _layers(template, wps, root), _widths(template)
     found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
-    fastest = 1 / float(wps.deposition_rate(np.array(wps.arc.wire_feed[1])))
     problems: list[DoesNotFit] = []
     for n in range(first, last + 1):
-        for counts in _layer_counts(n, layers, widths):
+        for counts in _layer_counts(n, layers, widths, root):
             try:
-                one = _arrange(template, area, wps, counts)
+                one = _arrange(template, area, wps, counts, root)
             except DoesNotFit as problem:
                 problems.append(problem)
                 continue
             heat = all(kind.heat_fits for kind in one.kinds)
-            time = float(np.sum(one.shares / wps.deposition_rate(one.feeds)))
-            found.append(((not heat, round(time / fastest, 9), n, len(counts)), one))
+            time = float(np.sum(one.shares * _highest_feeds(one, wps) / one.feeds))
+            found.append(((not heat, round(time, 9), n, len(counts)), one))
         if any(rank[:2] == (False, 1.0) for rank, _ in found):
             break  # no wire feed is higher, and more beads take no less time
     if found:
@@ -157,28 +167,42 @@ _CHECKED: Final = (
 )
 
 
-def _layer_counts(n: int, layers: range, widths: tuple[float, float]) -> list[tuple[int, ...]]:
+def _highest_feeds(arrangement: Arrangement, wps: WeldingProcedure) -> Array:
+    """Highest wire feed that each bead's window allows, shape (n,), m/s."""
+    over = arrangement.root_kind == "open"
+    return np.array(
+        [
+            wps.limits(open_root=over and name == "root")[1].wire_feed[1]
+            for name in arrangement.kind_names
+        ]
+    )
+
+
+def _layer_counts(
+    n: int, layers: range, widths: tuple[float, float], root: RootKind
+) -> list[tuple[int, ...]]:
     """Ways to lay n beads in layers: the root bead, then by the layers' width at even heights."""
-    root, top = widths
-    found = []
+    bottom, top = widths
+    roots = (1,) if root != "welded" else ()
+    rest, found = n - len(roots), []
     for count in layers:
-        at = (np.arange(1, count) + 0.5) / count
-        width = root + at * (top - root)
-        ideal = (n - 1) * width / width.sum()
+        at = (np.arange(len(roots), count) + 0.5) / count
+        width = bottom + at * (top - bottom)
+        ideal = rest * width / width.sum()
         counts = np.maximum(1, np.floor(ideal).astype(int))
-        for k in np.argsort(-(ideal - counts), kind="stable")[: max(0, n - 1 - counts.sum())]:
+        for k in np.argsort(-(ideal - counts), kind="stable")[: max(0, rest - counts.sum())]:
             counts[k] += 1
-        if counts.sum() == n - 1:
-            found.append((1, *counts.tolist()))
+        if counts.sum() == rest:
+            found.append((*roots, *counts.tolist()))
     return found
 
 
-def _layers(template: SectionTemplate, wps: WeldingProcedure) -> range:
+def _layers(template: SectionTemplate, wps: WeldingProcedure, root: RootKind) -> range:
     """Numbers of layers whose mean height is in its window."""
     whole = template.layer_lines(np.empty((len(template.corners), 0)))
     depth = template.layer_heights(whole)
     lowest, highest = wps.bead.layer_height
-    fewest = max(2, ceil(float(depth.max()) / highest * (1 - ROUNDING)))
+    fewest = max(1 if root == "welded" else 2, ceil(float(depth.max()) / highest * (1 - ROUNDING)))
     return range(fewest, floor(float(depth.min()) / lowest * (1 + ROUNDING)) + 1)
 
 
@@ -193,13 +217,19 @@ def _arrange(
     area: Array,
     wps: WeldingProcedure,
     counts: tuple[int, ...],
+    root: RootKind,
 ) -> Arrangement:
-    shares = _shares(area, wps, counts)
+    shares = _shares(area, wps, counts, root)
     kinds = [
-        BeadKind(share, *choose_wire_feed(name, share * area, wps))
+        BeadKind(
+            share,
+            *choose_wire_feed(name, share * area, wps, open_root=name == "root" and root == "open"),
+        )
         for name, share in zip(KINDS, shares, strict=True)
     ]
-    below = np.cumsum([shares[0], *(count * shares[1] for count in counts[1:-1])])
+    roots = int(root != "welded")
+    inner = [count * shares[1] for count in counts[roots:-1]]
+    below = np.cumsum([*shares[:roots], *inner])
     try:
         lines = template.layer_lines(area[:, None] * below)
     except ValueError as error:
@@ -213,15 +243,18 @@ def _arrange(
             f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
             f"{1e3 * most:.2f} mm high",
         )
-    return Arrangement(counts, *kinds)
+    return Arrangement(counts, root, *kinds)
 
 
 def _shares(
-    area: Array, wps: WeldingProcedure, counts: tuple[int, ...]
+    area: Array, wps: WeldingProcedure, counts: tuple[int, ...], root_kind: RootKind
 ) -> tuple[float, float, float]:
-    """Shares of a root, a fill and a cap bead: equal, unless their windows part them."""
-    n, capped = sum(counts), counts[-1]
-    inner = n - 1 - capped
+    """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
+
+    A kind of which there is no bead is given another's.
+    """
+    n, capped, roots = sum(counts), counts[-1], int(root_kind != "welded")
+    inner = n - roots - capped
 
     def nearest(kind: str, window: Window, share: float) -> float:
         lowest, highest = window[0] / float(area.min()), window[1] / float(area.max())
@@ -233,13 +266,13 @@ def _shares(
             )
         return min(max(share, lowest), highest)
 
-    root = nearest("root", wps.bead.root_area, 1 / n)
-    cap = nearest("cap", wps.bead.cap_area, (1 - root) / (n - 1))
+    root = nearest("root", wps.bead.root_area, 1 / n) if roots else 0.0
+    cap = nearest("cap", wps.bead.cap_area, (1 - root) / (n - roots))
     if inner == 0:
         rest = (1 - root) / capped
         if abs(nearest("cap", wps.bead.cap_area, rest) - rest) > 1e-12:
             raise DoesNotFit("bead.cap_area_mm2", f"{n} beads are too large or too small")
-        return root, rest, rest
+        return root or rest, rest, rest
     fill = (1 - root - capped * cap) / inner
     if fill <= 0 or abs(nearest("fill", wps.bead.fill_area, fill) - fill) > 1e-12:
         raise DoesNotFit(
@@ -247,4 +280,4 @@ def _shares(
             f"with {n} beads in {len(counts)} layers a fill bead has "
             f"{1e6 * fill * float(area.min()):.1f} to {1e6 * fill * float(area.max()):.1f} mm²",
         )
-    return root, fill, cap
+    return root or fill, fill, cap

@@ -34,7 +34,9 @@ class DoesNotFit(Exception):
         return ConfigurationError(f"{where}: {self.reason}", key=self.key)
 
 
-def choose_wire_feed(kind: str, area: Array, wps: WeldingProcedure) -> tuple[float, bool]:
+def choose_wire_feed(
+    kind: str, area: Array, wps: WeldingProcedure, *, open_root: bool = False
+) -> tuple[float, bool]:
     """Choose the highest wire feed at which speed and heat input stay in their windows.
 
     Parameters
@@ -45,6 +47,8 @@ def choose_wire_feed(kind: str, area: Array, wps: WeldingProcedure) -> tuple[flo
         Of the bead along the groove, m²: the speed is deposition rate / area.
     wps : WeldingProcedure
         The windows.
+    open_root : bool
+        Whether the bead is laid over an open root.
 
     Returns
     -------
@@ -58,18 +62,19 @@ def choose_wire_feed(kind: str, area: Array, wps: WeldingProcedure) -> tuple[flo
     DoesNotFit
         If the speed fits at no wire feed.
     """
-    arc, least, most = wps.arc, float(area.min()), float(area.max())
-    feeds = np.linspace(*arc.wire_feed, FEEDS)
+    table, limits = wps.limits(open_root=open_root)
+    least, most = float(area.min()), float(area.max())
+    feeds = np.linspace(*limits.wire_feed, FEEDS)
     rate = wps.deposition_rate(feeds)
     slowest, fastest = rate / most, rate / least
-    can = (slowest >= arc.travel_speed[0]) & (fastest <= arc.travel_speed[1])
+    can = (slowest >= limits.travel_speed[0]) & (fastest <= limits.travel_speed[1])
     if not can.any():
         low, high = (f"{60e3 * slowest[i]:.0f} to {60e3 * fastest[i]:.0f} mm/min" for i in (0, -1))
         raise DoesNotFit(
-            "arc.travel_speed_mm_min",
+            f"{table}.travel_speed_mm_min",
             f"a {kind} bead of {1e6 * least:.1f} to {1e6 * most:.1f} mm² needs {low} at the lowest "
             f"wire feed and {high} at the highest",
         )
     warmest, coldest = wps.heat_input(feeds, slowest), wps.heat_input(feeds, fastest)
-    warm = can & (coldest >= arc.heat_input[0]) & (warmest <= arc.heat_input[1])
+    warm = can & (coldest >= limits.heat_input[0]) & (warmest <= limits.heat_input[1])
     return float(feeds[warm if warm.any() else can].max()), bool(warm.any())

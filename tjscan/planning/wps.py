@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
-from pydantic import AfterValidator
+from pydantic import AfterValidator, model_validator
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
@@ -153,6 +153,40 @@ class TorchSolidSettings(SolidSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RootSettings(Table):
+    """Settings of a root pass over an opening, and of tack welds.
+
+    Parameters
+    ----------
+    opening : tuple of float
+        Window of the root opening, metres.
+    backing : bool
+        Whether something backs the opening: then the windows of the arc hold for its bead too.
+    penetration : float
+        How far the root bead goes below the line from p3 to p4 over an opening, as a mean over
+        its width: through the land, and beyond it; metres.
+    wire_feed, travel_speed : tuple of float
+        Windows of the bead over an opening that nothing backs, m/s.
+    heat_input : tuple of float
+        Window of its heat input, J/m.
+    tacks : str
+        ``fuse``, the root bead goes over tack welds, or ``skip``, it ends on each and goes on
+        behind it.
+    tack_length : float
+        Of a tack weld, metres: a section shows that one is there, not how far it reaches.
+    """
+
+    opening: Annotated[_Window, MM]
+    backing: bool
+    penetration: Annotated[float, Ge(0), Le(20), MM]
+    wire_feed: Annotated[_Window, M_MIN]
+    travel_speed: Annotated[_Window, MM_MIN]
+    heat_input: Annotated[_Window, KJ_MM]
+    tacks: Literal["fuse", "skip"]
+    tack_length: Annotated[float, Gt(0), Le(500), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TorchSettings(Table):
     """Settings of the torch.
 
@@ -228,8 +262,29 @@ class WeldingProcedure(StrictFileModel):
     wire: WireSettings
     arc: ArcSettings
     bead: BeadSettings
+    root: RootSettings
     torch: TorchSettings
     sequence: SequenceSettings
+
+    @model_validator(mode="after")
+    def _check_power_of_root(self) -> Self:
+        lowest, highest = self.arc.power[0][0] * M_MIN.factor, self.arc.power[-1][0] * M_MIN.factor
+        low, high = self.root.wire_feed
+        if low < lowest * (1 - 1e-9) or high > highest * (1 + 1e-9):
+            raise ValueError("arc.power must reach from end to end of root.wire_feed_m_min")
+        return self
+
+    def limits(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
+        """Table, and its name, that holds the windows of a bead's feed, speed and heat input.
+
+        Parameters
+        ----------
+        open_root : bool
+            Whether it is laid over an open root.
+        """
+        if open_root and not self.root.backing:
+            return "root", self.root
+        return "arc", self.arc
 
     def deposition_rate(self, feed: Array) -> Array:
         """Volume that wire feeds (m/s) deposit in a second, m³/s: π d²/4 · feed · efficiency."""

@@ -116,6 +116,17 @@ def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
     yield "groove", f"{plan.groove_mm:.0f} mm{', closed' if plan.closed else ''}"
     layers = [zone.beads_in_layers for zone in plan.zones]
     yield "beads in layers", "; ".join(" + ".join(map(str, counts)) for counts in layers)
+    if plan.after_pass:
+        yield "planned after pass", str(plan.after_pass)
+    if plan.root.opening_mm is not None:
+        backing = "with backing" if plan.root.backing else "without backing"
+        low, high = plan.root.opening_mm
+        yield "open root", f"{low:.1f} to {high:.1f} mm, {backing}"
+    if plan.root.tack_spans_mm:
+        spans = "; ".join(
+            "s = {:.0f} to {:.0f} mm".format(*span) for span in plan.root.tack_spans_mm
+        )
+        yield "tack welds", f"{spans}: {'fused' if plan.root.tacks == 'fuse' else 'skipped'}"
     yield "downwards", " ".join(f"{x:g}" for x in plan.gravity)
     yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
     yield "stick-out", f"{plan.stick_out_mm:g} mm"

@@ -79,7 +79,12 @@ class WrittenPlan:
 
 
 def plan_run(
-    directory: Path, wps_file: Path, gravity: Array, switch: ArcSwitch, out: Path | None = None
+    directory: Path,
+    wps_file: Path,
+    gravity: Array,
+    switch: ArcSwitch,
+    out: Path | None = None,
+    after_pass: int = 0,
 ) -> WrittenPlan:
     """Plan the weld of a run's groove and write the plan's files.
 
@@ -95,6 +100,8 @@ def plan_run(
         How the arc is switched in the program.
     out : Path, optional
         Where the files go; the run directory where left out.
+    after_pass : int
+        Passes that were welded before the groove was measured.
 
     Raises
     ------
@@ -111,7 +118,7 @@ def plan_run(
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
-        plan = plan_weld(edges, wps, gravity, marks)
+        plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
     except ConfigurationError as error:
         of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
         file = error.file or (wps_file if of_wps else directory / SECTIONS)

@@ -1,0 +1,142 @@
+"""Open roots, tack welds, and grooves that are welded in part."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plates import half_v
+from ringed_grooves import edges_of
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
+from tjscan.job.wps import read_wps
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.plan import plan_weld
+from tjscan.planning.root import root_of_sections
+from tjscan.planning.wps import WeldingProcedure
+
+EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
+UP = np.array((0.0, -1.0, 0.0))
+LENGTH, COUNT, OPENING = 0.4, 12, 4e-3
+
+
+def plate(opening: Array | float = 0.0, tacked: tuple[int, ...] = ()) -> GrooveEdges:
+    """A straight groove of 12 sections."""
+    flat = half_v()
+    x = np.linspace(0, LENGTH, COUNT)
+    edges = edges_of(np.stack(np.broadcast_arrays(x[:, None], flat[:, 0], flat[:, 1]), axis=2))
+    root = replace(
+        edges.root,
+        opening=np.broadcast_to(opening, COUNT) * np.ones(COUNT),
+        tacked=np.isin(np.arange(COUNT), tacked),
+    )
+    return replace(edges, root=root)
+
+
+def wps(**root: object) -> WeldingProcedure:
+    found = read_wps(EXAMPLE)
+    return found.model_copy(update={"root": replace(found.root, **root)})  # type: ignore[arg-type]
+
+
+def test_an_open_root_takes_what_lies_below_it_into_its_root_bead() -> None:
+    procedure = wps(penetration=3e-3)
+    shut, wide = (plan_weld(plate(x), procedure, UP) for x in (0.0, OPENING))
+    assert wide.volume - shut.volume == pytest.approx(OPENING * 3e-3 * LENGTH, rel=1e-6)
+    assert wide.beads[0].open_root
+    assert not any(bead.open_root for bead in (*wide.beads[1:], *shut.beads))
+
+
+def test_without_backing_the_root_bead_keeps_its_own_windows() -> None:
+    window = (0.105, 0.11)
+    bare = plan_weld(plate(OPENING), wps(backing=False, wire_feed=window), UP)
+    backed = plan_weld(plate(OPENING), wps(backing=True, wire_feed=window), UP)
+    assert window[0] <= bare.beads[0].feed <= window[1]
+    assert backed.beads[0].feed == pytest.approx(backed.wps.arc.wire_feed[1])
+    assert bare.beads[1].feed == pytest.approx(bare.wps.arc.wire_feed[1])
+
+
+def test_an_opening_out_of_its_window_is_named_with_its_place() -> None:
+    opening = np.linspace(3e-3, 8e-3, COUNT)
+    found = plan_weld(plate(opening), wps(opening=(2e-3, 6e-3)), UP)
+    (one,) = [f for f in found.findings if f.key == "root.opening_mm"]
+    wide = np.linspace(0, LENGTH, COUNT)[opening > 6e-3]
+    assert (one.begin, one.end) == pytest.approx((wide[0], wide[-1]))
+    assert "8.00, allowed 2 to 6" in one.text
+
+
+def test_tacks_are_fused_or_skipped_as_the_wps_says() -> None:
+    tacked = plate(tacked=(4, 5))
+    at = np.linspace(0, LENGTH, COUNT)
+    fused = plan_weld(tacked, wps(tacks="fuse"), UP)
+    skipped = plan_weld(tacked, wps(tacks="skip", tack_length=30e-3), UP)
+    assert [bead.kind for bead in fused.beads].count("root") == 1
+    first, second = (bead for bead in skipped.beads if bead.kind == "root")
+    over = skipped.wps.sequence.overlap
+    assert first.s[-1] == pytest.approx(at[4] - 15e-3 + over)
+    assert second.s[0] == pytest.approx(at[5] + 15e-3 - over)
+    gap = second.s[0] - first.s[-1]
+    root = fused.beads[0]
+    assert fused.volume - skipped.volume == pytest.approx(gap * root.area[0], rel=1e-6)
+    assert [bead.number for bead in skipped.beads][:3] == [1, 1, 2]
+
+
+def test_a_tack_shorter_than_two_overlaps_is_fused() -> None:
+    found = plan_weld(plate(tacked=(4,)), wps(tacks="skip", tack_length=20e-3), UP)
+    assert [bead.kind for bead in found.beads].count("root") == 1
+
+
+def test_after_a_pass_beads_go_on_without_a_root_bead() -> None:
+    found = plan_weld(plate(), wps(), UP, after_pass=4)
+    assert found.beads[0].number == 5
+    assert {bead.kind for bead in found.beads} == {"fill", "cap"}
+    assert found.volume == pytest.approx(plan_weld(plate(), wps(), UP).volume, rel=1e-6)
+
+
+def test_after_a_pass_a_shallow_rest_is_capped_in_one_layer() -> None:
+    flat = np.array([(-12e-3, 0.0), (9e-3, 0.0), (9e-3, 3e-3), (-15e-3, 3e-3)])
+    x = np.linspace(0, LENGTH, COUNT)
+    edges = edges_of(np.stack(np.broadcast_arrays(x[:, None], flat[:, 0], flat[:, 1]), axis=2))
+    found = plan_weld(edges, wps(), UP, after_pass=9)
+    assert {bead.kind for bead in found.beads} == {"cap"}
+    assert {bead.layer for bead in found.beads} == {1}
+
+
+def test_an_open_root_after_a_pass_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="open root") as error:
+        plan_weld(plate(OPENING), wps(), UP, after_pass=1)
+    assert error.value.key == "--after-pass"
+
+
+def section(condition: str, opening: float = float("nan")) -> MeasuredSection:
+    return MeasuredSection(
+        index=0,
+        station="1",
+        azimuth=0.0,
+        T_r_g=np.eye(4),
+        points=np.zeros((5, 3)),
+        covariances=np.zeros((3, 3, 3)),
+        measures=np.ones(4),
+        measure_covariance=np.eye(4),
+        work_angle=0.0,
+        rms=0.0,
+        conditions=(condition,) if condition else (),
+        root_opening=opening,
+    )
+
+
+def test_where_a_section_does_not_show_its_root_those_beside_it_do() -> None:
+    sections = [
+        section("open root", 4e-3),
+        section("tack"),
+        section("open root", 5e-3),
+        section("root not seen"),
+        section(""),
+    ]
+    s = np.arange(5.0)
+    root = root_of_sections(sections, s, 4.0, closed=False)
+    np.testing.assert_allclose(root.opening, (4e-3, 4.5e-3, 5e-3, 2.5e-3, 0.0))
+    np.testing.assert_array_equal(root.tacked, (False, True, False, False, False))
+    assert root.is_open_between(0.0, 2.0)
+    assert not root_of_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)
