@@ -6,7 +6,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
-from threading import Thread
+from threading import Thread, main_thread
 from types import FrameType
 from typing import Final
 
@@ -52,3 +52,8 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
     print_message("stopping after the section under way; Ctrl-C once more stops the arm at once")
     if pressed.get():
         request.request_stop_now()
+
+
+def press_ctrl_c() -> None:
+    """Do what Ctrl-C does, from another thread."""
+    signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)

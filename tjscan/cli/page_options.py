@@ -47,6 +47,41 @@ class PageOptions:
         return PageAddress(port=self.port, address=self.address)
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveOptions(PageOptions):
+    """Whether and where a run is shown in a browser while it goes on.
+
+    Parameters
+    ----------
+    live
+        Show the run in a browser while it goes on, with buttons that stop it.
+    wait
+        With --live: begin when Start is pressed there.
+    port
+        With --live: port of the page; 0 for any that is free.
+    address
+        With --live: address of this machine that the page is bound to. Whoever has the page's
+        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
+    """
+
+    live: bool = False
+    wait: bool = False
+
+    def check(self) -> None:
+        """Check that the options go together, and that the page's server is installed.
+
+        Raises
+        ------
+        ConfigurationError
+            If not.
+        """
+        if self.live:
+            _ = self.where
+        elif self != LiveOptions():
+            raise ConfigurationError("--wait, --port and --address go with --live")
+
+
 @contextmanager
 def explain_missing_viser() -> Iterator[None]:
     """Say what to install where the page's server is missing."""

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tjscan.cli.page_options import LiveOptions
+
 
 def scan(
     job: Path,
@@ -17,6 +19,7 @@ def scan(
     dry_run: bool = False,
     realtime: bool = False,
     json: bool = False,
+    page: LiveOptions | None = None,
 ) -> None:
     """Scan a groove as a job file says.
 
@@ -63,6 +66,8 @@ def scan(
     keys = parse_overrides(overrides) | ({"simulation.arm.realtime": True} if realtime else {})
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
+    page = page or LiveOptions()
+    page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.console import show_phase
 
@@ -72,8 +77,8 @@ def scan(
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
     if resume:
-        resume_interrupted_scan(parsed, file, keys, station, json=json)
+        resume_interrupted_scan(parsed, file, keys, station, page, json=json)
     elif dry_run:
         check_job_only(parsed, file, station)
     else:
-        start_new_scan(parsed, file, out, station, json=json)
+        start_new_scan(parsed, file, out, station, page, json=json)

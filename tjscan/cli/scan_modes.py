@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,20 @@ from pydantic_core import to_json
 
 from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.cli.console import print_message
-from tjscan.cli.interrupt import INTERRUPTED, stop_request_on_ctrl_c
+from tjscan.cli.interrupt import INTERRUPTED, press_ctrl_c, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
+from tjscan.cli.page_options import LiveOptions
 from tjscan.cli.scan_output import print_scan_summary, scan_progress_bar
 from tjscan.cli.stitching_output import print_stitched_groove
 from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import ScanSummary
 from tjscan.runs import scan, stations
 from tjscan.runs.context import RunContext
 from tjscan.runs.directory import default_run_directory
-from tjscan.scanning.journal import Journal
+from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
 
@@ -34,35 +37,49 @@ def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
 
 
 def start_new_scan(
-    job: ScanJob, file: Path, out: Path | None, station: str | None, *, json: bool
+    job: ScanJob,
+    file: Path,
+    out: Path | None,
+    station: str | None,
+    page: LiveOptions,
+    *,
+    json: bool,
 ) -> None:
     """Scan into a new directory that is made for it."""
     job = _at(job, file, station)
     directory = out or default_run_directory(file, station)
     if len(job.station) > 1:
+        _refuse_page_of_many(page)
         operator = _station_operator(job)
         with stop_request_on_ctrl_c() as stop:
             context = RunContext(job, file, stop=stop, finished=write_run_report)
             scans = stations.run_stations(context, directory, operator, _show)
         _end_stations(scans, directory, stop, json=json)
         return
-    with _watched(job, file) as context:
+    with _watched(job, file, page) as context:
         summary = scan.run_scan(context, directory)
     _end_scan(summary, directory, context.stop, json=json)
 
 
 def resume_interrupted_scan(
-    job: ScanJob, file: Path, keys: dict[str, Any], station: str | None, *, json: bool
+    job: ScanJob,
+    file: Path,
+    keys: dict[str, Any],
+    station: str | None,
+    page: LiveOptions,
+    *,
+    json: bool,
 ) -> None:
     """Resume an interrupted scan in its directory, with some keys of its job replaced."""
     if len(job.station) > 1:  # each has a directory of its own in this one
+        _refuse_page_of_many(page)
         operator = _station_operator(job)
         with stop_request_on_ctrl_c() as stop:
             context = RunContext(job, file, stop=stop, finished=write_run_report)
             scans = stations.resume_stations(context, keys, operator, _show, station)
         _end_stations(scans, file.parent, stop, json=json)
         return
-    with _watched(_at(job, file, station), file) as context:
+    with _watched(_at(job, file, station), file, page) as context:
         summary = scan.resume_scan(context, keys)
     _end_scan(summary, file.parent, context.stop, json=json)
 
@@ -75,10 +92,34 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
 
 
 @contextmanager
-def _watched(job: ScanJob, file: Path) -> Iterator[RunContext]:
+def _watched(job: ScanJob, file: Path, page: LiveOptions) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
-    with scan_progress_bar(job.scan) as journal, stop_request_on_ctrl_c() as stop:
-        yield RunContext(job, file, journal, stop, write_run_report)
+    with (
+        scan_progress_bar(job.scan) as journal,
+        stop_request_on_ctrl_c() as stop,
+        _on_page(RunContext(job, file, journal, stop, write_run_report), page) as context,
+    ):
+        yield context
+
+
+@contextmanager
+def _on_page(context: RunContext, page: LiveOptions) -> Iterator[RunContext]:
+    """Show a scan on the live page too, if that is asked for, while the block runs."""
+    if not page.live:
+        yield context
+        return
+    from tjscan.runs.scan_page import show_scan
+
+    job = context.job.job_at_station()
+    with show_scan(replace(context, job=job), page.where, print_message, press_ctrl_c) as on_page:
+        if page.wait:
+            on_page.run.wait_for_start()
+        yield replace(context, journal=CombinedJournal(context.journal, on_page))
+
+
+def _refuse_page_of_many(page: LiveOptions) -> None:
+    if page.live:
+        raise ConfigurationError("--live shows one station at a time: choose it with --station")
 
 
 def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:

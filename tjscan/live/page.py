@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from threading import RLock
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Literal, Self
 
@@ -121,6 +122,7 @@ class Page:
         self.server = open_server(where.address, where.port, self.token, "tjscan")
         self.url = f"http://{_bracketed(where.address)}:{self.server.get_port()}/{self.token}/"
         self._buttons: dict[str, Any] = {}
+        self._changing = RLock()
         self._measures = _union([setting.measures for setting in settings])
         self._measure = self._measures[0] if self._measures else None
         try:
@@ -147,7 +149,7 @@ class Page:
 
     def show(self, step: Step, run: int = 0) -> None:
         """Show what a step changes in one of the runs."""
-        with self.server.atomic():
+        with self._changing, self.server.atomic():
             self.views[run].show(step, self._measure)
 
     def enable(self, words: Mapping[str, bool] = MappingProxyType({})) -> None:
@@ -174,7 +176,7 @@ class Page:
         """Colour and plot everything by the measure that is chosen."""
         if self._measure is None:
             return
-        with self.server.atomic():
+        with self._changing, self.server.atomic():
             for view in self.views:
                 view.panel.plot(self._measure, view.colour_by(self._measure))
 

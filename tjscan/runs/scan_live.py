@@ -39,19 +39,22 @@ DEPTH: Final = Measure("depth", "mm")
 SIGMA: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
+STANDS: Final = ("paused", "stop", "failed", "interrupted", "complete")
+"""Events after which the arm stands."""
+
 FAN_POINTS: Final = 48
 """Of the laser's drawn fan."""
 
 
 @dataclass(frozen=True, slots=True)
-class ScanEvent:
+class JournalEvent:
     """An event as the journal receives it."""
 
     name: str
     detail: str
 
 
-ScanEntry = ProfileView | ScannedSection | RecordedSection | ScanEvent
+ScanEntry = ProfileView | ScannedSection | RecordedSection | JournalEvent
 
 
 class ScanShow:
@@ -63,6 +66,11 @@ class ScanShow:
         The job, of one station if it has any.
     title : str
         Of the run.
+
+    Attributes
+    ----------
+    total : int or None
+        Sections that the job asks for, where it does.
     """
 
     def __init__(self, context: RunContext, title: str) -> None:
@@ -71,7 +79,7 @@ class ScanShow:
         self._last_b: Array | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
         self._edges = None if self._joint is None else feature_edges(self._joint)
-        self._total = planned_sections(context.job)
+        self.total = planned_sections(context.job)
 
     @cached_property
     def setting(self) -> Setting:
@@ -103,8 +111,9 @@ class ScanShow:
             case RecordedSection():  # whose profile is not read with these settings
                 label = f"section {entry.view.index}"
                 return Step(label, self._piece(entry.view, entry.points_b, {}))
-            case ScanEvent():
-                return Step(entry.name, events=((entry.name, entry.detail),))
+            case JournalEvent():
+                state = {"state": f"{entry.name}: {entry.detail}"} if entry.name in STANDS else {}
+                return Step(entry.name, facts=state, events=((entry.name, entry.detail),))
 
     def _view_step(self, view: ProfileView) -> Step:
         label = f"section {view.index}, {view.substep}"
@@ -133,14 +142,14 @@ class ScanShow:
                 "fitted": Lines.through(section.points_b, colour=FITTED, width=3.0),
             },
             {
-                "sections": f"{done} of {self._total}" if self._total else f"{done}",
+                "sections": f"{done} of {self.total}" if self.total else f"{done}",
                 "groove": form,
                 **{
                     measure.name: _in_words(measure, values, sigmas)
                     for measure in (*(() if self._joint is None else (DEVIATION,)), ANGLE, OPENING)
                 },
             },
-            None if self._total is None else min(done / self._total, 1.0),
+            None if self.total is None else min(done / self.total, 1.0),
             (Sample(float(x), values, sigmas),),
             PlaneCurve(profile[:, 0], profile[:, 2], corners[:, [0, 2]]),
         )
@@ -268,6 +277,6 @@ def _entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
                     except GrooveNotFound:
                         yield entry
                 case RecordedEvent():
-                    yield ScanEvent(entry.name, entry.detail)
+                    yield JournalEvent(entry.name, entry.detail)
                 case ProfileView():
                     yield entry

@@ -21,7 +21,7 @@ from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection
 
-ORDINARY: Final = (ScanEvent.STOP, ScanEvent.RESUMED, "arm")
+ORDINARY: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
 """Events that are no warning."""
 
 COUNTED: Final = (ScanEvent.HALF_STEP,)

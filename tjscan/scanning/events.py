@@ -19,6 +19,7 @@ class ScanEvent(StrEnum):
     TACK = "tack"
     RESUMED = "resumed"
     DAMAGED = "damaged"
+    PAUSED = "paused"
     STOP_REQUESTED = "stop requested"
     STOP = "stop"
     COMPLETE = "complete"

@@ -159,6 +159,7 @@ class Scanner:
             d_st = self._step_length(sections)
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end(stop)
+            self._stand_while_paused()
             self._stop.raise_if_stop_now()
             if self._stop.ends_after_section:
                 self._log.record_event(
@@ -173,6 +174,11 @@ class Scanner:
                 return self._end(StopReason.LOST, str(error))
             except SetPointRefused as error:
                 return self._end(StopReason.REFUSED, str(error))
+
+    def _stand_while_paused(self) -> None:
+        if self._stop.is_paused:
+            self._log.record_event(ScanEvent.PAUSED, f"after section {len(self._log.sections) - 1}")
+        self._stop.wait_while_paused()
 
     def _keep(self, section: ScannedSection) -> None:
         """Finish a section.

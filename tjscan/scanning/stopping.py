@@ -1,19 +1,26 @@
-"""Asking a scan to stop."""
+"""Asking a scan to stop, or to stand for a while between two sections."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Condition
 
 from tjscan.core.errors import ScanInterrupted
 
 
 class StopRequest:
-    """Asks a scan to stop, from another thread: after the section under way, or at once."""
+    """Asks a scan to stop, from another thread: after the section under way, or at once.
+
+    It may also be asked to stand between two sections, and to go on by one or altogether.
+    """
 
     def __init__(self) -> None:
         self._wanted = self._at_once = False
         self._halt: Callable[[], None] | None = None
+        self._may_go = Condition()
+        self._paused = False
+        self._steps = 0
 
     @property
     def ends_after_section(self) -> bool:
@@ -30,13 +37,44 @@ class StopRequest:
         """Whether a scan is under way that looks at this request."""
         return self._halt is not None
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether the scan stands, or shall stand, after the section under way."""
+        return self._paused and not self._steps and not self._wanted
+
+    def pause(self) -> None:
+        """Let the scan stand after the section under way."""
+        with self._may_go:
+            self._paused, self._steps = True, 0
+
+    def go_on(self) -> None:
+        """Let a paused scan go on."""
+        with self._may_go:
+            self._paused, self._steps = False, 0
+            self._may_go.notify_all()
+
+    def go_one_step(self) -> None:
+        """Let the scan make one section, and stand after it."""
+        with self._may_go:
+            self._paused, self._steps = True, 1
+            self._may_go.notify_all()
+
+    def wait_while_paused(self) -> None:
+        """Wait, between two sections, until the scan may go on or shall end."""
+        with self._may_go:
+            self._may_go.wait_for(lambda: not self.is_paused)
+            self._steps = 0
+
     def request_stop_after_section(self) -> None:
         """Ask for an end after the section under way."""
-        self._wanted = True
+        with self._may_go:
+            self._wanted = True
+            self._may_go.notify_all()
 
     def request_stop_now(self) -> None:
         """Ask for an end now, and stop the arm."""
-        self._wanted = self._at_once = True
+        self._at_once = True
+        self.request_stop_after_section()
         if (halt := self._halt) is not None:
             halt()
 

@@ -1,0 +1,108 @@
+"""A scan on the page: the same scan, whatever becomes of the page."""
+
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import PAPER, Notes, scan_example
+from command import tjscan
+from page_client import page_client
+
+from tjscan.core.errors import ScanInterrupted
+from tjscan.live.access import LOCAL
+from tjscan.live.page import Page, PageAddress
+from tjscan.runs.view import read_recorded_show
+from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.stopping import StopRequest
+
+RUN = Path(__file__).parents[1] / "data" / "run-0.1.0"
+SHORT = ("--scan.sections", "3")
+
+
+def recorded_points(run: Path) -> np.ndarray:
+    scan = read_recorded_scan(run)
+    return np.array([scan.sections[i].points_b for i in sorted(scan.sections)])
+
+
+@pytest.fixture(scope="module")
+def without_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("runs") / "alone"
+    assert tjscan("scan", PAPER, "--out", run, *SHORT) == 0
+    return run
+
+
+def test_sections_are_the_same_to_the_bit_with_a_page(
+    without_page: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("scan", PAPER, "--out", tmp_path / "run", *SHORT, "--live", "--port", 0) == 0
+    assert "live page: http://127.0.0.1:" in capsys.readouterr().err.replace("\n", "")
+    assert np.array_equal(recorded_points(without_page), recorded_points(tmp_path / "run"))
+
+
+def test_a_port_that_is_taken_costs_the_page_and_not_the_scan(
+    without_page: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server((LOCAL, 0)) as taken:
+        port = taken.getsockname()[1]
+        run = tmp_path / "run"
+        assert tjscan("scan", PAPER, "--out", run, *SHORT, "--live", "--port", port) == 0
+        assert "there is no live page" in capsys.readouterr().err
+        assert np.array_equal(recorded_points(without_page), recorded_points(run))
+        assert tjscan("scan", PAPER, "--out", tmp_path / "no", "--live", "--wait", "--port", port)
+        assert "leave out --wait" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_options_of_the_page_need_the_page(tmp_path: Path) -> None:
+    assert tjscan("scan", PAPER, "--out", tmp_path / "run", "--wait") == 2
+    assert tjscan("scan", PAPER, "--out", tmp_path / "run", "--port", 1) == 2
+
+
+def test_a_section_is_sent_in_20_kilobytes_to_two_browsers_alike() -> None:
+    show = read_recorded_show(RUN)
+    sizes: list[tuple[int, int]] = []
+    page = Page([show.setting], PageAddress(port=0))
+    with page, page_client(page.url) as one, page_client(page.url) as other:
+        one.receive(), other.receive()
+        for step in show.steps:
+            page.show(step)
+            sizes.append((one.receive(0.1), other.receive(0.1)))
+    number = sum(bool(step.samples) for step in show.steps)
+    first, second = np.sum(sizes, axis=0) / number
+    assert 1_000 < first < 20_000  # with the views that led to it, and the events
+    assert abs(first - second) < 0.02 * first
+
+
+class PausesAndSteps(Notes):
+    """Pauses in the first section; at each pause what was planned is pressed."""
+
+    def __init__(self, *presses: str) -> None:
+        super().__init__()
+        self.stop, self.presses, self.stood_after = StopRequest(), list(presses), [-1]
+        self.stop.pause()
+
+    def record_event(self, name: str, detail: str) -> None:
+        super().record_event(name, detail)
+        if name == "paused":
+            self.stood_after.append(len(self.sections))
+            getattr(self.stop, self.presses.pop(0))()
+
+
+def test_a_paused_scan_steps_goes_on_and_is_the_same() -> None:
+    notes = PausesAndSteps("go_one_step", "go_one_step", "go_on")
+    result = scan_example({"scan.sections": 6}, notes=notes, stop=notes.stop)
+    assert notes.stood_after[1:] == [2, 3, 4]
+    alone = scan_example({"scan.sections": 6})
+    for one, other in zip(result.sections, alone.sections, strict=True):
+        assert np.array_equal(one.points_b, other.points_b)
+
+
+def test_a_paused_scan_ends_as_by_ctrl_c() -> None:
+    notes = PausesAndSteps("request_stop_after_section")
+    result = scan_example({}, notes=notes, stop=notes.stop)
+    assert len(result.sections) == 2
+    assert result.detail.startswith("stop requested")
+    notes = PausesAndSteps("request_stop_now")
+    with pytest.raises(ScanInterrupted):
+        scan_example({}, notes=notes, stop=notes.stop)

@@ -1,0 +1,126 @@
+"""A run on the page while it goes on: entries of its journal become steps, in a thread apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Event
+from typing import Final, Generic, Protocol, TypeVar
+
+from tjscan.core.errors import PageUnavailable
+from tjscan.live.feed import LiveFeed
+from tjscan.live.page import Button, Page, PageAddress
+from tjscan.live.step import Setting, Step, merge_steps
+
+Entry = TypeVar("Entry")
+Shown = TypeVar("Shown", contravariant=True)
+
+STATE: Final = "state"
+"""The fact that says what the run is doing."""
+
+
+class Show(Protocol[Shown]):
+    """Turns what a run's journal receives into steps of the page."""
+
+    @property
+    def setting(self) -> Setting:
+        """What stands still."""
+        ...
+
+    def step(self, entry: Shown) -> Step:
+        """What an entry changes."""
+        ...
+
+
+class RunOnPage(Generic[Entry]):
+    """A run that is shown while it goes on; see `show_run`.
+
+    Parameters
+    ----------
+    page : Page or None
+        None where there is none to be had: everything is dropped then.
+    show : Show
+    report : callable
+        Is told, in a sentence, what becomes of the page.
+    """
+
+    def __init__(
+        self, page: Page | None, show: Show[Entry], report: Callable[[str], object]
+    ) -> None:
+        self.page, self._show = page, show
+        self._started = Event()
+        self._feed: LiveFeed[Entry | Step] | None = None
+        if page is not None:
+            self._feed = LiveFeed(self._draw, report)
+
+    def post(self, entry: Entry | Step) -> None:
+        """Hand an entry of the journal, or a step, to the page; never waits."""
+        if self._feed is not None:
+            self._feed.post(entry)
+
+    def say(self, state: str) -> None:
+        """Show what the run is doing, in a few words."""
+        self.post(Step(facts={STATE: state}))
+
+    def start(self) -> None:
+        """Let whoever waits for the start go on."""
+        self._started.set()
+
+    def wait_for_start(self) -> None:
+        """Wait until Start is pressed.
+
+        Raises
+        ------
+        PageUnavailable
+            If there is no page to press it in.
+        """
+        if self.page is None:
+            raise PageUnavailable("there is no page to press Start in: leave out --wait")
+        self.say("waiting for Start")
+        self._started.wait()
+
+    def close(self) -> None:
+        """Show what is waiting, and end."""
+        if self._feed is not None:
+            self._feed.close()
+
+    def _draw(self, entries: Sequence[Entry | Step]) -> None:
+        if self.page is not None:
+            steps = [one if isinstance(one, Step) else self._show.step(one) for one in entries]
+            self.page.show(merge_steps(steps))
+
+
+@contextmanager
+def show_run(
+    show: Show[Entry],
+    where: PageAddress,
+    report: Callable[[str], object],
+    buttons: Callable[[RunOnPage[Entry]], Sequence[Button]],
+) -> Iterator[RunOnPage[Entry]]:
+    """Show a run on a page while the block runs; it goes on without where there is none.
+
+    Parameters
+    ----------
+    show : Show
+        What is shown of it.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    buttons : callable
+        Gives the page's buttons.
+    """
+    try:
+        page = Page([show.setting], where)
+    except Exception as error:  # whatever it is, the run goes on
+        report(f"there is no live page: {error}")
+        yield RunOnPage(None, show, report)
+        return
+    report(f"live page: {page.url}")
+    with page:
+        run = RunOnPage(page, show, report)
+        try:
+            for button in buttons(run):
+                page.add_button(button)
+            yield run
+        finally:
+            run.close()
