@@ -25,7 +25,7 @@ from tjscan.runs.scan import scan_in_cell
 from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.stations import Station, station_from_recording
-from tjscan.stitching.stitch import stitch_stations
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.uncertainty.causes import budget_of_causes
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "whole-joint.toml"
@@ -101,19 +101,24 @@ def draw(seed: int) -> dict[str, Squares]:
         truth.append(T_j_b)
         placed.append(across_edges(sections, edges))
     stitched = stitch_stations(stations)
-    poses = []
-    for one, T in zip(stitched.stations, truth, strict=True):
-        turns = (one.T_j_b @ inverse_pose(turn @ T) for turn in (np.eye(4), HALF_TURN))
-        off = min((pose_vector.pose_to_vector(turn) for turn in turns), key=np.linalg.norm)
-        poses.append(float(off @ np.linalg.solve(one.covariance, off)))
     return {
         PLACED: Squares(
             np.concatenate([one.squares for one in placed]),
             np.concatenate([one.errors for one in placed]),
         ),
         STITCHED: across_edges(stitched.sections, edges),
-        STATIONS: Squares(np.array(poses), np.zeros(0)),
+        STATIONS: placed_stations(stitched, truth),
     }
+
+
+def placed_stations(stitched: StitchedGroove, truth: list[Array]) -> Squares:
+    """Places of the stations against where they truly are, T_j_b of each."""
+    poses = []
+    for one, T in zip(stitched.stations, truth, strict=True):
+        turns = (one.T_j_b @ inverse_pose(turn @ T) for turn in (np.eye(4), HALF_TURN))
+        off = min((pose_vector.pose_to_vector(turn) for turn in turns), key=np.linalg.norm)
+        poses.append(float(off @ np.linalg.solve(one.covariance, off)))
+    return Squares(np.array(poses), np.zeros(0))
 
 
 def _station(

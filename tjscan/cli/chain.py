@@ -30,6 +30,9 @@ def chain(
     """
     from tjscan.cli.chain_output import one_line, print_sources
     from tjscan.cli.console import print_message
+    from tjscan.report.write import write_run_report
+    from tjscan.result.directory import CALIBRATION
+    from tjscan.runs.chain.run import CALIBRATION_RUN
     from tjscan.runs.chain.settings import read_chain
     from tjscan.runs.chain.sources import run_sources
     from tjscan.runs.directory import default_run_directory
@@ -40,4 +43,7 @@ def chain(
     for row in run_sources(read, directory, arm=arm, begin=print_message, alone=sources):
         rows.append(row)
         print_message(one_line(row))
+        calibration = row.directory / CALIBRATION_RUN
+        if (calibration / CALIBRATION).exists():
+            print_message(f"  its calibration on a page: {write_run_report(calibration)}")
     print_sources(rows, json=json)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,10 +28,14 @@ from tjscan.runs.chain.settings import Chain
 from tjscan.runs.context import RunContext, groove_reader_of_job
 from tjscan.runs.results import all_profile_points
 from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+
+CALIBRATION_RUN: Final = "calibrate"
+"""Name of the calibration's run directory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +44,8 @@ class ChainOutcome:
 
     Parameters
     ----------
+    stitched : StitchedGroove
+        The groove of all stations, with what is stated of its uncertainty.
     in_own_frame : ndarray, shape (n,)
         Distances of the corners from the joint's feature edges, in its frame as found from its
         tubes, metres.
@@ -55,6 +61,7 @@ class ChainOutcome:
         the arm found, metres; None where the arm was not calibrated.
     """
 
+    stitched: StitchedGroove
     in_own_frame: Array
     corner_errors: Array
     mount_error: Array
@@ -100,7 +107,7 @@ def run_chain(
     chain : Chain
         What to run; all of it simulated.
     directory : Path
-        Gets the calibration's run directory, ``calibrate``.
+        Gets the calibration's run directory, `CALIBRATION_RUN`.
     arm : bool
         Whether the arm is calibrated with the sensor.
     mount_given : bool
@@ -115,7 +122,7 @@ def run_chain(
     """
     found, error, keys = None, np.zeros(6), dict(chain.both)
     if not mount_given:
-        out = directory / "calibrate"
+        out = directory / CALIBRATION_RUN
         job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
         saved = start_calibration(
             job, chain.calibrate, out, operator or DefaultAnswerOperator(), arm=arm
@@ -136,6 +143,7 @@ def run_chain(
     stitched = _stitched(chain, keys)
     aligned = align_to_joint(stitched, joint)
     return ChainOutcome(
+        stitched,
         _corner_errors(stitched, np.eye(4), joint),
         _corner_errors(stitched, aligned.T, joint),
         error,
@@ -170,10 +178,13 @@ def _stitched(chain: Chain, keys: dict[str, Any]) -> StitchedGroove:
 
 def _station(whole: ScanJob, name: str, file: Path) -> Station:
     job = whole.job_at_station(name)
-    result = scan_in_cell(RunContext(job, file).make_cell(), job, CombinedJournal())
-    return station_from_recording(
+    context = RunContext(job, file)
+    result = scan_in_cell(context.make_cell(), job, CombinedJournal())
+    station = station_from_recording(
         name, job.T_w_b, result.sections, result.views, groove_reader_of_job(job)
     )
+    causes = causes_of_job(job, context.sensor_mount, station.all_sections)
+    return replace(station, causes=causes.shared)
 
 
 def _corner_errors(stitched: StitchedGroove, T: Array, joint: JointDefinition) -> Array:

@@ -49,6 +49,8 @@ class SourceRow:
     ----------
     source : str
         Its name, or `ALL`, or `NONE`.
+    directory : Path
+        With the calibration's run directory, `CALIBRATION_RUN`.
     outcome : ChainOutcome or None
         What came of the chain; None where it was refused.
     refusal : str
@@ -56,6 +58,7 @@ class SourceRow:
     """
 
     source: str
+    directory: Path
     outcome: ChainOutcome | None
     refusal: str = ""
 
@@ -91,10 +94,9 @@ def run_sources(
         runs[NONE] = everything
     for number, (source, keys) in enumerate(runs.items()):
         begin(source)
+        own = directory / str(number)
         try:
-            yield SourceRow(
-                source,
-                run_chain(chain.with_keys(dict(keys)), directory / str(number), arm=arm),
-            )
+            outcome = run_chain(chain.with_keys(dict(keys)), own, arm=arm)
+            yield SourceRow(source, own, outcome)
         except (CalibrationRefused, StitchingRefused) as refused:
-            yield SourceRow(source, None, str(refused))
+            yield SourceRow(source, own, None, str(refused))
