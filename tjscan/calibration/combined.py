@@ -111,14 +111,18 @@ class CombinedModel:
             total += float((r * np.linalg.solve(part.covariance, r)).sum())
         return total
 
-    def residuals(self, T_f_s: Array, target: Array) -> Array:
-        """Residuals of all profiles, shape (N,); see `linearise_each`."""
-        parts = self.linearise_each(T_f_s, target)
-        return np.concatenate([part.residuals.ravel() for part in parts])
+    def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals of all profiles, shape (N,), and their derivatives; see `linearise_each`.
 
-    def jacobian(self, T_f_s: Array, target: Array) -> Array:
-        """Their derivative by a step of T_f_s and by the parameters, shape (N, 6 + m)."""
-        return _jacobian(self.linearise_each(T_f_s, target))
+        Returns
+        -------
+        residuals : ndarray, shape (N,)
+            In metres and radians.
+        jacobian : ndarray, shape (N, 6 + m)
+            By a step of T_f_s and by the targets' parameters.
+        """
+        parts = self.linearise_each(T_f_s, target)
+        return np.concatenate([part.residuals.ravel() for part in parts]), _jacobian(parts)
 
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
         """Residuals of all profiles, with derivatives and covariance; see `linearise_each`."""

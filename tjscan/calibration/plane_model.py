@@ -115,15 +115,15 @@ class PlaneModel:
         u_f = u @ R_b_f  # (n, 3): the normal as each flange sees it
         by_pose = np.zeros((len(x_b), 2, 6))
         by_pose[:, 0, :3] = u_f
-        by_pose[:, 0, 3:] = np.cross(lever_f, u_f)
-        by_pose[:, 1, 3:] = np.cross(a_f, u_f)
+        by_pose[:, 0, 3:] = _cross(lever_f, u_f)
+        by_pose[:, 1, 3:] = _cross(a_f, u_f)
         by_target = np.zeros((len(x_b), 2, 3))
         by_target[:, 0, :2], by_target[:, 0, 2] = arm_b @ by_tilt.T, 1.0
         by_target[:, 1, :2] = a_b @ by_tilt.T
         # A small turn of the flange moves all points of the line together.
         by_arm = np.zeros((len(x_b), 2, 6))
         by_arm[:, 0, :3] = u
-        by_arm[:, 0, 3:], by_arm[:, 1, 3:] = np.cross(x_b, u), np.cross(a_b, u)
+        by_arm[:, 0, 3:], by_arm[:, 1, 3:] = _cross(x_b, u), _cross(a_b, u)
         a = self.lines.directions_s
         across_f = np.stack((-a[:, 2], a[:, 1], a[:, 0]), axis=1) @ R.T
         # A line's errors lie in the laser plane; this much of them points at the board.
@@ -138,6 +138,12 @@ class PlaneModel:
         return LinearisedModel(
             residuals, by_pose, by_target, by_arm, own, self.noise, by_laser, by_geometry
         )
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of rows, shape (n, 3), with rows or with one vector: quick for few of them."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
 
 
 def _turn(R: Array, v: Array) -> Array:

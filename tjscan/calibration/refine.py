@@ -17,7 +17,9 @@ from tjscan.core.pose_vector import boxplus, left_jacobian
 MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
 MAX_EVALUATIONS: Final = 60
-"""Of each round: starts that lead anywhere get there in ten."""
+"""Of each round, for the estimate that is kept."""
+ROUGH_EVALUATIONS: Final = 15
+"""Of each round, to compare starts or accounts: those that lead anywhere get there in ten."""
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 MIN_REDUNDANCY: Final = 1e-6
@@ -103,6 +105,7 @@ def refine_by_least_squares(
     target: Array,
     used: Mask,
     rounds: int = MAX_REWEIGHTINGS,
+    evaluations: int = MAX_EVALUATIONS,
 ) -> RefinedEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
@@ -121,6 +124,8 @@ def refine_by_least_squares(
         Which profiles count.
     rounds : int
         How often to weigh anew at most.
+    evaluations : int
+        Of the residuals in each round, at most.
     """
     prior = _root(model.prior_information)
     base, start = T_f_s, np.concatenate((np.zeros(6), target))
@@ -129,12 +134,14 @@ def refine_by_least_squares(
         rows = used[first.profile]
         L = _lower_root(first.covariance[np.ix_(rows, rows)])
 
-        def residuals(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
-            found = model.residuals(boxplus(base, theta[:6]), theta[6:])
+        fit = _LastFit(model, base)
+
+        def residuals(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
+            found, _ = fit.at(theta)
             return np.concatenate((_whiten(L, found[rows]), prior @ theta[6:]))
 
-        def jacobian(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
-            J = model.jacobian(boxplus(base, theta[:6]), theta[6:])[rows]
+        def jacobian(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
+            J = fit.at(theta)[1][rows]
             # From a small turn on top of theta's rotation to a change of the rotation vector.
             J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
             return _with_prior(_whiten(L, J), prior)
@@ -147,13 +154,28 @@ def refine_by_least_squares(
             x_scale="jac",
             xtol=1e-12,
             ftol=1e-14,
-            max_nfev=MAX_EVALUATIONS,
+            max_nfev=evaluations,
         )
         moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
         base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
         if moved < CONVERGENCE_SIGMAS:
             break
     return _estimate(model, base, start[6:], used)
+
+
+class _LastFit:
+    """Residuals and derivatives, which the solver asks for one after the other, found once."""
+
+    def __init__(self, model: CombinedModel, base: Array) -> None:
+        self._model, self._base = model, base
+        self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """At a step of the sensor from its base and the targets' parameters, shape (6 + m,)."""
+        if not np.array_equal(theta, self._at):
+            T_f_s = boxplus(self._base, theta[:6])
+            self._at, self._found = theta.copy(), self._model.first_order(T_f_s, theta[6:])
+        return self._found
 
 
 def _estimate(model: CombinedModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:

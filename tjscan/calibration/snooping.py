@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from tjscan.calibration.combined import CombinedModel
 from tjscan.calibration.refine import (
+    ROUGH_EVALUATIONS,
     Mask,
     RefinedEstimate,
     leave_one_out_changes,
@@ -60,12 +61,19 @@ def reject_outlying_profiles(
     if not (chi2_is_plausible(estimate) and (leave_one_out_changes(estimate).chi2 <= prices).all()):
         for size in range(1, _most(estimate) + 1):
             left_out = _worst_set(estimate, last, size)
-            last = refine_by_least_squares(model, estimate.T_f_s, estimate.target, ~left_out)
+            last = refine_by_least_squares(
+                model,
+                last.T_f_s,
+                last.target,
+                ~left_out,
+                rounds=1,
+                evaluations=ROUGH_EVALUATIONS,
+            )
             found, its_cost = most_likely_geometry(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
                 best, geometry, cost = last, found, its_cost
-    if geometry == best.geometry:
+    if best is estimate and geometry == best.geometry:
         return best
     return refine_by_least_squares(
         model.with_geometry(geometry), best.T_f_s, best.target, best.used

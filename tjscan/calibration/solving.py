@@ -13,7 +13,12 @@ from tjscan.calibration.combined import CombinedModel
 from tjscan.calibration.fixed_sensor import FixedSensorModel, inverse_pose_errors
 from tjscan.calibration.model import TargetModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.refine import RefinedEstimate, refine_by_least_squares, settle_targets
+from tjscan.calibration.refine import (
+    ROUGH_EVALUATIONS,
+    RefinedEstimate,
+    refine_by_least_squares,
+    settle_targets,
+)
 from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof, SeenTarget, TargetStart
 from tjscan.calibration.snooping import reject_outlying_profiles
 from tjscan.core.errors import CalibrationRefused
@@ -154,7 +159,9 @@ def fit_targets(
     every = np.ones(len(T_b_f), dtype=bool)
     found: list[tuple[bool, float, CombinedModel, list[TargetStart], RefinedEstimate]] = []
     for _, T_f_s, target, begun, combined in starts[:most]:
-        estimate = refine_by_least_squares(combined, T_f_s, target, every, rounds=1)
+        estimate = refine_by_least_squares(
+            combined, T_f_s, target, every, rounds=1, evaluations=ROUGH_EVALUATIONS
+        )
         plain = [start.model for start in begun]
         behind = not sensor_is_fixed and any(
             one.is_behind(start, estimate.T_f_s, estimate.target[part_of(plain, k)])
