@@ -8,6 +8,7 @@ import pytest
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.file import JointFile, read_joint
+from tjscan.joint.tolerance import FitUpTolerance
 
 CAD = Path(__file__).parents[2] / "cad"
 PAPER = CAD / "tjoint-600x457.toml"
@@ -41,6 +42,15 @@ def test_groove_angle_is_linear_between_pairs_and_flat_beyond() -> None:
 @pytest.mark.parametrize("file", JOINTS, ids=lambda file: file.stem)
 def test_a_file_survives_the_way_in_and_out(file: Path) -> None:
     assert JointFile.from_definition(read_joint(file)) == validate_table(JointFile, read_toml(file))
+
+
+def test_tolerances_are_stated_or_none(tmp_path: Path) -> None:
+    assert read_joint(PAPER).tolerance == FitUpTolerance()
+    stated = "[tolerance]\ngroove_angle_deg = 5.0\nroot_opening_mm = 2.0\n[groove]"
+    file = changed(tmp_path, "[groove]", stated)
+    joint = read_joint(file)
+    assert joint.tolerance == FitUpTolerance(groove_angle=np.deg2rad(5.0), root_opening=2e-3)
+    assert JointFile.from_definition(joint) == validate_table(JointFile, read_toml(file))
 
 
 @pytest.mark.parametrize(

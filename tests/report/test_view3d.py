@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cells import FAULTLESS, PAPER
-from command import tjscan
 
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
-from tjscan.report.clock import clock_text
-from tjscan.report.data import ReportData, read_report_data
+from tjscan.report.data import ReportData
 from tjscan.report.ghost import ghost_of_joint
 from tjscan.report.view3d import view_data
 
@@ -25,15 +22,6 @@ AS_SEEN = 0.05
 
 CHORD = 60e-6
 """Metres by which a chord over 2.5° leaves a circle of 228.6 mm."""
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
-    directory = tmp_path_factory.mktemp("runs") / "exact"
-    keys = {**FAULTLESS, "scan.sections": 5}
-    options = [word for key, value in keys.items() for word in (f"--{key}", value)]
-    assert tjscan("scan", PAPER, "--out", directory, *options) == 0
-    return read_report_data(directory)
 
 
 @pytest.fixture(scope="module")
@@ -109,14 +97,3 @@ def test_the_designed_joint_lies_on_its_edges() -> None:
     groove = groove[np.abs(joint.leg_surface.signed_distances(groove)) < 30e-3]
     assert len(groove) >= 144
     assert edges.nearest_edge_distances(groove).max() < CHORD
-
-
-def test_a_clock_position_is_read_like_a_clock() -> None:
-    assert [clock_text(azimuth) for azimuth in (0, 75, 90, -30, 359.9, 720)] == [
-        "12:00",
-        "2:30",
-        "3:00",
-        "11:00",
-        "12:00",
-        "12:00",
-    ]

@@ -11,6 +11,7 @@ from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
 from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_around_joint
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
+from tjscan.joint.tolerance import NOT_STATED, FitUpTolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,8 @@ class JointDefinition:
         How far the root bead rises on the bevel, from the land's edge.
     imperfections : Imperfections
         What makes the joint as built differ from its drawing, which all else describes.
+    tolerance : FitUpTolerance
+        How far its fit-up may lie from the drawing.
     """
 
     name: str
@@ -53,6 +56,7 @@ class JointDefinition:
     root_face: float
     root_bead: float
     imperfections: Imperfections = NO_IMPERFECTIONS
+    tolerance: FitUpTolerance = NOT_STATED
 
     @property
     def leg_surface(self) -> LegSurface:

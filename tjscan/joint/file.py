@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from math import inf, isfinite, radians
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -13,11 +15,13 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections
+from tjscan.joint.tolerance import NOT_STATED, FitUpTolerance
 
 METRES_PER_MM = 1e-3
 
 LengthMm = Annotated[float, Field(gt=0.0, le=20_000.0)]
 SmallLengthMm = Annotated[float, Field(ge=0.0, le=100.0)]
+TolerableLengthMm = Annotated[float, Field(gt=0.0, le=100.0)]
 AnglePairDeg = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
 
 
@@ -47,12 +51,38 @@ class GrooveDimensions(StrictFileModel):
     root_bead_mm: SmallLengthMm
 
 
+class TolerancesOfFitUp(StrictFileModel):
+    """The table [tolerance] of a joint's file: how far its fit-up may lie from what is drawn."""
+
+    groove_angle_deg: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
+    root_opening_mm: TolerableLengthMm | None = None
+    root_face_mm: TolerableLengthMm | None = None
+    depth_mm: TolerableLengthMm | None = None
+    high_low_mm: TolerableLengthMm | None = None
+
+    @classmethod
+    def from_tolerance(cls, tolerance: FitUpTolerance) -> Self:
+        """Convert the definition's tolerance to its table."""
+        stated = {name: value for name, value in asdict(tolerance).items() if isfinite(value)}
+        angle = stated.pop("groove_angle", None)
+        lengths = {f"{name}_mm": _mm(value) for name, value in stated.items()}
+        return cls(groove_angle_deg=None if angle is None else _deg(angle), **lengths)
+
+    def tolerance(self) -> FitUpTolerance:
+        """Convert the table to the definition's tolerance, in metres and radians."""
+        stated = self.model_dump(exclude_none=True)
+        angle = stated.pop("groove_angle_deg", inf)
+        lengths = {key.removesuffix("_mm"): value * METRES_PER_MM for key, value in stated.items()}
+        return FitUpTolerance(groove_angle=radians(angle), **lengths)
+
+
 class JointFile(StrictFileModel):
     """A joint as its TOML file describes it, in millimetres and degrees."""
 
     leg: LegDimensions
     brace: BraceDimensions
     groove: GrooveDimensions
+    tolerance: TolerancesOfFitUp | None = None
     imperfections: Imperfections | None = None
 
     @classmethod
@@ -77,6 +107,9 @@ class JointFile(StrictFileModel):
                 root_face_mm=_mm(d.root_face),
                 root_bead_mm=_mm(d.root_bead),
             ),
+            tolerance=None
+            if d.tolerance == NOT_STATED
+            else TolerancesOfFitUp.from_tolerance(d.tolerance),
             imperfections=None if d.imperfections == NO_IMPERFECTIONS else d.imperfections,
         )
 
@@ -106,6 +139,7 @@ class JointFile(StrictFileModel):
             root_face=groove.root_face_mm * METRES_PER_MM,
             root_bead=groove.root_bead_mm * METRES_PER_MM,
             imperfections=self.imperfections or NO_IMPERFECTIONS,
+            tolerance=NOT_STATED if self.tolerance is None else self.tolerance.tolerance(),
         )
         check_buildable(definition)
         return definition

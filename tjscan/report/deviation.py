@@ -24,11 +24,12 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
 
 
 def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
-    """Kind, number and statistics of every kind of distance, in mm."""
+    """Kind, number and statistics of every kind of distance, in mm; the corners' first."""
     if data.comparison is None:
         return []
     rows = []
-    for deviation in data.comparison.deviations:
+    # The corners first: a cloud holds ghosts too.
+    for deviation in reversed(data.comparison.deviations):
         s = deviation.statistics
         numbers = (s.mean, s.median, s.rms, s.p95, s.max)
         within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Final
 
 from tjscan.core.provenance import Provenance
@@ -14,8 +13,11 @@ from tjscan.report.charts import (
 )
 from tjscan.report.data import ReportData
 from tjscan.report.deviation import deviation_table_rows, draw_deviation_map
-from tjscan.report.findings import describe_coverage, report_findings
+from tjscan.report.drawings import draw_sections
+from tjscan.report.findings import report_findings
 from tjscan.report.fit_up import draw_fit_up
+from tjscan.report.fit_up_table import fit_up_table
+from tjscan.report.headline import headline_numbers, name_of_reference
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.stations import (
     overlap_rows,
@@ -32,7 +34,14 @@ from tjscan.report.tables import (
 )
 from tjscan.report.template import load_template
 from tjscan.report.view3d import view_data
-from tjscan.result.directory import JOINT, job_label_of_run
+from tjscan.result.directory import job_label_of_run
+
+DRAWN: Final = (
+    "Each looks along the groove, brace above and leg below, at the section nearest to a full hour "
+    "of the clock (12 at the crown, 3 at azimuth 90°): what the laser saw is blue, below each "
+    "dimension stands what is drawn. At the root stands its opening, or the face of the bead that "
+    "closes it."
+)
 
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
@@ -65,19 +74,17 @@ def render_report_page(data: ReportData) -> str:
     return template.render(
         name=data.run_name,
         summary=data.summary,
-        coverage=describe_coverage(data),
+        headline=list(headline_numbers(data)),
         scan_rows=list(scan_fact_rows(data)),
         findings=list(report_findings(data)),
         pictures=pictures,
         scene=view_data(data),
+        drawings=draw_sections(data),
+        fit_up=fit_up_table(data),
+        drawn_sections=DRAWN,
         comparison=comparison,
-        compared_with="the joint as designed"
-        if comparison is None or comparison.reference.name == Path(JOINT).stem
-        else comparison.reference.name,
+        compared_with="" if comparison is None else name_of_reference(comparison),
         aligned_by=ALIGNED["none" if comparison is None else comparison.alignment.method],
-        tolerance_mm=None
-        if comparison is None or comparison.tolerance is None
-        else 1e3 * comparison.tolerance,
         deviations=deviation_table_rows(data),
         going=scan_statistics_rows(data),
         events=event_rows(data),

@@ -184,7 +184,7 @@
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    const shown = ["band", ...(find("points").checked ? ["dots"] : []), "marks",
+    const shown = ["band", ...(find("points").checked || !quantity.values ? ["dots"] : []), "marks",
       ...(find("ghost")?.checked ? ["outline", "ghost"] : [])];
     for (const name of shown) {
       const {buffer, kind, mode, count} = batches[name];

@@ -1,0 +1,190 @@
+"""What a drawing of the groove would say: measured, how sure, as designed, and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite, isnan, nan, pi
+from typing import Final, Literal
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.groove.measured import MeasuredSection
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.geometry import radial_direction
+from tjscan.joint.imperfections import NO_IMPERFECTIONS
+from tjscan.joint.tolerance import NOT_STATED
+from tjscan.report.clock import DEGREES_PER_HOUR
+from tjscan.report.data import ReportData
+from tjscan.report.design import designed_measures
+from tjscan.result.section import absent_corners
+
+COVERAGE: Final = 2.0
+"""Standard deviations that ± stands for."""
+
+HOURS: Final = 12
+FEWEST_SHOWN: Final = 6
+"""Sections that are drawn where no clock position is known, evenly chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """One dimension of a section, in degrees or millimetres.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    unit : str
+        ``°`` or ``mm``.
+    value, sigma : float
+        As measured, and its standard deviation; NaN where it is not seen.
+    designed : float
+        NaN where it is not known.
+    tolerance : float
+        Largest difference from the design that is allowed; infinite where none is stated.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    designed: float = nan
+    tolerance: float = inf
+
+    @property
+    def verdict(self) -> Literal["", "within", "outside", "unsure"]:
+        """Whether it keeps its tolerance with all of its uncertainty, see ISO 14253-1."""
+        off, band = abs(self.value - self.designed), COVERAGE * self.sigma
+        if not isfinite(self.tolerance) or isnan(off) or isnan(band):
+            return ""
+        if off + band <= self.tolerance:
+            return "within"
+        return "outside" if off - band > self.tolerance else "unsure"
+
+    @property
+    def text(self) -> str:
+        """Value and uncertainty, to the digits that the uncertainty allows."""
+        if isnan(self.value):
+            return "not seen"
+        band = COVERAGE * self.sigma
+        digits = 1 if isnan(band) or band >= 0.1 else 2
+        degree = "°" if self.unit == "°" else ""
+        return f"{self.value:.{digits}f}{degree} ± {band:.{digits}f}".replace("-", "−")
+
+    @property
+    def designed_text(self) -> str:
+        """The designed value, with its tolerance where one is stated; empty where not known."""
+        if isnan(self.designed):
+            return ""
+        degree = "°" if self.unit == "°" else ""
+        allowed = f" ± {self.tolerance:g}" if isfinite(self.tolerance) else ""
+        return f"{self.designed:.1f}{degree}{allowed}"
+
+
+def sections_by_the_clock(data: ReportData) -> list[int]:
+    """Places of the sections nearest to each full hour, evenly chosen ones without a joint."""
+    n = len(data.sections)
+    azimuths = data.unwrapped_azimuths
+    if azimuths is None:
+        count = min(FEWEST_SHOWN, n)
+        return [int((k + 0.5) * n / count) for k in range(count)]
+    nearest: dict[int, int] = {}
+    for k in np.argsort(azimuths, kind="stable"):
+        hour = round(azimuths[k] / DEGREES_PER_HOUR)
+        before = nearest.get(hour % HOURS)
+        off = abs(azimuths[k] - hour * DEGREES_PER_HOUR)
+        if before is None or off < _off_hour(azimuths[before]):
+            nearest[hour % HOURS] = int(k)
+    return sorted(nearest.values(), key=lambda k: float(azimuths[k]))
+
+
+def _off_hour(azimuth: float) -> float:
+    return abs(azimuth - round(azimuth / DEGREES_PER_HOUR) * DEGREES_PER_HOUR)
+
+
+def section_dimensions(
+    sections: Sequence[MeasuredSection], joint: JointDefinition | None
+) -> list[tuple[Dimension, ...]]:
+    """Groove angle, root, root face, depth and high-low of brace and leg of each section.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        In frame j where a joint is given.
+    joint : JointDefinition or None
+        As designed.
+    """
+    absent = absent_corners(sections)
+    design = np.full((len(sections), 4), nan)
+    drawing = None if joint is None else as_drawn(joint)
+    if drawing is not None:
+        design = designed_measures(sections, drawing)
+    return [
+        tuple(_dimensions(section, hidden, designed, drawing))
+        for section, hidden, designed in zip(sections, absent, design, strict=True)
+    ]
+
+
+def as_drawn(joint: JointDefinition) -> JointDefinition:
+    """The joint without what makes it differ from its drawing; an open root stays open."""
+    root = replace(NO_IMPERFECTIONS.root, is_open=joint.imperfections.root.is_open)
+    return replace(joint, imperfections=replace(NO_IMPERFECTIONS, root=root))
+
+
+def _dimensions(
+    section: MeasuredSection, hidden: Array, designed: Array, drawing: JointDefinition | None
+) -> Iterator[Dimension]:
+    allowed = NOT_STATED if drawing is None else drawing.tolerance
+    is_open, rootless = not isnan(section.root_opening), bool(hidden[1:].any())
+    measures, sigmas = section.measures, section.sigmas
+    yield _dimension("groove angle", measures[0], sigmas[0], designed[0], allowed.groove_angle)
+    width = section.root_opening if is_open else measures[1]
+    name = "root opening" if is_open else "root bead"
+    lost = nan if rootless else 0.0
+    yield _dimension(name, width + lost, sigmas[1], designed[1], allowed.root_opening)
+    if drawing is not None:
+        # An open root's p3 is the outer edge of its face, which ends at the brace's bore.
+        face, sigma = _along(section, 1, _outward(section.points[2]))
+        unseen = 0.0 if is_open and not hidden[1] else nan
+        depth = face - drawing.brace_inner_radius + unseen
+        yield _dimension("root face", depth, sigma, drawing.root_face, allowed.root_face)
+    yield _dimension("depth", measures[2] + lost, sigmas[2], designed[2], allowed.depth)
+    if drawing is not None:
+        yield from _high_low(section, hidden, drawing)
+
+
+def _high_low(
+    section: MeasuredSection, hidden: Array, drawing: JointDefinition
+) -> Iterator[Dimension]:
+    """How far the brace at p2 and the leg at p4 stand out of where they are drawn."""
+    wall, sigma = _along(section, 0, _outward(section.points[1]))
+    off = wall - drawing.brace_radius + (nan if hidden[0] else 0.0)
+    yield _dimension("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)
+    leg = drawing.leg_surface
+    _, sigma = _along(section, 2, leg.normal(section.points[3]))
+    off = float(leg.signed_distances(section.points[3])) + (nan if hidden[2] else 0.0)
+    yield _dimension("high-low, leg", off, sigma, 0.0, drawing.tolerance.high_low)
+
+
+def _outward(point: Array) -> Array:
+    """Unit vector out of the brace's wall at a point in frame j."""
+    return radial_direction(float(np.arctan2(point[1], point[0])))
+
+
+def _along(section: MeasuredSection, corner: int, direction: Array) -> tuple[float, float]:
+    """Place of p2, p3 or p4 along a unit vector, and its standard deviation, metres."""
+    place = float(section.points[corner + 1] @ direction)
+    return place, float(np.sqrt(direction @ section.covariances[corner] @ direction))
+
+
+def _dimension(
+    name: str, value: float, sigma: float, designed: float, tolerance: float
+) -> Dimension:
+    """A dimension from radians or metres."""
+    is_angle = name == "groove angle"
+    numbers = (
+        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, tolerance)
+    )
+    return Dimension(name, "°" if is_angle else "mm", *numbers)
