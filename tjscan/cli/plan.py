@@ -64,7 +64,7 @@ def plan(
         print(done.document.model_dump_json(indent=1))
     else:
         _print_plan(done, page)
-    if done.plan.findings:
+    if done.plan.findings or any(one.out_of_table for one in done.document.details):
         raise SystemExit(OUT_OF_WPS)
 
 
@@ -108,6 +108,14 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
         print(
             "open root, {:.1f} to {:.1f} mm wide, ".format(*found.root.opening_mm)
             + ("backed" if found.root.backing else "without backing")
+        )
+    for part in found.details:
+        names = ", ".join(part.details) or "no detail"
+        out = "; ".join(part.out_of_table) or "inside the table"
+        low, high = part.dihedral_deg
+        print(
+            f"dihedral angle {low:.1f} to {high:.1f}°, s = {part.begin_mm:.0f} to "
+            f"{part.end_mm:.0f} mm: {names}: {out}"
         )
     for one in found.out_of_wps:
         print(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -13,7 +14,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import MM, MM2
+from tjscan.core.units import DEG, MM, MM2
+from tjscan.planning.details import DetailStretch
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 
@@ -75,6 +77,21 @@ class RootEntry(StrictFileModel):
     ]
 
 
+class DetailEntry(StrictFileModel):
+    """A stretch of groove beside the WPS's table of details: measured and stated, no more."""
+
+    begin_mm: float
+    end_mm: float
+    dihedral_deg: Range
+    sigma_dihedral_deg: float
+    details: Annotated[
+        tuple[str, ...], Field(strict=False, description="whose dihedral window holds it")
+    ]
+    out_of_table: Annotated[
+        tuple[str, ...], Field(strict=False, description="of the detail that fits best")
+    ]
+
+
 class FindingEntry(StrictFileModel):
     """What of a bead is out of the WPS."""
 
@@ -108,10 +125,17 @@ class PlanDocument(StrictFileModel):
     interpass_temperature_C: float  # noqa: N815
     zones: Annotated[tuple[ZoneEntry, ...], Field(strict=False)]
     beads: Annotated[tuple[BeadEntry, ...], Field(strict=False)]
+    details: Annotated[tuple[DetailEntry, ...], Field(strict=False)]
     out_of_wps: Annotated[tuple[FindingEntry, ...], Field(strict=False)]
 
 
-def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) -> PlanDocument:
+def plan_document(
+    plan: WeldPlan,
+    provenance: Provenance,
+    run: str,
+    wps: str,
+    details: Sequence[DetailStretch] = (),
+) -> PlanDocument:
     """Build the document of a plan.
 
     Parameters
@@ -124,6 +148,8 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
         Name of the run directory.
     wps : str
         Name of the WPS, and its SHA-256.
+    details : sequence of DetailStretch
+        The groove beside the WPS's table of details.
     """
     x, y, z = plan.gravity.tolist()
     return PlanDocument(
@@ -172,6 +198,17 @@ def plan_document(plan: WeldPlan, provenance: Provenance, run: str, wps: str) ->
                 fill_sigma=_short(bead.fill_sigma),
             )
             for bead in plan.beads
+        ),
+        details=tuple(
+            DetailEntry(
+                begin_mm=_short(one.begin, MM.factor),
+                end_mm=_short(one.end, MM.factor),
+                dihedral_deg=_range(np.array(one.dihedral), DEG.factor),
+                sigma_dihedral_deg=_short(one.sigma, DEG.factor),
+                details=one.details,
+                out_of_table=one.out,
+            )
+            for one in details
         ),
         out_of_wps=tuple(
             FindingEntry(

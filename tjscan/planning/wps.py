@@ -18,6 +18,8 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
 from tjscan.core.units import SettingsTable as Table
+from tjscan.planning.detail_table import JointDetail
+from tjscan.planning.window import filled_window
 from tjscan.robot.solid_settings import SolidSettings
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
@@ -31,13 +33,6 @@ Position = Literal["PA", "PB", "PC", "PD", "PE", "PF", "PG"]
 """Welding positions by the letters of ISO 6947."""
 
 
-def _window(limits: tuple[float, float]) -> tuple[float, float]:
-    """Refuse a window that holds nothing."""
-    if limits[0] >= limits[1]:
-        raise ValueError("is an empty window: its second number must be larger than its first")
-    return limits
-
-
 def _power_table(rows: Any) -> Any:
     """Refuse a table of the power source whose wire feed does not grow."""
     if any(a[0] >= b[0] for a, b in pairwise(rows)):
@@ -46,7 +41,7 @@ def _power_table(rows: Any) -> Any:
 
 
 _Positive = Annotated[float, Gt(0)]
-_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_window)]
+_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(filled_window)]
 _Share = Annotated[float, Gt(0), Le(1)]
 _Tilt = Annotated[float, Ge(-60), Le(60)]
 _PowerRow = tuple[_Positive, _Positive, _Positive]
@@ -265,6 +260,7 @@ class WeldingProcedure(StrictFileModel):
     root: RootSettings
     torch: TorchSettings
     sequence: SequenceSettings
+    detail: Annotated[tuple[JointDetail, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
 
     @model_validator(mode="after")
     def _check_power_of_root(self) -> Self:

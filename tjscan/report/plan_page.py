@@ -54,6 +54,7 @@ def write_plan_page(directory: Path) -> Path:
         plan=plan,
         facts=list(_facts(plan)),
         beads=list(_bead_rows(plan)),
+        details=list(_detail_rows(plan)),
         pictures=[
             _filled_sections(directory / PICTURE),
             draw_positions(courses),
@@ -131,6 +132,18 @@ def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
     yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
     yield "stick-out", f"{plan.stick_out_mm:g} mm"
     yield "interpass temperature", f"{plan.interpass_temperature_C:g} °C"
+
+
+def _detail_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
+    for one in plan.details:
+        yield (
+            f"{one.begin_mm:.0f}",
+            f"{one.end_mm:.0f}",
+            "{:.1f}–{:.1f}".format(*one.dihedral_deg),
+            f"{one.sigma_dihedral_deg:.2f}",
+            ", ".join(one.details),
+            "; ".join(one.out_of_table),
+        )
 
 
 def _bead_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:

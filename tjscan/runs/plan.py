@@ -29,6 +29,7 @@ from tjscan.result.shapes import read_finished_summary
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.result.weldx import ROOTS
+from tjscan.runs.plan_details import details_of_run
 
 PLAN: Final = "plan.json"
 BEADS: Final = "beads.csv"
@@ -119,6 +120,7 @@ def plan_run(
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
+        details = details_of_run(directory, sections, edges, wps)
     except ConfigurationError as error:
         of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
         file = error.file or (wps_file if of_wps else directory / SECTIONS)
@@ -129,7 +131,7 @@ def plan_run(
         ) from None
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    document = plan_document(plan, provenance, directory.resolve().name, label)
+    document = plan_document(plan, provenance, directory.resolve().name, label, details)
     T_b_r, reason = _base_of_frame(directory, summary.frame)
     folder = out or directory
     with write_files_atomically(folder, last=PLAN) as draft:

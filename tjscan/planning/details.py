@@ -1,0 +1,139 @@
+"""A groove beside the joint details of a user's table, sorted by the local dihedral angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.core.units import DEG, MM, FileUnit
+from tjscan.planning.detail_table import JointDetail
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.path import stations_at
+
+
+@dataclass(frozen=True, slots=True)
+class DetailStretch:
+    """Sections that follow one another and of which the table says the same.
+
+    Parameters
+    ----------
+    begin, end : float
+        Along the groove, metres.
+    dihedral : tuple of float
+        Least and most, radians.
+    sigma : float
+        The largest standard deviation of the dihedral angle, radians.
+    details : tuple of str
+        Whose windows of the dihedral angle hold it, in the table's order.
+    out : tuple of str
+        Of the one that fits best: what lies out of its windows, and what they are.
+    """
+
+    begin: float
+    end: float
+    dihedral: tuple[float, float]
+    sigma: float
+    details: tuple[str, ...]
+    out: tuple[str, ...]
+
+
+NO_DETAIL: Final = "no detail of the table holds this dihedral angle"
+
+_Measure = tuple[str, FileUnit, str]
+MEASURES: Final[tuple[_Measure, ...]] = (
+    ("groove_angle", DEG, "°"),
+    ("root_opening", MM, " mm"),
+    ("size", MM, " mm"),
+)
+
+
+def compare_with_details(
+    edges: GrooveEdges, dihedral: Array, sigma: Array, details: Sequence[JointDetail]
+) -> tuple[DetailStretch, ...]:
+    """Compare every section with the details whose dihedral angles hold its own.
+
+    Where several do, the one with the fewest measures out of their windows is reported. This states
+    what was measured beside the user's table, and no more.
+
+    Parameters
+    ----------
+    edges : GrooveEdges
+        The groove, with k sections.
+    dihedral, sigma : ndarray, shape (k,)
+        Local dihedral angle at each section, and its standard deviation, radians.
+    details : sequence of JointDetail
+        The table.
+    """
+    measured = _measures(edges)
+    found = [
+        (s, angle, spread, *_beside(angle, values, details))
+        for s, angle, spread, values in zip(
+            edges.sections.tolist(), dihedral.tolist(), sigma.tolist(), measured, strict=True
+        )
+    ]
+    stretches = []
+    for (names, keys), group in groupby(found, key=lambda one: (one[3], tuple(one[4]))):
+        rows = list(group)
+        angles = [row[1] for row in rows]
+        out = tuple(_text(key, [row[4][key] for row in rows]) for key in keys)
+        stretches.append(
+            DetailStretch(
+                rows[0][0],
+                rows[-1][0],
+                (min(angles), max(angles)),
+                max(row[2] for row in rows),
+                names,
+                out if names else (NO_DETAIL,),
+            )
+        )
+    return tuple(stretches)
+
+
+_Out = dict[str, tuple[float, tuple[float, float]]]
+"""Value and window of each measure that lies out of it."""
+
+
+def _beside(
+    angle: float, values: dict[str, float], details: Sequence[JointDetail]
+) -> tuple[tuple[str, ...], _Out]:
+    """Names of the details that hold a dihedral angle, and what is out of the best one."""
+    held = [one for one in details if one.dihedral[0] <= angle <= one.dihedral[1]]
+    outs: list[_Out] = [
+        {
+            name: (value, window)
+            for name, value in values.items()
+            if not (window := getattr(one, name))[0] <= value <= window[1]
+        }
+        for one in held
+    ]
+    return tuple(one.name for one in held), min(outs, key=len, default={})
+
+
+def _text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) -> str:
+    unit, symbol = next((unit, symbol) for key, unit, symbol in MEASURES if key == name)
+    values = [value / unit.factor for value, _ in out]
+    low, high = (limit / unit.factor for limit in out[0][1])
+    span = f"{min(values):.1f} to {max(values):.1f}{symbol}"
+    return f"{name.replace('_', ' ')} {span}, in the table {low:g} to {high:g}"
+
+
+def _measures(edges: GrooveEdges) -> list[dict[str, float]]:
+    """Measures of each section square to the groove; the opening only where the root is open."""
+    p3, p4, g, p2 = np.moveaxis(stations_at(edges, edges.sections).corners, 1, 0)
+    bevel, leg, line = p2 - p3, g - p4, g - p2
+    turn = np.abs(leg[:, 0] * bevel[:, 1] - leg[:, 1] * bevel[:, 0])
+    angles = np.arctan2(turn, np.sum(leg * bevel, axis=1))
+    away = 0.5 * (p3 + p4) - p2
+    sizes = np.abs(line[:, 0] * away[:, 1] - line[:, 1] * away[:, 0]) / np.linalg.norm(line, axis=1)
+    openings = edges.root.opening
+    return [
+        {"groove_angle": angle, "size": size} | ({"root_opening": width} if width > 0 else {})
+        for angle, size, width in zip(
+            angles.tolist(), sizes.tolist(), openings.tolist(), strict=True
+        )
+    ]
