@@ -22,14 +22,16 @@ UP = np.array((0.0, -1.0, 0.0))
 LENGTH, COUNT, OPENING = 0.4, 12, 4e-3
 
 
-def plate(opening: Array | float = 0.0, tacked: tuple[int, ...] = ()) -> GrooveEdges:
+def plate(
+    *, is_open: bool = False, gap: Array | float = OPENING, tacked: tuple[int, ...] = ()
+) -> GrooveEdges:
     """A straight groove of 12 sections."""
-    flat = half_v()
-    x = np.linspace(0, LENGTH, COUNT)
-    edges = edges_of(np.stack(np.broadcast_arrays(x[:, None], flat[:, 0], flat[:, 1]), axis=2))
+    flat = np.stack([half_v(gap=x) for x in np.broadcast_to(gap, COUNT).tolist()])
+    x = np.broadcast_to(np.linspace(0, LENGTH, COUNT)[:, None, None], (COUNT, 4, 1))
+    edges = edges_of(np.concatenate((x, flat), axis=2))
     root = replace(
         edges.root,
-        opening=np.broadcast_to(opening, COUNT) * np.ones(COUNT),
+        openness=np.full(COUNT, float(is_open)),
         tacked=np.isin(np.arange(COUNT), tacked),
     )
     return replace(edges, root=root)
@@ -42,7 +44,7 @@ def wps(**root: object) -> WeldingProcedure:
 
 def test_an_open_root_takes_what_lies_below_it_into_its_root_bead() -> None:
     procedure = wps(penetration=3e-3)
-    shut, wide = (plan_weld(plate(x), procedure, UP) for x in (0.0, OPENING))
+    shut, wide = (plan_weld(plate(is_open=x), procedure, UP) for x in (False, True))
     assert wide.volume - shut.volume == pytest.approx(OPENING * 3e-3 * LENGTH, rel=1e-6)
     assert wide.beads[0].open_root
     assert not any(bead.open_root for bead in (*wide.beads[1:], *shut.beads))
@@ -50,8 +52,8 @@ def test_an_open_root_takes_what_lies_below_it_into_its_root_bead() -> None:
 
 def test_without_backing_the_root_bead_keeps_its_own_windows() -> None:
     window = (0.105, 0.11)
-    bare = plan_weld(plate(OPENING), wps(backing=False, wire_feed=window), UP)
-    backed = plan_weld(plate(OPENING), wps(backing=True, wire_feed=window), UP)
+    bare = plan_weld(plate(is_open=True), wps(backing=False, wire_feed=window), UP)
+    backed = plan_weld(plate(is_open=True), wps(backing=True, wire_feed=window), UP)
     assert window[0] <= bare.beads[0].feed <= window[1]
     assert backed.beads[0].feed == pytest.approx(backed.wps.arc.wire_feed[1])
     assert bare.beads[1].feed == pytest.approx(bare.wps.arc.wire_feed[1])
@@ -59,7 +61,7 @@ def test_without_backing_the_root_bead_keeps_its_own_windows() -> None:
 
 def test_an_opening_out_of_its_window_is_named_with_its_place() -> None:
     opening = np.linspace(3e-3, 8e-3, COUNT)
-    found = plan_weld(plate(opening), wps(opening=(2e-3, 6e-3)), UP)
+    found = plan_weld(plate(is_open=True, gap=opening), wps(opening=(2e-3, 6e-3)), UP)
     (one,) = [f for f in found.findings if f.key == "root.opening_mm"]
     wide = np.linspace(0, LENGTH, COUNT)[opening > 6e-3]
     assert (one.begin, one.end) == pytest.approx((wide[0], wide[-1]))
@@ -105,7 +107,7 @@ def test_after_a_pass_a_shallow_rest_is_capped_in_one_layer() -> None:
 
 def test_an_open_root_after_a_pass_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="open root") as error:
-        plan_weld(plate(OPENING), wps(), UP, after_pass=1)
+        plan_weld(plate(is_open=True), wps(), UP, after_pass=1)
     assert error.value.key == "--after-pass"
 
 
@@ -136,7 +138,7 @@ def test_where_a_section_does_not_show_its_root_those_beside_it_do() -> None:
     ]
     s = np.arange(5.0)
     root = root_of_sections(sections, s, 4.0, closed=False)
-    np.testing.assert_allclose(root.opening, (4e-3, 4.5e-3, 5e-3, 2.5e-3, 0.0))
+    np.testing.assert_allclose(root.openness, (1.0, 1.0, 1.0, 0.5, 0.0))
     np.testing.assert_array_equal(root.tacked, (False, True, False, False, False))
     assert root.is_open_between(0.0, 2.0)
     assert not root_of_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)

@@ -130,7 +130,7 @@ def _measures(edges: GrooveEdges) -> list[dict[str, float]]:
     angles = np.arctan2(turn, np.sum(leg * bevel, axis=1))
     away = 0.5 * (p3 + p4) - p2
     sizes = np.abs(line[:, 0] * away[:, 1] - line[:, 1] * away[:, 0]) / np.linalg.norm(line, axis=1)
-    openings = edges.root.opening
+    openings = edges.root_opening(edges.sections)
     return [
         {"groove_angle": angle, "size": size} | ({"root_opening": width} if width > 0 else {})
         for angle, size, width in zip(

@@ -226,7 +226,7 @@ def plan_document(
 
 def _root(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
-    opening = root.opening[root.opening > 0]
+    opening = plan.edges.root_opening(root.s)[root.openness == 1]
     return RootEntry(
         opening_mm=_range(opening, MM.factor) if len(opening) else None,
         backing=settings.backing,

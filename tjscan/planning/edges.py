@@ -69,6 +69,12 @@ class GrooveEdges:
         """Their derivatives by s, shape (m, 4, 3)."""
         return self._together.derivatives(s).reshape(-1, len(CORNERS), 3)
 
+    def root_opening(self, s: Array) -> Array:
+        """Distance of p3 and p4 where the root is open, 0 where it is closed, shape (m,)."""
+        corners = self.corners(s)
+        gaps = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        return np.asarray(gaps * self.root.openness_at(s))
+
     def relative_area_sigma(self, s: Array) -> Array:
         """Standard deviation of the area as a share of it, shape (m,), between sections as well."""
         corners = self.corners(s)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.root import RootAlongGroove
+from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.stops import NO_LENGTH, StopPlacement
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
 
@@ -124,21 +124,21 @@ def findings_of_stops(
                 yield _finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
-def findings_of_root(root: RootAlongGroove, wps: WeldingProcedure) -> Iterator[WpsFinding]:
+def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsFinding]:
     """Where an open root is narrower or wider than the WPS allows: bead 1 is laid over it.
 
     Parameters
     ----------
-    root : RootAlongGroove
-        Its opening at the sections.
+    edges : GrooveEdges
+        The groove; its sections show whether its root is open.
     wps : WeldingProcedure
         The window of the root opening.
     """
     low, high = wps.root.opening
-    open_at = root.opening > 0
-    out = open_at & ((root.opening < low) | (root.opening > high))
+    opening, open_at = edges.root_opening(edges.sections), edges.root.openness == 1
+    out = open_at & ((opening < low) | (opening > high))
     if out.any():
-        at, widths = root.s[out], 1e3 * root.opening[out]
+        at, widths = edges.sections[out], 1e3 * opening[out]
         yield WpsFinding(
             "root.opening_mm",
             1,

@@ -10,6 +10,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
+from tjscan.planning.deposit import bead_lines
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import (
     CHORD_ERROR,
@@ -17,10 +18,10 @@ from tjscan.planning.path import (
     LONGEST,
     GrooveStations,
     aim_points,
-    centroids,
     chord_error_and_kink,
     stations_at,
     template_at,
+    unit_vectors,
 )
 from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
@@ -87,10 +88,7 @@ def lay_layer(
 ) -> tuple[PlannedBead, ...]:
     """Lay the beads of one layer, in the order of welding.
 
-    A bead of cross-section a, whose centre moves by dc along the groove, fills a (dc · t), t being
-    the groove's direction; the wire's tip goes another way by dp meanwhile. What is laid down a
-    metre of the tip's path is the ratio of both, and the speed is the deposition rate divided by
-    that.
+    The speed is the deposition rate divided by what is laid down a metre of the tip's way.
 
     Parameters
     ----------
@@ -114,12 +112,7 @@ def lay_layer(
     s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
     s = np.union1d(s, stops)
     stations, cells = cut_groove(edges, s, arrangement, wps)
-    aims, centres = stations.to_space(aim_points(cells)), stations.to_space(centroids(cells))
-    along = np.gradient(aims, s, axis=0, edge_order=2)
-    pace = np.linalg.norm(along, axis=2)
-    filled = np.sum(
-        np.gradient(centres, s, axis=0, edge_order=2) * stations.tangent[:, None], axis=2
-    )
+    lines = bead_lines(stations, cells)
     middles = free_angle_middles(cells, layer) - wps.torch.work_angle
     outward = stations.vectors_to_space(np.stack((np.sin(middles), np.cos(middles)), axis=2))
     quads = cells.quadrilaterals(layer)
@@ -131,15 +124,14 @@ def lay_layer(
     for place in laying_order(arrangement.counts[layer], layer):
         j = first + place
         kind = arrangement.kinds[j]
-        area = cells.areas[:, j] * filled[:, j] / pace[:, j]
-        travel = along[:, j] / pace[:, j, None]
+        area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
         if wps.sequence.reverse:
             travel = -travel
         slope, rotation = slope_and_rotation(outward[:, place], travel, gravity)
         speed = wps.deposition_rate(np.array(kind.feed)) / area
         T = np.tile(np.eye(4), (len(s), 1, 1))
         T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)
-        T[:, :3, 3] = aims[:, j]
+        T[:, :3, 3] = lines.aims[:, j]
         way = slice(None, None, -1 if wps.sequence.reverse else 1)
         found.append(
             PlannedBead(
@@ -171,7 +163,7 @@ def cut_groove(
 ) -> tuple[GrooveStations, BeadCells]:
     """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
     stations = stations_at(edges, s)
-    root_area = wps.root.penetration * edges.root.opening_at(s)
+    root_area = wps.root.penetration * edges.root_opening(s)
     template = template_at(stations, wps.bead.cap_height, root_area)
     areas = template.area[:, None] * arrangement.shares
     return stations, template.cut_into_beads(arrangement.counts, areas)

@@ -50,6 +50,11 @@ class GrooveStations:
     corners: Array
     tangent: Array
 
+    def part(self, first: int, last: int) -> GrooveStations:
+        """Those from one to another, both included."""
+        names = ("s", "origin", "across", "up", "corners", "tangent")
+        return GrooveStations(*(getattr(self, name)[first : last + 1] for name in names))
+
     def to_space(self, points: Array) -> Array:
         """Points of the planes, shape (m, ..., 2), in the frame of the sections, (m, ..., 3)."""
         return self.origin_like(points) + self.vectors_to_space(points)
@@ -68,9 +73,9 @@ def stations_at(edges: GrooveEdges, s: Array) -> GrooveStations:
     """Cut the smoothed groove at lengths, shape (m,), metres."""
     p = edges.corners(s)
     origin = p.mean(axis=1)
-    tangent = _units(edges.derivatives(s).mean(axis=1))
+    tangent = unit_vectors(edges.derivatives(s).mean(axis=1))
     up = p[:, 2] + p[:, 3] - p[:, 0] - p[:, 1]
-    up = _units(up - np.sum(up * tangent, axis=1, keepdims=True) * tangent)
+    up = unit_vectors(up - np.sum(up * tangent, axis=1, keepdims=True) * tangent)
     across = cross(up, tangent)
     across = across * np.sign(np.sum(across * (p[:, 1] - p[:, 0]), axis=1, keepdims=True))
     away = p - origin[:, None]
@@ -140,7 +145,8 @@ def chord_error_and_kink(points: Array, middles: Array) -> tuple[float, float]:
     return float(np.linalg.norm(off, axis=2).max()), float(kinks.max(initial=0.0))
 
 
-def _units(v: Array) -> Array:
+def unit_vectors(v: Array) -> Array:
+    """Vectors, shape (m, 3), of length one."""
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 

@@ -170,7 +170,7 @@ def plan_weld(
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),
-        *(findings_of_root(edges.root, wps) if after_pass == 0 else ()),
+        *(findings_of_root(edges, wps) if after_pass == 0 else ()),
     )
     return WeldPlan(edges, wps, gravity, zones, tuple(beads), found, after_pass)
 
@@ -178,14 +178,15 @@ def plan_weld(
 def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[PlannedZone, ...]:
     """One zone where one arrangement fits all of the groove; else the longest that fit, in turn."""
     s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
-    root_area = wps.root.penetration * edges.root.opening_at(s)
-    template = template_at(stations_at(edges, s), wps.bead.cap_height, root_area)
+    root_area = wps.root.penetration * edges.root_opening(s)
+    stations = stations_at(edges, s)
+    template = template_at(stations, wps.bead.cap_height, root_area)
 
     def fit(first: int, last: int) -> Arrangement:
         root: RootKind = "welded" if after_pass else "closed"
         if not after_pass and edges.root.is_open_between(s[first], s[last]):
             root = "open"
-        return arrange_beads(template.part(first, last), wps, root)
+        return arrange_beads(template.part(first, last), stations.part(first, last), wps, root)
 
     found: list[PlannedZone] = []
     first, end = 0, len(s) - 1

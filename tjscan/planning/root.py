@@ -34,8 +34,9 @@ class RootAlongGroove:
     ----------
     s : ndarray, shape (k,)
         Where the sections stand, metres.
-    opening : ndarray, shape (k,)
-        Width of an open root, metres; 0 where it is closed.
+    openness : ndarray, shape (k,)
+        1 where it is open, 0 where it is closed, between where neighbours of a section that does
+        not show it differ.
     tacked : ndarray of bool, shape (k,)
         Where a tack weld lies over it.
     length : float
@@ -45,20 +46,20 @@ class RootAlongGroove:
     """
 
     s: Array
-    opening: Array
+    openness: Array
     tacked: NDArray[np.bool_]
     length: float
     closed: bool
 
-    def opening_at(self, s: Array) -> Array:
-        """Width of an open root at lengths (m,), linear between sections; 0 where it is closed."""
+    def openness_at(self, s: Array) -> Array:
+        """The same at lengths (m,), linear between sections."""
         period = self.length if self.closed else None
-        return np.asarray(np.interp(s, self.s, self.opening, period=period))
+        return np.asarray(np.interp(s, self.s, self.openness, period=period))
 
     def is_open_between(self, begin: float, end: float) -> bool:
         """Whether the root is open anywhere between two lengths."""
         inside = self.s[(self.s > begin) & (self.s < end)]
-        return bool((self.opening_at(np.concatenate(((begin,), inside, (end,)))) > 0).any())
+        return bool((self.openness_at(np.concatenate(((begin,), inside, (end,)))) > 0).any())
 
     def tack_spans(self, tack_length: float) -> tuple[Span, ...]:
         """From where to where tacks may reach, metres: half their length beyond where they show."""
@@ -93,13 +94,11 @@ def root_of_sections(
     """
     tacked = np.array([TACK in section.conditions for section in sections])
     shown = np.array([not set(UNKNOWN) & set(section.conditions) for section in sections])
-    opening = np.array(
-        [max(s.root_opening, 0.0) if OPEN_ROOT in s.conditions else 0.0 for s in sections]
-    )
+    openness = np.array([float(OPEN_ROOT in section.conditions) for section in sections])
     if shown.any():
         period = length if closed else None
-        opening = np.interp(s, s[shown], opening[shown], period=period)
-    return RootAlongGroove(s, opening, tacked, length, closed)
+        openness = np.interp(s, s[shown], openness[shown], period=period)
+    return RootAlongGroove(s, openness, tacked, length, closed)
 
 
 def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
@@ -110,8 +109,8 @@ def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
     ConfigurationError
         If the root is open somewhere.
     """
-    if after_pass > 0 and (root.opening > 0).any():
-        at = 1e3 * root.s[int(np.argmax(root.opening > 0))]
+    if after_pass > 0 and (root.openness > 0).any():
+        at = 1e3 * root.s[int(np.argmax(root.openness > 0))]
         raise ConfigurationError(
             f"at s = {at:.0f} mm the sections show an open root: was it scanned before the first "
             "pass?",

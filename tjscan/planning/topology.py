@@ -14,6 +14,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.planning.deposit import bead_lines
+from tjscan.planning.path import GrooveStations
 from tjscan.planning.root import RootKind
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wire_feed import DoesNotFit, choose_wire_feed
@@ -26,6 +28,9 @@ ROUNDING: Final = 1e-9
 """Share of a limit by which a number may pass it: all are computed, none is measured."""
 
 KINDS: Final = ("root", "fill", "cap")
+
+BETWEEN: Final = 2e-3
+"""Share by which a bead's area may pass, between two stations, what it is at the stations."""
 
 Window = tuple[float, float]
 
@@ -77,9 +82,7 @@ class Arrangement:
     @property
     def kind_names(self) -> tuple[str, ...]:
         """Name of each bead's kind."""
-        roots = int(self.root_kind != "welded")
-        inner = sum(self.counts[roots:-1])
-        return ("root",) * roots + ("fill",) * inner + ("cap",) * self.counts[-1]
+        return bead_kinds(self.counts, self.root_kind)
 
     @property
     def shares(self) -> Array:
@@ -92,8 +95,17 @@ class Arrangement:
         return np.array([kind.feed for kind in self.kinds])
 
 
+def bead_kinds(counts: tuple[int, ...], root: RootKind) -> tuple[str, ...]:
+    """Name of the kind of every bead, layer by layer, of counts in layers over a root."""
+    roots = int(root != "welded")
+    return ("root",) * roots + ("fill",) * sum(counts[roots:-1]) + ("cap",) * counts[-1]
+
+
 def arrange_beads(
-    template: SectionTemplate, wps: WeldingProcedure, root: RootKind = "closed"
+    template: SectionTemplate,
+    stations: GrooveStations,
+    wps: WeldingProcedure,
+    root: RootKind = "closed",
 ) -> Arrangement:
     """Choose layers, beads and wire feeds that fit all of some sections.
 
@@ -105,6 +117,8 @@ def arrange_beads(
     ----------
     template : SectionTemplate
         Sections square to the groove.
+    stations : GrooveStations
+        Where these stand.
     wps : WeldingProcedure
         The windows.
     root : str
@@ -131,11 +145,14 @@ def arrange_beads(
         )
     layers, widths = _layers(template, wps, root), _widths(template)
     found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
+    laid_shares: dict[str, Window] | None = None
     problems: list[DoesNotFit] = []
     for n in range(first, last + 1):
         for counts in _layer_counts(n, layers, widths, root):
             try:
-                one = _arrange(template, area, wps, counts, root)
+                if laid_shares is None:
+                    laid_shares = _laid_shares(template, stations, counts, root)
+                one = _arrange(template, stations, wps, counts, root, laid_shares)
             except DoesNotFit as problem:
                 problems.append(problem)
                 continue
@@ -212,29 +229,46 @@ def _widths(template: SectionTemplate) -> tuple[float, float]:
     return float(root.mean()), float(template.opening.mean())
 
 
+def _laid_shares(
+    template: SectionTemplate, stations: GrooveStations, counts: tuple[int, ...], root: RootKind
+) -> dict[str, Window]:
+    """Least and most that beads of each kind lay down a metre of the tip's way, over their area.
+
+    Taken of beads of equal areas: where in the section a bead lies decides it.
+    """
+    names = np.array(bead_kinds(counts, root))
+    equal = np.repeat(template.area[:, None] / len(names), len(names), axis=1)
+    try:
+        cells = template.cut_into_beads(counts, equal)
+    except ValueError:
+        return dict.fromkeys(KINDS, (1.0, 1.0))
+    shares = bead_lines(stations, cells).areas / equal
+    found = {name: shares[:, names == name] for name in KINDS}
+    return {
+        name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
+        for name, x in found.items()
+    }
+
+
 def _arrange(
     template: SectionTemplate,
-    area: Array,
+    stations: GrooveStations,
     wps: WeldingProcedure,
     counts: tuple[int, ...],
     root: RootKind,
+    laid_shares: dict[str, Window],
 ) -> Arrangement:
-    shares = _shares(area, wps, counts, root)
-    kinds = [
-        BeadKind(
-            share,
-            *choose_wire_feed(name, share * area, wps, open_root=name == "root" and root == "open"),
-        )
-        for name, share in zip(KINDS, shares, strict=True)
-    ]
-    roots = int(root != "welded")
-    inner = [count * shares[1] for count in counts[roots:-1]]
-    below = np.cumsum([*shares[:roots], *inner])
+    area, names = template.area, np.array(bead_kinds(counts, root))
+    shares = dict(zip(KINDS, _shares(area, wps, counts, root, laid_shares), strict=True))
+    for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
+        expected = shares[name] * np.array((area.min(), area.max())) * laid_shares[name]
+        choose_wire_feed(name, expected, wps, open_root=name == "root" and root == "open")
+    wanted = area[:, None] * np.array([shares[name] for name in names])
     try:
-        lines = template.layer_lines(area[:, None] * below)
+        cells = template.cut_into_beads(counts, wanted)
     except ValueError as error:
         raise DoesNotFit("bead.cap_height_mm", str(error)) from None
-    heights = template.layer_heights(lines)
+    heights = cells.layer_heights
     least, most = float(heights.min()), float(heights.max())
     low, high = wps.bead.layer_height
     if least < low * (1 - ROUNDING) or most > high * (1 + ROUNDING):
@@ -243,11 +277,29 @@ def _arrange(
             f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
             f"{1e3 * most:.2f} mm high",
         )
-    return Arrangement(counts, root, *kinds)
+    laid = bead_lines(stations, cells).areas
+    kinds = {}
+    for name in KINDS:
+        of_kind = laid[:, names == name] if name in names else laid
+        low, high = getattr(wps.bead, f"{name}_area")
+        least, most = of_kind.min() * (1 - BETWEEN), of_kind.max() * (1 + BETWEEN)
+        if name in names and not low <= least <= most <= high:
+            raise DoesNotFit(
+                f"bead.{name}_area_mm2",
+                f"a {name} bead is {1e6 * least:.1f} to {1e6 * most:.1f} mm²",
+            )
+        over_opening = name == "root" and root == "open"
+        feed = choose_wire_feed(name, np.array((least, most)), wps, open_root=over_opening)
+        kinds[name] = BeadKind(shares[name], *feed)
+    return Arrangement(counts, root, **kinds)
 
 
 def _shares(
-    area: Array, wps: WeldingProcedure, counts: tuple[int, ...], root_kind: RootKind
+    area: Array,
+    wps: WeldingProcedure,
+    counts: tuple[int, ...],
+    root_kind: RootKind,
+    laid_shares: dict[str, Window],
 ) -> tuple[float, float, float]:
     """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
 
@@ -257,7 +309,9 @@ def _shares(
     inner = n - roots - capped
 
     def nearest(kind: str, window: Window, share: float) -> float:
-        lowest, highest = window[0] / float(area.min()), window[1] / float(area.max())
+        less, more = laid_shares[kind]
+        lowest = window[0] * (1 + 2 * BETWEEN) / (float(area.min()) * less)
+        highest = window[1] * (1 - 2 * BETWEEN) / (float(area.max()) * more)
         if lowest > highest * (1 + 1e-12):
             raise DoesNotFit(
                 f"bead.{kind}_area_mm2",
