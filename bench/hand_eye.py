@@ -44,7 +44,7 @@ from tjscan.calibration.session import current_progress, suggest_next_line_pose
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
 from tjscan.calibration.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
+from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.faults import correlated_noise
@@ -376,7 +376,8 @@ def real_sets() -> list[Row]:
         return []
     noise = NoiseModel()
     roofs, _ = fit_roof_samples(real_set("edge"), noise)
-    arcs, _ = fit_arc_samples(real_set("ball40"), noise)
+    balls = real_set("ball40")
+    arcs, _ = fit_arc_samples(balls, noise)
     edge, ball = SeenRoof(roofs, noise), SeenBall(arcs, SphereTarget(0.040), noise)
     sets: list[list[SeenBoard | SeenBall | SeenRoof]] = [[edge], [ball], [edge, ball]]
     on_edge, on_ball, both = (
@@ -386,7 +387,12 @@ def real_sets() -> list[Row]:
     apart = float(off @ np.linalg.solve(on_ball.covariance + on_edge.covariance, off))
     rows = [
         Row("real edge: points off its planes, RMS", roof_rms(on_edge, roofs) / MM, 0.10, "mm"),
-        Row("real ball: points off its surface, RMS", ball_rms(on_ball, arcs) / MM, 0.09, "mm"),
+        Row(
+            "real ball: points off its surface, RMS",
+            ball_rms(on_ball, arcs, balls) / MM,
+            0.09,
+            "mm",
+        ),
         Row("edge and ball alone: difference squared over its covariance, /6", apart / 6, 2.1),
     ]
     for one, name in ((on_edge, "edge"), (on_ball, "ball")):
@@ -427,21 +433,21 @@ def roof_rms(result: HandEyeCalibration, taken: list[RoofSample]) -> float:
     return float(np.sqrt(squares / count))
 
 
-def ball_rms(result: HandEyeCalibration, taken: list[ArcSample]) -> float:
-    """RMS distance of points all along the arcs from the ball, metres."""
+def ball_rms(
+    result: HandEyeCalibration, taken: list[ArcSample], profiles: list[PosedProfile]
+) -> float:
+    """RMS distance of the arcs' points from the ball, metres."""
     if result.centre_b is None or result.radius is None:
         raise ValueError("a ball was calibrated on")
-    squares = []
+    shots = {shot.name: shot.profile for shot in profiles}
+    away = []
     for sample, residual in zip(taken, result.residuals, strict=True):
-        if not residual.used:
-            continue
-        angle = np.linspace(-1.0, 1.0, 50)  # radians either side of the top, seen from above
-        circle = np.column_stack((np.sin(angle), np.zeros(50), np.cos(angle)))
-        points = sample.fit.centre_s + sample.fit.radius * circle
-        T = sample.T_b_f @ result.T_f_s
-        away = np.linalg.norm(points @ T[:3, :3].T + T[:3, 3] - result.centre_b, axis=1)
-        squares.append(np.mean((away - result.radius) ** 2) + sample.fit.scatter**2)
-    return float(np.sqrt(np.mean(squares)))
+        if residual.used:
+            on_arc, T = sample.fit.inlier, sample.T_b_f @ result.T_f_s
+            x, z = shots[sample.name].x_s[on_arc], shots[sample.name].z_s[on_arc]
+            points = transform_points(T, np.column_stack((x, np.zeros_like(x), z)))
+            away.append(np.linalg.norm(points - result.centre_b, axis=1) - result.radius)
+    return float(np.sqrt(np.mean(np.concatenate(away) ** 2)))
 
 
 def straight_lines() -> list[Row]:
