@@ -28,6 +28,7 @@ from _corpus import EXAMPLES, readers
 from _faulty import FaultyScan, faulty_scan
 from _fuzz import Reader, Tally, fuzz, section_ends
 from _hostile import read_hostile_files
+from _large_files import LARGE, read_large_file
 from _processes import SAME_MM, Outcome, killed, on_a_small_disk, unbroken, without_room
 from _run_uses import SoundRun, make_crawls, make_scans, make_tows
 from _spoilt_runs import SpoiltTally, spoil_runs
@@ -87,6 +88,7 @@ def measure(counts: Counts) -> list[Row]:
         rows += _disks(folder / "disks", whole, counts.disks)
     rows += _faults(counts.faulty)
     rows += _files(counts.inputs)
+    rows += _large_files()
     rows += _spoilt_runs(*counts.spoilt)
     rows.append(_overhead(counts.timed, counts.timed_sections))
     return rows
@@ -205,6 +207,20 @@ def _files(count: int) -> list[Row]:
         Row("… that ended otherwise", len(lies.wrong), 0),
         Row("… the slowest", lies.slowest, HANG, "s"),
         Row("… memory they added", lies.grown / 1e6, GROWTH_MB, "MB"),
+    ]
+
+
+def _large_files() -> list[Row]:
+    """Read the largest file of shapes of each kind, each in a new process."""
+    spawn = multiprocessing.get_context("spawn")
+    with (
+        TemporaryDirectory(dir=_in_memory()) as name,
+        ProcessPoolExecutor(WORKERS, mp_context=spawn, max_tasks_per_child=1) as pool,
+    ):
+        taken = list(pool.map(partial(read_large_file, Path(name)), LARGE))
+    return [
+        Row("largest files of each kind: memory they added", max(m for m, _ in taken), 500, "MB"),
+        Row("… the slowest", max(s for _, s in taken), HANG, "s"),
     ]
 
 

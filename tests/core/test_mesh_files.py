@@ -9,9 +9,24 @@ import numpy as np
 import pytest
 import trimesh
 
+from tjscan.comparison.clouds import read_shape_file
+from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.mesh_files import read_mesh_file
 
+PCD = (
+    """VERSION 0.7
+FIELDS x y z
+SIZE 4 4 4
+TYPE F F F
+COUNT 1 1 1
+WIDTH 8
+HEIGHT 1
+POINTS 8
+DATA ascii
+"""
+    + "0 0 0\n10 20 30\n" * 4
+)
 BOX = trimesh.creation.box((10.0, 20.0, 30.0))
 
 
@@ -56,3 +71,25 @@ def test_an_archive_that_unpacks_to_much_more_than_it_is_is_refused(tmp_path: Pa
     assert file.stat().st_size < 20_000
     with pytest.raises(ConfigurationError, match="unpacks to 5"):
         read_mesh_file(file)
+
+
+@pytest.mark.parametrize("kind", ["ply", "ascii ply", "stl", "obj", "3mf", "xyz", "csv", "pcd"])
+def test_what_takes_too_much_memory_to_read_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    file = tmp_path / f"box.{kind.split()[-1]}"
+    if kind == "pcd":
+        file.write_text(PCD)
+    elif kind in ("xyz", "csv"):
+        np.savetxt(file, BOX.vertices, delimiter=",", header="x_mm,y_mm,z_mm", comments="#")
+        if kind == "csv":
+            file.write_text(file.read_text()[1:])
+    elif kind == "ascii ply":
+        BOX.export(file, encoding="ascii")
+    else:
+        BOX.export(file)
+    stated = StatedUnitAndFrame("mm", "j")
+    read_shape_file(file, stated)
+    monkeypatch.setattr("tjscan.core.mesh_memory.MOST_MEMORY", 600)
+    with pytest.raises(ConfigurationError, match="of memory to read, 0 at most: thin it out"):
+        read_shape_file(file, stated)

@@ -24,15 +24,22 @@ from tjscan.comparison.sidecar import (
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.mesh_files import LONGEST_LINE, read_mesh_file, read_ply_header
+from tjscan.core.mesh_files import read_mesh_file
+from tjscan.core.mesh_memory import (
+    LONGEST_LINE,
+    MOST_MEMORY,
+    check_memory_to_read,
+    read_ply_header,
+    refuse_memory,
+)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.files import METRES_PER_UNIT
 
-MOST_BYTES: Final = 4_000_000_000
-"""A larger file would fill the memory."""
+E57_POINT: Final = 120
+"""Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
 """Points, triangles or None, and the unit that the file states with where it states it."""
@@ -51,7 +58,8 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
     Raises
     ------
     ConfigurationError
-        If it is missing, damaged or empty, or nobody states its unit or its frame.
+        If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
+        nobody states its unit or its frame.
     """
     options = options or StatedUnitAndFrame()
     kind = path.suffix.lower()
@@ -60,7 +68,7 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
     if not path.exists():
         near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
-    check_file_size(path, MOST_BYTES, "points and triangles")
+    check_file_size(path, MOST_MEMORY, "points and triangles")
     if kind == ".json":
         return _read_joint_sidecar(path)
     if kind not in READERS_BY_SUFFIX:
@@ -171,6 +179,8 @@ def _read_e57(path: Path) -> FileContent:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
     _need("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
+    points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
+    refuse_memory(path, E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
@@ -182,6 +192,7 @@ def _read_pcd(path: Path) -> FileContent:
 
 def _read_xyz(path: Path) -> FileContent:
     """Three numbers per line, and more that don't matter; separated by spaces, commas or both."""
+    check_memory_to_read(path)
     with path.open(encoding="utf-8") as stream:
         lines = (line.replace(",", " ").replace(";", " ") for line in stream)
         return np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")), None, None
@@ -189,6 +200,7 @@ def _read_xyz(path: Path) -> FileContent:
 
 def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
+    check_memory_to_read(path)
     with path.open(newline="", encoding="utf-8-sig") as stream:
         lines = iter(lambda: stream.readline(LONGEST_LINE + 1), "")
         head = next((line for line in lines if not line.startswith("#")), "")

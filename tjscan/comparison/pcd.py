@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.core.mesh_memory import refuse_memory
 
 NUMPY_TYPES: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},
@@ -25,6 +26,10 @@ NUMPY_TYPES: Final = {
 
 MOST_HEADER_LINES: Final = 100
 """Lines."""
+
+POINT: Final = 110
+COMPRESSED_POINT: Final = 260
+"""Bytes of memory that reading a point takes, beside its own; as measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +48,16 @@ def read_pcd(path: Path) -> Array:
 
     Raises
     ------
+    ConfigurationError
+        If it takes too much memory to read.
     ValueError
         If it is damaged, or of another kind.
     """
     with path.open("rb") as stream:
         head = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
+        rate = COMPRESSED_POINT if head.data == "binary_compressed" else POINT
+        refuse_memory(path, head.points * (rate + head.layout.itemsize))
         if head.data == "ascii":
             lines = (line.decode("ascii") for line in stream)
             columns = [_first_column(head.layout, axis) for axis in "xyz"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,21 +10,16 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.mesh_memory import check_memory_to_read, read_ply_header
 
 MOST_UNPACKED_BYTES: Final = 500_000_000
-"""What an archive may hold: some eight million triangles as text."""
+"""What an archive may hold."""
 
 MOST_UNPACKED_SHARE: Final = 30
 """Times its own size that an archive may unpack to: text of numbers shrinks to a fifth."""
 
 ROOM_FOR_HEADERS: Final = 1_000_000
 """Bytes that a small archive may unpack to in any case."""
-
-MOST_HEADER_LINES: Final = 1000
-"""Of a PLY."""
-
-LONGEST_LINE: Final = 10_000
-"""Bytes of a line in such a header."""
 
 
 def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]]]:
@@ -49,7 +43,7 @@ def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]
     Raises
     ------
     ConfigurationError
-        If it is cut off, or unpacks to far more than it is.
+        If it is cut off, unpacks to far more than it is, or takes too much memory to read.
     Exception
         Whatever `trimesh` stumbles over.
     """
@@ -58,6 +52,7 @@ def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]
     kind = path.suffix.lower()
     if kind == ".3mf":
         _check_archive(path)
+    check_memory_to_read(path)
     nothing = trimesh.resolvers.ZipResolver({})
     loaded = trimesh.load(path, process=False, resolver=nothing)
     if isinstance(loaded, trimesh.Scene):
@@ -67,14 +62,6 @@ def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]
     if kind == ".ply":
         _check_vertices(path, len(points))
     return points, np.asarray(faces, dtype=np.intp).reshape(-1, 3)
-
-
-def read_ply_header(path: Path) -> list[str]:
-    """Lines of a PLY file's header."""
-    with path.open("rb") as stream:
-        ends = iter(lambda: stream.readline(LONGEST_LINE), b"")
-        lines = (line.decode("ascii", errors="replace").strip() for line in ends)
-        return list(islice(takewhile(lambda line: line != "end_header", lines), MOST_HEADER_LINES))
 
 
 def _check_vertices(path: Path, count: int) -> None:
