@@ -13,7 +13,7 @@ from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.job.wps import read_wps
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.urscript import plan_to_urscript
+from tjscan.planning.urscript import BeadWay, StationWay, way_to_urscript
 from tjscan.robot.loopback.controller import LoopbackController
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
@@ -41,9 +41,13 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     bead: PlannedBead = plan.beads[0]
     over = bead.T_r_torch[0] @ pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     T_b_r = KINEMATICS.forward(HOME) @ tcp @ inverse_pose(over)
+    back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
+    path = T_b_r @ bead.T_r_torch
+    one = BeadWay(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
+    script = way_to_urscript(StationWay("a", HOME, (one,)), plan.wps.torch, OUTPUT, arc=arc)
     told: list[str] = []
     controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, tell=told.append)
-    controller.start_script(plan_to_urscript(plan, T_b_r, OUTPUT, arc=arc))
+    controller.start_script(script)
     tips, outputs = [], []
     for _ in range(int(60 * HZ)):
         controller.advance_one_tick()
@@ -52,8 +56,7 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
         if told[-1] == "program stopped":
             break
     assert not [line for line in told if "failed" in line]
-    points = (T_b_r @ bead.T_r_torch)[:, :3, 3]
-    return np.array(tips), np.array(outputs), points
+    return np.array(tips), np.array(outputs), path[:, :3, 3]
 
 
 def test_the_written_program_follows_the_bead_with_the_arc_on_on_it_alone() -> None:

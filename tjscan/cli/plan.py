@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from tjscan.runs.plan import WrittenPlan
 
 OUT_OF_WPS = 3
-"""Exit code where something of the plan is out of the WPS."""
+"""Exit code where something of the plan is out of the WPS or reached by no station."""
 
 
 def plan(
@@ -19,6 +19,7 @@ def plan(
     gravity: tuple[float, float, float],
     out: Path | None = None,
     after_pass: int = 0,
+    reach: bool = True,
     output: int = 0,
     arc: bool = False,
     json: bool = False,
@@ -38,6 +39,8 @@ def plan(
         Directory for the plan's files; the run directory where left out.
     after_pass
         Passes that were welded before the groove was scanned: planned are those after them.
+    reach
+        Find out what the arm reaches from its stations, and write a program for each.
     output
         Standard digital output that switches the arc in the program for the arm, 0 to 7.
     arc
@@ -58,13 +61,15 @@ def plan(
         from tjscan.report.plan_page import write_plan_page
         from tjscan.runs.plan import ArcSwitch, plan_run
 
-        done = plan_run(run, wps, np.array(gravity), ArcSwitch(output, arc), out, after_pass)
+        switch = ArcSwitch(output, arc)
+        done = plan_run(run, wps, np.array(gravity), switch, out, after_pass, reach=reach)
         page = write_plan_page(done.directory)
     if json:
         print(done.document.model_dump_json(indent=1))
     else:
         _print_plan(done, page)
-    if done.plan.findings or any(one.out_of_table for one in done.document.details):
+    wanting = bool(done.plan.findings or done.nobody_s)
+    if wanting or any(one.out_of_table for one in done.document.details):
         raise SystemExit(OUT_OF_WPS)
 
 
@@ -72,13 +77,26 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
     from tjscan.cli.console import print_message, print_table
 
     found = done.document
-    head = ("bead", "layer", "kind", "mm", "m/min", "mm/min", "mm²", "kJ/mm", "position", "fill ±")
+    head = (
+        "bead",
+        "station",
+        "layer",
+        "kind",
+        "mm",
+        "m/min",
+        "mm/min",
+        "mm²",
+        "kJ/mm",
+        "position",
+        "fill ±",
+    )
     print_table(
         [
             head,
             *(
                 (
                     str(bead.number),
+                    bead.station or "–",
                     f"{bead.layer}.{bead.place}",
                     bead.kind,
                     f"{bead.length_mm:.0f}",
@@ -95,7 +113,7 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
     )
     zones = "" if len(found.zones) == 1 else f" in {len(found.zones)} zones"
     print(
-        f"{len(found.beads)} beads{zones} over {found.groove_mm:.0f} mm"
+        f"{len({bead.number for bead in found.beads})} beads{zones} over {found.groove_mm:.0f} mm"
         f"{', closed' if found.closed else ''}: arc on for {found.arc_time_s / 60:.1f} min, "
         f"wire {found.wire_m:.0f} m or {found.wire_kg:.2f} kg, gas {found.gas_l:.0f} l; "
         f"stick-out {found.stick_out_mm:g} mm, "
@@ -122,6 +140,19 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
             f"out of the WPS: bead {one.bead}, s = {one.begin_mm:.0f} to {one.end_mm:.0f} mm: "
             f"{one.key}: {one.text}"
         )
-    if done.without_script:
-        print_message(f"no program for the arm: {done.without_script}")
+    for station in found.stations:
+        reached = station.reached_mm
+        print(
+            f"{station.name} reaches "
+            + ("nothing" if reached is None else "s = {:.0f} to {:.0f} mm".format(*reached))
+            + (f": {station.program}" if station.program else "")
+        )
+        for length in station.unreached:
+            print(f"  not s = {length.begin_mm:.0f} to {length.end_mm:.0f} mm: {length.reason}")
+        if station.without_program:
+            print(f"  no program: {station.without_program}")
+    for begin, end in done.nobody_s:
+        print(f"no station reaches s = {1e3 * begin:.0f} to {1e3 * end:.0f} mm")
+    if found.without_stations:
+        print_message(f"no program for the arm: {found.without_stations}")
     print_message(f"written to {done.directory}: {', '.join((*done.files, page.name))}")

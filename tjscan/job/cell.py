@@ -395,9 +395,17 @@ def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> 
     return ClearPathPlanner(kinematics, model, table)
 
 
-def solids_in_base(job: CellJob) -> tuple[Solid, ...]:
-    """Solids about a job's arm where they stand in frame b; of the workpiece as far as known."""
-    T_b_w = inverse_pose(job.T_w_b)
+def solids_in_base(job: CellJob, T_b_w: Array | None = None) -> tuple[Solid, ...]:
+    """Solids about a job's arm where they stand in frame b.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job, of one station if it has any.
+    T_b_w : ndarray, shape (4, 4), optional
+        Where the workpiece's frame stands; as the job states it where left out.
+    """
+    T_b_w = inverse_pose(job.T_w_b) if T_b_w is None else T_b_w
     return tuple(
         one.solid if one.frame == "b" else replace(one.solid, T=T_b_w @ one.solid.T)
         for one in job.clearance.solid

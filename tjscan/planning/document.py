@@ -92,6 +92,30 @@ class DetailEntry(StrictFileModel):
     ]
 
 
+class LengthEntry(StrictFileModel):
+    """A length of groove that a station does not reach."""
+
+    begin_mm: float
+    end_mm: float
+    reason: Annotated[str, Field(description="what mostly stands in the way")]
+
+
+class StationEntry(StrictFileModel):
+    """What a station reaches with the torch, and its program."""
+
+    name: str
+    reached_mm: Annotated[
+        Range | None,
+        Field(
+            description="the longest length along which the torch can be led; beyond the groove's "
+            "length where it closes and that passes its start; null where nothing is reached"
+        ),
+    ]
+    unreached: Annotated[tuple[LengthEntry, ...], Field(strict=False)]
+    program: Annotated[str, Field(description="file; empty where there is none")]
+    without_program: Annotated[str, Field(description="why there is none")]
+
+
 class FindingEntry(StrictFileModel):
     """What of a bead is out of the WPS."""
 
@@ -127,6 +151,10 @@ class PlanDocument(StrictFileModel):
     beads: Annotated[tuple[BeadEntry, ...], Field(strict=False)]
     details: Annotated[tuple[DetailEntry, ...], Field(strict=False)]
     out_of_wps: Annotated[tuple[FindingEntry, ...], Field(strict=False)]
+    stations: Annotated[
+        tuple[StationEntry, ...], Field(strict=False, description="in the order of welding")
+    ]
+    without_stations: Annotated[str, Field(description="why it is not known what is reached")]
 
 
 def plan_document(
@@ -135,6 +163,8 @@ def plan_document(
     run: str,
     wps: str,
     details: Sequence[DetailStretch] = (),
+    stations: tuple[StationEntry, ...] = (),
+    without_stations: str = "",
 ) -> PlanDocument:
     """Build the document of a plan.
 
@@ -150,11 +180,17 @@ def plan_document(
         Name of the WPS, and its SHA-256.
     details : sequence of DetailStretch
         The groove beside the WPS's table of details.
+    stations : tuple of StationEntry
+        What each reaches.
+    without_stations : str
+        Why that is not known.
     """
     x, y, z = plan.gravity.tolist()
     return PlanDocument(
         run=run,
         wps=wps,
+        stations=stations,
+        without_stations=without_stations,
         provenance=provenance,
         gravity=(x, y, z),
         closed=plan.edges.closed,

@@ -1,19 +1,23 @@
-"""The plan as a program in URScript: the tip's path with its speeds, and the output of the arc.
+"""A station's way as a program in URScript: the tip's path, its speeds, and the output of the arc.
 
-The words are those that `docs/ur.md` lists. No arm has run such a file.
+The words are those that `docs/ur.md` lists. No arm has run such a file. A real controller lets no
+two blends overlap (its manual), keeps to the speed through a blend with ``movep`` alone, and stops
+with an error where the tool turns back in one: blends here are a fifth of the shorter step beside
+them, and chords meet at 2 degrees at most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, pose
+from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_to_vector
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.plan import WeldPlan
+from tjscan.planning.wps import TorchSettings
 
 BLEND: Final = 0.2
 """Radius of a blend as a share of the shorter step beside it: blends never touch."""
@@ -24,66 +28,97 @@ ACCELERATION: Final = 0.5
 WAY_SPEED: Final = 0.05
 """m/s, between beads."""
 
+JOINT_SPEED: Final = 0.2
+"""rad/s of the leading joint, to where the first bead begins."""
 
-def plan_to_urscript(plan: WeldPlan, T_b_r: Array, output: int, *, arc: bool) -> str:
-    """Write the plan as a URScript program.
 
-    Between beads the torch is drawn back along the wire, and goes back over the bead it has laid,
-    never straight across: the brace may stand there.
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadWay:
+    """How an arm leads the torch to a bead, along it, and away.
 
     Parameters
     ----------
-    plan : WeldPlan
-        The plan.
-    T_b_r : ndarray, shape (4, 4)
-        Pose of the sections' frame in the arm's base frame.
+    bead : PlannedBead
+        The bead, or a station's part of it.
+    way : ndarray, shape (k, 4, 4)
+        Poses of the wire's tip on the way to where it starts, the last one there; in frame b.
+    path : ndarray, shape (q, 4, 4)
+        At each of its points.
+    leave : ndarray, shape (l, 4, 4)
+        On the way off its end.
+    """
+
+    bead: PlannedBead
+    way: Array
+    path: Array
+    leave: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationWay:
+    """How the arm of a station leads the torch along all of its beads.
+
+    Parameters
+    ----------
+    station : str
+        Its name.
+    q : ndarray, shape (6,)
+        Joint angles at the first pose, radians.
+    beads : tuple of BeadWay
+        In the order of welding.
+    """
+
+    station: str
+    q: Array
+    beads: tuple[BeadWay, ...]
+
+
+def way_to_urscript(way: StationWay, torch: TorchSettings, output: int, *, arc: bool) -> str:
+    """Write a station's way as a URScript program.
+
+    Parameters
+    ----------
+    way : StationWay
+        The way.
+    torch : TorchSettings
+        The torch.
     output : int
         Number of the standard digital output that switches the arc.
     arc : bool
         Whether it is switched on on the beads; else it stays off throughout.
     """
+    joints = ", ".join(f"{x:.7f}" for x in way.q)
     lines = [
         "def tjscan_plan():",
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
-        f"  set_tcp({_pose(plan.wps.torch.tcp.T)})",
+        f"  set_tcp({_pose(torch.tcp.T)})",
+        "  # nobody has checked the way from where the arm stands to here",
+        f"  movej([{joints}], a={ACCELERATION}, v={JOINT_SPEED})",
     ]
-    back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
-    before: PlannedBead | None = None
-    for bead in plan.beads:
-        T = T_b_r @ bead.T_r_torch
-        if before is not None:
-            way = (T_b_r @ before.T_r_torch @ back)[::-1]
-            lines += _way(way[_every(before, plan.wps.torch.retract)])
-        lines.append(f"  # bead {bead.number}: {bead.kind}, layer {bead.layer}")
-        lines += _way([T[0] @ back, T[0]])
-        lines += _bead(bead, T, output, arc=arc)
-        lines += _way([T[-1] @ back])
-        before = bead
+    for one in way.beads:
+        lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
+        lines += _way(one.way)
+        lines += _bead(one, output, arc=arc)
+        lines += _way(one.leave)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead(bead: PlannedBead, T: Array, output: int, *, arc: bool) -> Iterator[str]:
+def _bead(one: BeadWay, output: int, *, arc: bool) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
-    steps = bead.path_steps
-    for i in range(1, len(T)):
+    bead, steps = one.bead, one.bead.path_steps
+    for i, T in enumerate(one.path[1:], start=1):
         # A step has one speed: that between its ends.
         speed = 2 / (1 / bead.speed[i - 1] + 1 / bead.speed[i])
-        blend = BLEND * min(steps[i - 1], steps[i]) if i < len(T) - 1 else 0.0
-        yield f"  movep({_pose(T[i])}, a={ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
+        blend = BLEND * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
+        yield f"  movep({_pose(T)}, a={ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     yield f"  set_standard_digital_out({output}, False)"
 
 
 def _way(poses: Array | Sequence[Array]) -> Iterator[str]:
     for T in poses:
         yield f"  movel({_pose(T)}, a={ACCELERATION}, v={WAY_SPEED})"
-
-
-def _every(bead: PlannedBead, distance: float) -> slice:
-    """Points of a bead about half a distance apart: the way back needs no more."""
-    mean = bead.length / (len(bead.s) - 1)
-    return slice(None, None, max(1, int(0.5 * distance / mean)))
 
 
 def _pose(T: Array) -> str:

@@ -31,6 +31,7 @@ JUMP: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
 
 OUT_OF_REACH: Final = "out of the arm's reach"
+SINGULAR: Final = "the arm is too near to a singularity"
 
 Hindrance = Callable[[Array], str]
 """What keeps an arm from standing with these joint angles, shape (6,); empty where nothing does."""
@@ -68,17 +69,17 @@ class ToolHolds:
         -------
         tuple of (int, int)
             First and last place, both included, none within another. Where the line closes, a last
-            place may be beyond the number of places, up to the first once more.
+            place may be beyond the number of places, up to two turns on.
         """
         m, found = len(self.can), list[tuple[int, int]]()
         for first in range(m):
             if not self.can[first].any():
                 continue
-            last = self._farthest(first, first + m if self.closed else m - 1)
+            last = self._farthest(first, first + 2 * m if self.closed else m - 1)
             if found and found[-1][1] >= last:
                 continue
             found.append((first, last))
-            if last == first + m:
+            if last >= first + m:
                 return ((first, last),)
         if self.closed and len(found) > 1:  # the first ones may lie in a later one, a turn on
             found = [one for one in found if one[1] + m > found[-1][1] or one is found[-1]]
@@ -133,6 +134,7 @@ def find_tool_holds(
     poses: Array,
     hindrance: Hindrance,
     *,
+    singular: float,
     closed: bool,
 ) -> ToolHolds:
     """Find how an arm can hold a tool along a line, its z axis the one it may turn about.
@@ -148,6 +150,9 @@ def find_tool_holds(
         in frame b.
     hindrance : callable
         What keeps the arm from standing somewhere.
+    singular : float
+        Least singular value of the arm's Jacobian, see `Kinematics.smallest_singular_value`. It is
+        looked at for the first pose of a place alone, the others being near.
     closed : bool
         Whether the last place is followed by the first.
 
@@ -167,7 +172,11 @@ def find_tool_holds(
         within = np.isfinite(q) & (_nearest_turn(kinematics, q) <= 0)
         reasons: Counter[str] = Counter()
         for spin, branch in np.argwhere(within.all(axis=(0, 3))):
-            reason = next(filter(None, map(hindrance, q[:, spin, branch])), "")
+            held = q[:, spin, branch]
+            if kinematics.smallest_singular_value(held[0]) < singular:
+                reason = SINGULAR
+            else:
+                reason = next(filter(None, map(hindrance, held)), "")
             can[i, spin, branch] = not reason
             reasons[reason] += 1
         likely = (reason for reason, _ in reasons.most_common())

@@ -14,27 +14,27 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM2
-from tjscan.job.reading import read_scan_job
 from tjscan.job.wps import read_wps
 from tjscan.planning.document import PlanDocument, plan_document
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import crowns_and_saddles
+from tjscan.planning.stops import NOBODY, crowns_and_saddles
 from tjscan.planning.tables import beads_to_csv
-from tjscan.planning.urscript import plan_to_urscript
+from tjscan.planning.urscript import way_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
-from tjscan.result.directory import JOB, SECTIONS, job_label_of_run
+from tjscan.result.directory import SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.result.weldx import ROOTS
 from tjscan.runs.plan_details import details_of_run
+from tjscan.runs.plan_programs import PartedPlan, part_plan
+from tjscan.runs.welding_station import WeldingStation, welding_stations
 
 PLAN: Final = "plan.json"
 BEADS: Final = "beads.csv"
 PICTURE: Final = "plan.png"
-SCRIPT: Final = "plan.urscript"
 WELDX: Final = "plan.weldx"
 
 
@@ -68,15 +68,19 @@ class WrittenPlan:
         Where its files are.
     files : tuple of str
         Their names.
-    without_script : str
-        Why there is no program for the arm; empty where there is one.
     """
 
     plan: WeldPlan
     document: PlanDocument
     directory: Path
     files: tuple[str, ...]
-    without_script: str
+
+    @property
+    def nobody_s(self) -> tuple[tuple[float, float], ...]:
+        """Lengths that no station reaches, where that was looked for; metres."""
+        found = [bead for bead in self.plan.beads if bead.station == NOBODY and bead.layer == 1]
+        spans = tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
+        return spans if self.document.stations else ()
 
 
 def plan_run(
@@ -86,6 +90,8 @@ def plan_run(
     switch: ArcSwitch,
     out: Path | None = None,
     after_pass: int = 0,
+    *,
+    reach: bool = True,
 ) -> WrittenPlan:
     """Plan the weld of a run's groove and write the plan's files.
 
@@ -103,6 +109,8 @@ def plan_run(
         Where the files go; the run directory where left out.
     after_pass : int
         Passes that were welded before the groove was measured.
+    reach : bool
+        Whether to find out what the arm reaches; without that there is no program.
 
     Raises
     ------
@@ -121,6 +129,15 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = details_of_run(directory, sections, edges, wps)
+        arms, without = (
+            _arms(directory, summary.frame) if reach else ((), "reach was not asked for")
+        )
+        parted = PartedPlan(plan, (), {})
+        if arms:
+            parted = part_plan(
+                arms, plan, sections, lambda s: plan_weld(edges, wps, gravity, marks, s, after_pass)
+            )
+            plan = parted.plan
     except ConfigurationError as error:
         of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
         file = error.file or (wps_file if of_wps else directory / SECTIONS)
@@ -131,23 +148,24 @@ def plan_run(
         ) from None
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    document = plan_document(plan, provenance, directory.resolve().name, label, details)
-    T_b_r, reason = _base_of_frame(directory, summary.frame)
+    document = plan_document(
+        plan, provenance, directory.resolve().name, label, details, parted.stations, without
+    )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN) as draft:
         _draw(draft / PICTURE, plan, provenance)
         text = beads_to_csv(plan, provenance)
         (draft / BEADS).write_text(text, encoding="utf-8", newline="")
-        if T_b_r is not None:
-            script = plan_to_urscript(plan, T_b_r, switch.output, arc=switch.on)
+        for name, way in parted.ways.items():
+            script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)
             head = provenance.comment_lines("#")
-            (draft / SCRIPT).write_text(head + script, encoding="utf-8")
+            (draft / name).write_text(head + script, encoding="utf-8")
         if weldx_is_installed():
             root = ROOTS.get(summary.frame, summary.frame)
             write_plan_as_weldx(draft / WELDX, plan, document, root)
         (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
         files = tuple(sorted(file.name for file in draft.iterdir()))
-    return WrittenPlan(plan, document, folder, files, reason)
+    return WrittenPlan(plan, document, folder, files)
 
 
 def _shared_area_sigma(summary: ScanSummary) -> float:
@@ -156,16 +174,12 @@ def _shared_area_sigma(summary: ScanSummary) -> float:
     return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
 
 
-def _base_of_frame(directory: Path, frame: str) -> tuple[Array | None, str]:
-    """Pose of the sections' frame in the arm's base frame, or why it is not known."""
-    if frame == "b":
-        return np.eye(4), ""
-    if not (directory / JOB).is_file():
-        return None, "the run holds no job that says where its arm stood"
-    job = read_scan_job(directory / JOB)
-    if job.station or job.joint is None:
-        return None, "programs for several stations are not written yet"
-    return job.joint.T_w_j, ""
+def _arms(directory: Path, frame: str) -> tuple[tuple[WeldingStation, ...], str]:
+    """Arms of a run, or why they are not known."""
+    try:
+        return welding_stations(directory, frame), ""
+    except ConfigurationError as error:
+        return (), str(error)
 
 
 def _draw(file: Path, plan: WeldPlan, provenance: Provenance) -> None:

@@ -1,0 +1,141 @@
+"""What stations reach of a run's groove; their programs, run on the loopback controller."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+
+from tjscan.core.frames import Array
+from tjscan.core.pose_vector import pose_from_vector
+from tjscan.job.wps import read_wps
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.loopback.controller import LoopbackController
+
+ROOT = Path(__file__).parent.parent.parent
+RUN = ROOT / "tests" / "data" / "run-0.1.0"
+WPS = ROOT / "examples" / "wps.toml"
+OUTPUT = 3
+HZ = 25.0
+OFF_PATH = 0.2e-3
+OFF_SPEED = 0.02
+ENDS = 10e-3
+"""Metres at either end of a bead where the arm gains speed and loses it."""
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run directory of one scan, with its plan."""
+    run = tmp_path_factory.mktemp("plan") / "run"
+    shutil.copytree(RUN, run)
+    options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc")
+    assert tjscan("plan", run, "--wps", WPS, *options) in (0, 3)
+    return run
+
+
+def rows_of(run: Path, number: int) -> list[dict[str, str]]:
+    lines = (run / "beads.csv").read_text(encoding="utf-8").splitlines()
+    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+    return [row for row in rows if int(row["bead"]) == number]
+
+
+def followed(run: Path, number: int) -> tuple[Array, Array]:
+    """Tip of the wire in frame b, shape (n, 3), and the output, while a bead's lines are run."""
+    lines = (run / "plan.urscript").read_text(encoding="utf-8").splitlines()
+    starts = [i for i, line in enumerate(lines) if line.startswith("  # bead")] + [len(lines) - 1]
+    head, part = lines[: starts[0]], lines[starts[number - 1] : starts[number]]
+    arm, told = Kinematics.load("ur10e"), list[str]()
+    tcp = read_wps(WPS).torch.tcp.T
+    (joints,) = (line for line in head if "movej" in line)
+    q = np.array([float(x) for x in joints[joints.index("[") + 1 : joints.index("]")].split(",")])
+    controller = LoopbackController(arm, q, hz=HZ, fast=False, tell=told.append)
+    controller.start_script("\n".join((*head, *part, "end")))
+    tips, outputs = [], []
+    while told[-1] != "program stopped":
+        controller.advance_one_tick()
+        tips.append((arm.forward(controller.q) @ tcp)[:3, 3])
+        outputs.append(bool(controller.digital_outputs >> OUTPUT & 1))
+    assert not [line for line in told if "failed" in line]
+    return np.array(tips), np.array(outputs)
+
+
+def test_the_reach_of_the_arm_is_part_of_the_plan(planned: Path) -> None:
+    document = json.loads((planned / "plan.json").read_text(encoding="utf-8"))
+    (station,) = document["stations"]
+    begin, end = station["reached_mm"]
+    assert station["program"] == "plan.urscript"
+    assert 0 <= begin < end <= document["groove_mm"] + 0.1
+    for bead in document["beads"]:
+        if bead["station"] == station["name"]:
+            assert begin - 0.1 <= bead["begin_mm"] < bead["end_mm"] <= end + 0.1
+
+
+def test_a_curved_bead_is_followed_with_the_arc_on_on_it_alone(planned: Path) -> None:
+    """Point by point against ``beads.csv``: path, speed, output."""
+    rows = [row for row in rows_of(planned, 1) if row["station"]]
+    points_j = 1e-3 * np.array([[float(row[k]) for k in ("x_mm", "y_mm", "z_mm")] for row in rows])
+    speeds = np.array([float(row["speed_mm_min"]) for row in rows]) / 60e3
+    tips, on = followed(planned, 1)
+    script = (planned / "plan.urscript").read_text(encoding="utf-8").splitlines()
+    moves = [line for line in script if "movep" in line][: len(rows) - 1]
+    targets = [
+        pose_from_vector([float(x) for x in m[m.index("[") + 1 : m.index("]")].split(",")])
+        for m in moves
+    ]
+    points = np.array([T[:3, 3] for T in targets])
+    # The program's points are the table's, in another frame.
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(points, axis=0), axis=1),
+        np.linalg.norm(np.diff(points_j[1:], axis=0), axis=1),
+        atol=1e-6,
+    )
+    points = np.concatenate((tips[on][:1], points))
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    away, s = distance_and_length(tips[on], points, along)
+    assert away.max() <= OFF_PATH
+    assert s.min() == pytest.approx(0, abs=OFF_PATH)
+    assert s.max() == pytest.approx(along[-1], abs=OFF_PATH)
+    even = (s > ENDS) & (s < along[-1] - ENDS)
+    speed = HZ * np.diff(s)
+    planned_speed = np.interp(s, along, speeds)
+    np.testing.assert_allclose(speed[even[1:]], planned_speed[1:][even[1:]], rtol=OFF_SPEED)
+    off = distance_and_length(tips[np.logical_not(on)], points, along)[0]
+    assert off.max() >= 0.9 * read_wps(WPS).torch.retract
+
+
+def distance_and_length(tips: Array, points: Array, along: Array) -> tuple[Array, Array]:
+    """Distance of tips from a line of points, and the length along it of the nearest there."""
+    chords = np.diff(points, axis=0)
+    from_start = tips[:, None] - points[:-1]
+    share = np.clip(np.sum(from_start * chords, axis=2) / np.sum(chords**2, axis=1), 0, 1)
+    away = np.linalg.norm(from_start - share[..., None] * chords, axis=2)
+    i = away.argmin(axis=1)
+    j = np.arange(len(tips))
+    return away[j, i], along[i] + share[j, i] * np.diff(along)[i]
+
+
+def test_without_asking_for_the_reach_there_is_no_program(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(RUN, run)
+    tjscan("plan", run, "--wps", WPS, "--gravity", 0, 0, -1, "--no-reach")
+    assert not (run / "plan.urscript").exists()
+    document = json.loads((run / "plan.json").read_text(encoding="utf-8"))
+    assert document["stations"] == []
+    assert "not asked for" in document["without_stations"]
+
+
+def test_a_torch_that_reaches_nothing_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, wps = tmp_path / "run", tmp_path / "wps.toml"
+    shutil.copytree(RUN, run)
+    text = WPS.read_text(encoding="utf-8").replace("[0.0, 60.0, 340.0]", "[0.0, 60.0, 3400.0]")
+    wps.write_text(text, encoding="utf-8")
+    assert tjscan("plan", run, "--wps", wps, "--gravity", 0, 0, -1) == 2
+    message = capsys.readouterr().err
+    assert f"{wps}: torch: no station reaches any of the groove" in message
+    assert "out of the arm's reach" in message
+    assert not (run / "plan.json").exists()

@@ -1,0 +1,318 @@
+"""What of a planned weld each station reaches with the torch, and how it leads the torch there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.errors import PoseUnreachable
+from tjscan.core.frames import Array, inverse_pose, pose, rot_z
+from tjscan.planning.bead import PlannedBead
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.plan import WeldPlan
+from tjscan.planning.stops import StationStretch
+from tjscan.planning.urscript import BeadWay, StationWay
+from tjscan.robot.path import JUMP, linear_waypoints
+from tjscan.robot.tool_reach import SINGULAR, Hindrance, ToolHolds, find_tool_holds
+from tjscan.runs.welding_station import WeldingStation
+
+STEP: Final = 25e-3
+"""Metres along the groove between the places at which holds are looked for."""
+
+RESERVE: Final = 1e-3
+"""Metres further than the margins at these places, for what lies between them."""
+
+FINE: Final = 10e-3
+"""Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnreachedLength:
+    """A length of groove that a station does not reach.
+
+    Parameters
+    ----------
+    begin, end : float
+        Metres along the groove.
+    reason : str
+        What mostly stands in the way.
+    """
+
+    begin: float
+    end: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationReach:
+    """What a station reaches of a groove with its torch.
+
+    Parameters
+    ----------
+    station : WeldingStation
+        The arm.
+    hindrance : callable
+        What keeps it from standing somewhere.
+    places : ndarray, shape (m,)
+        Where holds were looked for, metres along the groove.
+    length : float
+        Of the groove, metres.
+    holds : ToolHolds
+        What was found.
+    """
+
+    station: WeldingStation
+    hindrance: Hindrance
+    places: Array
+    length: float
+    holds: ToolHolds
+
+    @property
+    def longest(self) -> tuple[int, int] | None:
+        """First and last place of the longest stretch along which the torch can be led."""
+        found = self.holds.stretches()
+        return max(found, key=lambda one: one[1] - one[0], default=None)
+
+    @property
+    def stretch(self) -> StationStretch | None:
+        """That stretch along the groove."""
+        found = self.longest
+        if found is None or found[0] == found[1]:
+            return None
+        return StationStretch(self.station.name, *(float(self._at(np.array(i))) for i in found))
+
+    @property
+    def unreached(self) -> tuple[UnreachedLength, ...]:
+        """Lengths of groove beyond that stretch, and what stands in the way there."""
+        first, last = self.longest or (0, -1)
+        m, step = len(self.places), self.places[1] - self.places[0]
+        reached = {i % m for i in range(first, last + 1)}
+        found = list[UnreachedLength]()
+        for i in (i for i in range(m) if i not in reached):
+            at = float(self.places[i])
+            reason = self.holds.hindrances[i] or "a joint would have to jump"
+            if found and found[-1].reason == reason and at - found[-1].end < 1.5 * step:
+                found[-1] = UnreachedLength(found[-1].begin, at, reason)
+            else:
+                found.append(UnreachedLength(at, at, reason))
+        return tuple(found)
+
+    def lead_torch(self, plan: WeldPlan) -> StationWay:
+        """Lead the torch along this station's beads, one after the other.
+
+        Between beads it is drawn back along the wire and goes back over the bead it has laid.
+
+        Parameters
+        ----------
+        plan : WeldPlan
+            With beads of this station.
+
+        Raises
+        ------
+        PoseUnreachable
+            If something stands in the way between the places that were looked at.
+        """
+        first, last = self.longest or (0, 0)
+        spins, q = self.holds.path(first, last)
+        q = _within_limits(q, self.station)
+        at = self._at(np.arange(first, last + 1))
+        torch, arm = plan.wps.torch, self.station.kinematics
+        T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
+        leader = _Leader(self.station, torch.tcp.T, self.hindrance)
+        found, before = list[BeadWay](), None
+        for bead in (bead for bead in plan.beads if bead.station == self.station.name):
+            turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
+            s = bead.s + turns * self.length * self.holds.closed
+            spun = np.array([pose(rot_z(spin)) for spin in np.interp(s, at, spins)])
+            T = self.station.T_b_r @ bead.T_r_torch @ spun
+            where = f"bead {bead.number} of station {self.station.name}"
+            if before is None:
+                near = q[int(np.argmin(np.abs(at - s[0])))]
+                leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
+                start = leader.q
+                way = np.empty((0, 4, 4))
+            else:
+                way = leader.way(before, where)
+            way = np.concatenate((way, leader.way(np.array([T[0] @ back, T[0]]), where)))
+            path = leader.bead(T, bead, where)
+            leave = leader.way(np.array([T[-1] @ back]), where)
+            found.append(BeadWay(bead, way, path, leave))
+            before = (T @ back)[::-1][_every(bead, torch.retract)]
+        return StationWay(self.station.name, start, tuple(found))
+
+    def _at(self, i: NDArray[np.int64]) -> Array:
+        """Metres along the groove of places, beyond its length after a turn."""
+        m = len(self.places)
+        return np.asarray(self.places[i % m] + self.length * (i // m))
+
+
+class _Leader:
+    """Leads an arm from pose to pose of its tool, and sees that nothing stands in the way."""
+
+    def __init__(self, station: WeldingStation, T_f_tool: Array, hindrance: Hindrance) -> None:
+        self._station, self._T_f_tool, self._hindrance = station, T_f_tool, hindrance
+        self._T_tool_f = inverse_pose(T_f_tool)
+        self.q = np.zeros(6)
+
+    def way(self, poses: Array, where: str) -> Array:
+        """On lines to poses of the tool, shape (k, 4, 4); what the controller is told of them."""
+        told = []
+        for T in poses:
+            T_b_f = T @ self._T_tool_f
+            try:
+                path, _ = linear_waypoints(self._station.kinematics, self.q, T_b_f)
+            except PoseUnreachable as error:
+                raise PoseUnreachable(f"on the way to {where}: {error.reason}", T_b_f) from None
+            for q in path[1:]:
+                self._check(q, T_b_f, f"on the way to {where}")
+            self.q = path[-1]
+            told.append(self._told(T_b_f))
+        return np.array(told)
+
+    def bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
+        """Along a bead's poses, shape (q, 4, 4); what the controller is told of them."""
+        told = []
+        for T, s in zip(poses, bead.s, strict=True):
+            T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
+            q = self._station.kinematics.inverse(T_b_f, near=self.q)
+            if np.abs(q - self.q).max() > JUMP:
+                raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
+            self._check(q, T_b_f, here)
+            self.q = q
+            told.append(self._told(T_b_f))
+        return np.array(told)
+
+    def _check(self, q: Array, T_b_f: Array, where: str) -> None:
+        arm, least = self._station.kinematics, self._station.job.clearance.singular
+        reason = SINGULAR if arm.smallest_singular_value(q) < least else self._hindrance(q)
+        if reason:
+            raise PoseUnreachable(f"{where}: {reason}", T_b_f)
+
+    def _told(self, T_b_f: Array) -> Array:
+        return self._station.as_told(T_b_f, self.q) @ self._T_f_tool
+
+
+def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -> StationReach:
+    """Find what a station reaches of a plan's beads, all of them with the same spin at a place.
+
+    Parameters
+    ----------
+    station : WeldingStation
+        The arm.
+    plan : WeldPlan
+        The plan, its beads whole.
+    groove : ndarray, shape (k, 5, 3)
+        The groove's surface, see `groove_surface`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm is not of the Universal Robots type.
+    """
+    edges, torch = plan.edges, plan.wps.torch
+    count = ceil(edges.length / STEP)
+    places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
+    T = station.T_b_r @ torch_poses(plan, places)
+    hindrance = station.hindrance(torch, groove, RESERVE)
+    holds = find_tool_holds(
+        station.kinematics,
+        torch.tcp.T,
+        T,
+        hindrance,
+        singular=station.job.clearance.singular,
+        closed=edges.closed,
+    )
+    return StationReach(station, station.hindrance(torch, groove, 0.0), places, edges.length, holds)
+
+
+def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
+    """Surface of the smoothed groove and beside it, as far as it was measured.
+
+    Parameters
+    ----------
+    edges : GrooveEdges
+        The groove.
+    sections : ndarray, shape (k, 5, 3)
+        The five points of each measured section, metres.
+
+    Returns
+    -------
+    ndarray, shape (m, 5, 3)
+        p1 to p5 of m sections along the groove; of one that closes, the first again at the end.
+    """
+    s = np.linspace(0.0, edges.length, ceil(edges.length / FINE) + 1)
+    p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
+    period = edges.length if edges.closed else None
+    beside = np.concatenate(
+        (sections[:, 0] - sections[:, 1], sections[:, 4] - sections[:, 3]), axis=1
+    )
+    between = [np.interp(s, edges.sections, column, period=period) for column in beside.T]
+    wall, leg = np.split(np.transpose(between), 2, axis=1)
+    return np.stack((p2 + wall, p2, p3, p4, p4 + leg), axis=1)
+
+
+def torch_poses(plan: WeldPlan, places: Array) -> Array:
+    """Poses of the torch that a station has to hold at places along the groove.
+
+    On all beads that pass there, and drawn back from those that are laid first and last.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        The plan, its beads whole.
+    places : ndarray, shape (m,)
+        Metres along the groove.
+
+    Returns
+    -------
+    ndarray, shape (m, n, 4, 4)
+        In frame r; the first one of a place again where fewer beads pass.
+    """
+    found = [_poses_at(plan, float(place)) for place in places]
+    most = max(map(len, found))
+    return np.array([poses + poses[:1] * (most - len(poses)) for poses in found])
+
+
+def _poses_at(plan: WeldPlan, s: float) -> list[Array]:
+    back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
+    near = [(bead, _nearest(bead, s, plan.edges)) for bead in plan.beads]
+    least = min(away for _, (_, away) in near)
+    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, STEP)]
+    outer = {here[0][0].layer, here[-1][0].layer}
+    return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
+
+
+def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, float]:
+    """Which point of a bead is nearest to a place, and how far away, metres."""
+    away = np.abs(bead.s - s)
+    if edges.closed:
+        away = np.abs((bead.s - s + 0.5 * edges.length) % edges.length - 0.5 * edges.length)
+    i = int(np.argmin(away))
+    return i, float(away[i])
+
+
+def _every(bead: PlannedBead, distance: float) -> slice:
+    """Points of a bead about half a distance apart: the way back needs no more."""
+    mean = bead.length / (len(bead.s) - 1)
+    return slice(None, None, max(1, int(0.5 * distance / mean)))
+
+
+def _within_limits(q: Array, station: WeldingStation) -> Array:
+    """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
+    arm = station.kinematics
+    middle = 0.5 * (arm.lower + arm.upper)
+    turns = np.round((middle - 0.5 * (q.min(axis=0) + q.max(axis=0))) / (2 * np.pi))
+    q = q + 2 * np.pi * turns
+    over = np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
+    if over.max() > 0:
+        name = arm.joint_names[int(np.argmax(over))]
+        raise PoseUnreachable(
+            f"{name} would have to turn beyond its limits along the groove: part it among more "
+            "stations",
+            arm.forward(q[0]),
+        )
+    return np.asarray(q)
