@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from calibration_stage import EXACT_HAND, NOISE, WINDOW, looking
+from calibration_stage import (
+    EXACT_HAND,
+    NOISE,
+    WINDOW,
+    circle,
+    looking,
+    shots,
+    target,
+)
 
 from tjscan.calibration.circle_fit import fit_dominant_circle
+from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.laser_error import circle_by_laser, line_by_laser
 from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.core.frames import Array
+from tjscan.core.pose_vector import boxminus
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
@@ -16,6 +28,9 @@ LASER = LaserDeviation.in_window(
     2e-6, near=WINDOW.near, far=WINDOW.far, apex_z=WINDOW.apex_z, half_angle=WINDOW.half_angle
 )
 """So small that squares of it do not count."""
+
+
+POSES = circle(25)
 
 
 def bent(profile: Profile) -> list[Profile]:
@@ -55,3 +70,29 @@ def test_the_middle_of_the_window_is_in_the_middle() -> None:
     middle = np.array([[0.0, 0.5 * (WINDOW.near + WINDOW.far)]])
     by_x = LASER.at(middle)[0, 0]
     assert np.count_nonzero(np.abs(by_x) > 1e-12) == 2  # of second degree: x x and z z
+
+
+def calibrated(profiles: list[Profile]) -> HandEyeCalibration:
+    taken = [
+        PosedProfile(f"line {k}", T, profile)
+        for k, (T, profile) in enumerate(zip(POSES, profiles, strict=True))
+    ]
+    samples, _ = fit_line_samples(taken, NOISE, LASER)
+    return calibrate_on_plane(samples, target(), NOISE)
+
+
+def test_a_calibration_is_off_as_it_says_with_a_laser_that_deviates() -> None:
+    profiles = shots(POSES, EXACT_HAND, np.random.default_rng(0))
+    exact = calibrated(profiles)
+    assert exact.by_laser is not None
+    each = [bent(profile) for profile in profiles]
+    for draw in (0, 4, 11, 17):
+        off = boxminus(calibrated([one[draw] for one in each]).T_f_s, exact.T_f_s)
+        np.testing.assert_allclose(off, exact.by_laser[:6, draw], rtol=0.02, atol=3e-8)
+
+
+def test_what_the_laser_deviates_by_is_part_of_the_covariance() -> None:
+    found = calibrated(shots(POSES, EXACT_HAND, np.random.default_rng(0)))
+    assert found.by_laser is not None
+    rest = found.joint_covariance - found.by_laser @ found.by_laser.T
+    assert np.linalg.eigvalsh(rest / np.sqrt(np.outer(np.diag(rest), np.diag(rest))))[0] > 0

@@ -31,6 +31,8 @@ class StackedResiduals:
         What a geometry error of one metre would add to the covariance.
     profile : ndarray of int, shape (N,)
         To which profile each residual belongs.
+    by_laser : ndarray, shape (N, m), or None
+        Derivative by draws of the laser's deviation, which the covariance holds.
     """
 
     residuals: Array
@@ -38,6 +40,7 @@ class StackedResiduals:
     covariance: Array
     geometry: Array
     profile: NDArray[np.intp]
+    by_laser: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,12 +138,16 @@ class CombinedModel:
             geometry = geometry_covariance(by_arm, self.correlation[profile][:, profile])
         else:
             geometry = shared @ shared.T
+        covariance, by_laser = _own_covariance(parts), _stacked([part.by_laser for part in parts])
+        if by_laser is not None:
+            covariance = covariance + by_laser @ by_laser.T
         return StackedResiduals(
             np.concatenate([part.residuals.ravel() for part in parts]),
             _jacobian(parts),
-            _covariance_but_geometry(parts) + self.geometry**2 * geometry,
+            covariance + self.geometry**2 * geometry,
             geometry,
             profile,
+            by_laser,
         )
 
 
@@ -164,8 +171,8 @@ def _stacked(parts: list[Array | None]) -> Array | None:
     return np.concatenate(known) if len(known) == len(parts) else None
 
 
-def _covariance_but_geometry(parts: list[LinearisedModel]) -> Array:
-    """Of range noise and pose noise, each profile's own, and of what the laser deviates by."""
+def _own_covariance(parts: list[LinearisedModel]) -> Array:
+    """Of range noise and pose noise: none from one profile to another."""
     total = sum(part.residuals.size for part in parts)
     covariance, row = np.zeros((total, total)), 0
     for part in parts:
@@ -173,5 +180,4 @@ def _covariance_but_geometry(parts: list[LinearisedModel]) -> Array:
         each = row + np.arange(n * k).reshape(n, k)
         covariance[each[:, :, None], each[:, None, :]] = part.covariance
         row += n * k
-    by_laser = _stacked([part.by_laser for part in parts])
-    return covariance if by_laser is None else covariance + by_laser @ by_laser.T
+    return covariance

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from tjscan.calibration.arm.entry import ArmKinematicsEntry
 from tjscan.calibration.basis import BasisEntry
+from tjscan.calibration.laser_entry import LaserResponseEntry
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -74,7 +75,8 @@ class CalibrationFile(StrictFileModel):
     `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees;
     `geometry_mm` is the arm's geometry error that it allows for. A sensor that stands fixed in
     the room has `T_b_s_mm` in place of `T_f_s_mm`, and the base's axes. `kinematics` holds what
-    was found of the arm with it: then T_f_s holds for the arm with these deviations alone.
+    was found of the arm with it: then T_f_s holds for the arm with these deviations alone;
+    `laser_response` what of the covariance comes from the laser's own deviation.
     """
 
     arm: str
@@ -94,6 +96,7 @@ class CalibrationFile(StrictFileModel):
     noise: NoiseModel
     verification: VerificationEntry | None = None
     kinematics: ArmKinematicsEntry | None = None
+    laser_response: LaserResponseEntry | None = None
     basis: BasisEntry | None = None
     residuals: Annotated[tuple[ResidualEntry, ...], Field(strict=False)]
 
@@ -108,6 +111,10 @@ class CalibrationFile(StrictFileModel):
             raise ValueError("its sigmas do not follow from its covariance: it was edited")
         if (self.T_f_s_mm is None) == (self.T_b_s_mm is None):
             raise ValueError("needs either T_f_s_mm or, for a fixed sensor, T_b_s_mm")
+        if self.laser_response is not None:
+            held = covariance if self.kinematics is None else self.kinematics.covariance
+            if len(self.laser_response.by_draws) != len(held):
+                raise ValueError("its laser_response has not as many rows as its covariance")
         if not max(abs(v) for row in self.sensor_rows[:3] for v in row[3:]) >= MIN_SENSOR_OFFSET_MM:
             raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
         return self
@@ -170,6 +177,7 @@ def to_calibration_file(
     date: datetime,
     verification: Verification | None = None,
     kinematics: ArmKinematicsEntry | None = None,
+    linearity: float = 0.0,
     basis: BasisEntry | None = None,
 ) -> CalibrationFile:
     """Convert a calibration to the content of its file.
@@ -188,10 +196,16 @@ def to_calibration_file(
         What a fresh line said.
     kinematics : ArmKinematicsEntry, optional
         What was found of the arm with it.
+    linearity : float
+        What the laser was taken to deviate by at most, metres.
     basis : BasisEntry, optional
         What it rests on.
     """
-    sure = result.uncertainty
+    sure, laser_response = result.uncertainty, None
+    if result.by_laser is not None and linearity > 0:
+        # Of T_f_s alone, and of the arm's deviations where the file holds these.
+        rows = 6 if kinematics is None else len(result.by_laser)
+        laser_response = LaserResponseEntry.from_si(linearity, result.by_laser[:rows])
     data = {
         "arm": arm,
         "laser": laser,
@@ -209,6 +223,7 @@ def to_calibration_file(
         "noise": noise,
         "verification": verification and _verification(verification),
         "kinematics": kinematics,
+        "laser_response": laser_response,
         "basis": basis,
         "residuals": [_residual(residual) for residual in result.residuals],
     }

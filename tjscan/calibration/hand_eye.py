@@ -17,9 +17,11 @@ from tjscan.calibration.acceptance import (
 )
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
 from tjscan.calibration.evidence import check_pairing, check_pose_convention, swapped_pairs
+from tjscan.calibration.laser_error import estimate_by_laser
 from tjscan.calibration.motion import check_motion, check_rotation_condition, check_tilts_vary
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.refine import RefinedEstimate
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
 from tjscan.calibration.roof_model import RoofModel
 from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
@@ -193,10 +195,23 @@ def calibrate_on_targets(
         geometry=estimate.geometry,
         sensor_is_fixed=sensor_is_fixed,
         notes=notes,
+        by_laser=_by_laser(estimate),
     )
     for k, one in reversed(list(enumerate(targets))):
         result = _with_target(result, one, solution, k)
     return result
+
+
+def _by_laser(estimate: RefinedEstimate) -> Array | None:
+    stacked, rows = estimate.stacked, estimate.rows_used
+    if stacked.by_laser is None:
+        return None
+    return estimate_by_laser(
+        estimate.covariance,
+        stacked.jacobian[rows],
+        stacked.covariance[np.ix_(rows, rows)],
+        stacked.by_laser[rows],
+    )
 
 
 def _with_free_radius(

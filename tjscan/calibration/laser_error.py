@@ -55,5 +55,26 @@ def roof_by_laser(fit: RoofFit, profile: Profile, laser: LaserDeviation) -> Arra
     return np.concatenate([line_by_laser(one, profile, laser) for one in (fit.left, fit.right)])
 
 
+def estimate_by_laser(covariance: Array, jacobian: Array, errors: Array, by_laser: Array) -> Array:
+    """By how much least-squares estimates are off with draws of the laser's deviation.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (p, p)
+        Of the estimates.
+    jacobian : ndarray, shape (N, p)
+        Derivative of the residuals that they rest on.
+    errors : ndarray, shape (N, N)
+        Covariance of these residuals.
+    by_laser : ndarray, shape (N, m)
+        Their derivative by the draws.
+
+    Returns
+    -------
+    ndarray, shape (p, m)
+    """
+    return np.asarray(-covariance @ jacobian.T @ np.linalg.solve(errors, by_laser))
+
+
 def _points(profile: Profile, inlier: NDArray[np.bool_]) -> Array:
     return np.column_stack((profile.x_s[inlier], profile.z_s[inlier]))

@@ -114,6 +114,9 @@ class HandEyeCalibration:
         What eq. (20)-(25) gave, with all lines; none but for a touched plane alone.
     notes : tuple of str
         What the checks found that is no reason to refuse.
+    by_laser : ndarray, shape (6 + m, draws), or None
+        By how much `T_f_s` and the other numbers of `joint_covariance`, which holds it, are off
+        with draws of the laser's deviation; none where nothing was stated of that.
     """
 
     T_f_s: Array
@@ -133,6 +136,7 @@ class HandEyeCalibration:
     sensor_is_fixed: bool = False
     closed_form: ClosedFormSolution | None = None
     notes: tuple[str, ...] = ()
+    by_laser: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))

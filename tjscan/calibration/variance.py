@@ -15,6 +15,8 @@ GEOMETRY_TRIED: Final = (2e-5, 2e-3, 25)
 was ever measured is off. Larger residuals are no geometry error."""
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to find the error larger than stated where it is not."""
+RIDGE: Final = 1e-12
+"""Of a parameter's information: far less than any that can be told counts."""
 MIN_EVIDENCE: Final = float(chdtri(1, 2 * FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger error must bring: twice a logarithm of likelihoods, chi-square
 with one degree of freedom, and half the time no larger error fits better by chance."""
@@ -66,9 +68,14 @@ def _costs(estimate: RefinedEstimate, tried: Array) -> Array:
     at_rest = float(estimate.target @ estimate.prior_information @ estimate.target)
     variances = 1 + tried[:, None] ** 2 * np.maximum(shares, 0.0)
     A = np.einsum("ni,kn,nj->kij", J, 1 / variances, J) + prior
-    gradient = (r / variances) @ J + pull
+    # Each parameter in units of its own, and a little held: what profiles that contradict each
+    # other leave open may be open altogether.
+    known = np.sqrt(np.einsum("kii->ki", A))
+    units = np.where(known > 0, known, 1.0)
+    A = A / (units[:, :, None] * units[:, None]) + RIDGE * np.eye(A.shape[1])
+    gradient = ((r / variances) @ J + pull) / units
     away = np.linalg.solve(A, gradient[..., None])[..., 0]
     chi2 = (r**2 / variances).sum(axis=1) + at_rest - np.einsum("ki,ki->k", gradient, away)
     widened = np.maximum(1.0, chi2 / max(estimate.dof, 1))
-    volume = np.log(variances).sum(axis=1) + np.linalg.slogdet(A)[1]
+    volume = np.log(variances).sum(axis=1) + np.linalg.slogdet(A)[1] + 2 * np.log(units).sum(axis=1)
     return np.asarray(chi2 / widened + estimate.dof * np.log(widened) + volume)

@@ -100,12 +100,19 @@ class SensorMount:
     covariance : ndarray, shape (6, 6) or (6 + 6 joints, 6 + 6 joints), or None
         Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
         SI. None where nobody states it.
+    by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
+        What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
+        that was not calibrated with.
+    linearity : float
+        Largest deviation of that laser, metres.
     """
 
     T_f_s: Array
     file: Path | None = None
     deviations: Array | None = None
     covariance: Array | None = None
+    by_laser: Array | None = None
+    linearity: float = 0.0
 
 
 def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
@@ -130,8 +137,12 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     # A recording does not say which laser made it, unless the job does.
     laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
+    by_laser, linearity = None, 0.0
+    if found.laser_response is not None:
+        by_laser = found.laser_response.by_draws_si
+        linearity = 1e-3 * found.laser_response.linearity_mm
     if found.kinematics is None:
-        return SensorMount(found.T_f_s, file, covariance=found.covariance_si)
+        return SensorMount(found.T_f_s, file, None, found.covariance_si, by_laser, linearity)
     name = kinematics_of_job(job).name
     if found.kinematics.model != name:
         raise ConfigurationError(
@@ -141,7 +152,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
             key="kinematics.model",
         )
     arm = found.kinematics
-    return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si)
+    return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si, by_laser, linearity)
 
 
 def make_scan_cell(

@@ -150,6 +150,7 @@ def _of_sensor(
         laser=job.laser.device_id,
         date=wizard.logbook.measured.started_at,
         verification=outcome.verification,
+        linearity=0.0 if wizard.task.laser is None else wizard.task.laser.largest,
         basis=basis_of_lines(wizard.task, wizard.logbook.measured, outcome.result),
     )
 

@@ -87,6 +87,7 @@ def calibrate_arm_in_cell(
         laser=job.laser.device_id,
         date=logbook.measured.started_at,
         kinematics=kinematics_entry(found, kinematics.name),
+        linearity=0.0 if laser is None else laser.largest,
         basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
     )
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import isclose
+from typing import Self
 
 import numpy as np
 
+from tjscan.core.frames import Array
 from tjscan.job import CellJob
 from tjscan.job.cell import SensorMount, kinematics_of_job, laser_model_of_job
 from tjscan.job.uncertainty import ASSUMED, STATED
@@ -17,6 +20,7 @@ from tjscan.uncertainty.causes import (
     ViewCause,
     arm_geometry_cause,
     calibrated_arm_cause,
+    calibration_twists,
     hand_eye_cause,
     reading_cause,
     repeatability_cause,
@@ -73,16 +77,21 @@ def causes_of_job(
     """
     laser = job.laser.uncertainty
     repeats, of_repeats = job.arm.uncertainty.repeats
+    linearity, of_linearity = laser.linear
+    # The calibration answered to the same deviation of the same laser as the scan does.
+    is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
+    arm = _ArmOfScan.of(job, mount, sections)
     causes = [
         reading_cause(sections),
         repeatability_cause(sections, repeats, of_repeats),
-        *_causes_of_arm(job, mount, sections),
+        *_causes_of_arm(arm, job.arm.uncertainty.absolute, without_laser=is_same),
     ]
     left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
-    linearity, of_linearity = laser.linear
     if linearity > 0:
-        model = laser_model_of_job(job)
-        causes.append(linearity_cause(sections, linearity, model, of_linearity))
+        cause = linearity_cause(sections, linearity, laser_model_of_job(job), of_linearity)
+        if is_same and mount.by_laser is not None:
+            cause = cause.moved_too(sections, arm.twists(mount.by_laser))
+        causes.append(cause)
     bias, of_bias = laser.bias
     if bias > 0:
         causes.append(range_bias_cause(sections, bias, of_bias))
@@ -91,26 +100,44 @@ def causes_of_job(
     return StatedCauses(tuple(causes), tuple(left_out))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _ArmOfScan:
+    """The arm that took some sections, with the sensor on it."""
+
+    mount: SensorMount
+    sections: Sequence[ScannedSection]
+    by_deviations: Array
+    """How the flange moves in each view with deviations of the joints, shape (n, 6, k, 6)."""
+
+    @classmethod
+    def of(cls, job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]) -> Self:
+        kinematics = kinematics_of_job(job)
+        if mount.deviations is not None:
+            kinematics = with_deviations(kinematics, mount.deviations)
+        by_deviations = [deviation_jacobian(kinematics, s.view.q) for s in sections]
+        return cls(mount, sections, np.array(by_deviations))
+
+    def twists(self, by_draws: Array) -> Array:
+        """Motions of the views with what the calibration is off by; see `calibration_twists`."""
+        calibrated = None if self.mount.deviations is None else self.by_deviations
+        return calibration_twists(self.sections, self.mount.T_f_s, calibrated, by_draws)
+
+
 def _causes_of_arm(
-    job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]
+    arm: _ArmOfScan, absolute: float | None, *, without_laser: bool
 ) -> Iterator[ViewCause]:
     """Where the laser sits on the hand, and how the arm's geometry may be off."""
-    absolute = job.arm.uncertainty.absolute
-    arm_alone = mount.deviations is None
-    if mount.covariance is not None and arm_alone:
-        evidence = STATED if mount.file is None else CALIBRATED
-        yield hand_eye_cause(sections, mount.T_f_s, mount.covariance, evidence)
-    if arm_alone and absolute == 0:
+    mount, sections = arm.mount, arm.sections
+    covariance = mount.covariance
+    if covariance is not None and without_laser and mount.by_laser is not None:
+        covariance = covariance - mount.by_laser @ mount.by_laser.T
+    if mount.deviations is not None and covariance is not None:
+        yield calibrated_arm_cause(sections, mount.T_f_s, arm.by_deviations, covariance, CALIBRATED)
         return
-    kinematics = kinematics_of_job(job)
-    if mount.deviations is not None:
-        kinematics = with_deviations(kinematics, mount.deviations)
-    by_deviations = np.array([deviation_jacobian(kinematics, s.view.q) for s in sections])
-    if mount.deviations is not None and mount.covariance is not None:
-        yield calibrated_arm_cause(
-            sections, mount.T_f_s, by_deviations, mount.covariance, CALIBRATED
-        )
-    else:
+    if covariance is not None:
+        evidence = STATED if mount.file is None else CALIBRATED
+        yield hand_eye_cause(sections, mount.T_f_s, covariance, evidence)
+    if absolute != 0:
         evidence = ASSUMED if absolute is None else STATED
         sigmas = PlacementTolerance().sigmas
-        yield arm_geometry_cause(sections, by_deviations, sigmas, evidence, absolute)
+        yield arm_geometry_cause(sections, arm.by_deviations, sigmas, evidence, absolute)

@@ -8,8 +8,8 @@ with the laser bends the profile in its own plane instead (`tjscan.uncertainty.l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 
@@ -58,6 +58,20 @@ class ViewCause:
     def __post_init__(self) -> None:
         for name in ("twists", "points", "measures"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    def moved_too(self, sections: Sequence[ScannedSection], twists: Array) -> Self:
+        """The same cause, whose draws move the views as a whole besides.
+
+        Parameters
+        ----------
+        sections : sequence of ScannedSection
+            Of the views.
+        twists : ndarray, shape (n, 6, m)
+            Motions as of `twists`.
+        """
+        points = np.array([section.points_b for section in sections])
+        moved = self.points + points_moved_by_twist(points, twists)
+        return replace(self, twists=self.twists + twists, points=moved)
 
     def component(self, R_r_b: Array, count: int) -> BudgetComponent:
         """Component of the budget of the first sections, in the frame of the result.
@@ -130,9 +144,33 @@ def hand_eye_cause(
     evidence : str
         As of `BudgetComponent`.
     """
+    twists = calibration_twists(sections, T_f_s, None, covariance_factor(covariance))
+    return motion_cause(HAND_EYE, evidence, sections, twists, is_shared=True)
+
+
+def calibration_twists(
+    sections: Sequence[ScannedSection],
+    T_f_s: Array,
+    flange_by_deviations: Array | None,
+    by_draws: Array,
+) -> Array:
+    """How views move with what a calibration is off by, shape (n, 6, m), in b about its origin.
+
+    Parameters
+    ----------
+    sections, T_f_s
+        As of `hand_eye_cause`.
+    flange_by_deviations : ndarray, shape (n, 6, k, 6), or None
+        As of `arm_geometry_cause`; none where the arm was not calibrated with the sensor.
+    by_draws : ndarray, shape (6, m) or (6 + 6 k, m)
+        Steps of T_f_s, and of the deviations, by each draw.
+    """
+    n = len(sections)
     # The step turns about the sensor: about the flange's origin it is this twist.
-    step = pose_vector.adjoint(pose(p=T_f_s[:3, 3])) @ covariance_factor(covariance)
-    return motion_cause(HAND_EYE, evidence, sections, _in_b(sections, step), is_shared=True)
+    by_all = np.tile(pose_vector.adjoint(pose(p=T_f_s[:3, 3])), (n, 1, 1))
+    if flange_by_deviations is not None:
+        by_all = np.concatenate((by_all, flange_by_deviations.reshape(n, 6, -1)), axis=2)
+    return _in_b(sections, by_all @ by_draws)
 
 
 def arm_geometry_cause(
@@ -184,10 +222,8 @@ def calibrated_arm_cause(
     covariance : ndarray, shape (6 + 6 k, 6 + 6 k)
         Of a step of `T_f_s` and of the deviations.
     """
-    n = len(sections)
-    by_step = np.tile(pose_vector.adjoint(pose(p=T_f_s[:3, 3])), (n, 1, 1))
-    by_all = np.concatenate((by_step, flange_by_deviations.reshape(n, 6, -1)), axis=2)
-    twists = _in_b(sections, by_all @ covariance_factor(covariance))
+    factor = covariance_factor(covariance)
+    twists = calibration_twists(sections, T_f_s, flange_by_deviations, factor)
     return motion_cause(CALIBRATED, evidence, sections, twists, is_shared=True)
 
 

@@ -38,6 +38,7 @@ def as_hand_eye_calibration(found: ArmCalibration, names: Sequence[str]) -> Hand
         estimate.sigma_scale,
         centre_b=estimate.target[:3],
         radius=float(estimate.target[3]),
+        by_laser=found.by_laser,
     )
 
 

@@ -58,6 +58,8 @@ class StackedProfiles:
         To which profile each residual belongs.
     is_length : ndarray of bool, shape (N,)
         Whether it is a length.
+    by_laser : ndarray, shape (N, m), or None
+        Derivative by draws of the laser's deviation, which the covariance holds.
     """
 
     residuals: Array
@@ -65,6 +67,7 @@ class StackedProfiles:
     covariance: Array
     profile: NDArray[np.intp]
     is_length: NDArray[np.bool_]
+    by_laser: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +180,8 @@ class ArmModel:
             first += n
         stacked = np.concatenate(parts)
         covariance = block_diag(*blocks)
-        if len(by_laser) == len(parts):
-            shared = np.concatenate(by_laser)
+        shared = np.concatenate(by_laser) if len(by_laser) == len(parts) else None
+        if shared is not None:
             covariance = covariance + shared @ shared.T
         return StackedProfiles(
             stacked[:, 0],
@@ -186,4 +189,5 @@ class ArmModel:
             covariance,
             np.concatenate(profile),
             np.concatenate(lengths),
+            shared,
         )

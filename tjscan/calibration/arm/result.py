@@ -16,6 +16,7 @@ from tjscan.calibration.arm.estimate import (
 )
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
+from tjscan.calibration.laser_error import estimate_by_laser
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.tolerance import PlacementTolerance
@@ -85,6 +86,24 @@ class ArmCalibration:
         """Of T_f_s and the deviations, shape (6 + 6 joints,) squared, widened where need be."""
         n = 6 + self.estimate.deviations.size
         return readonly_copy(self.estimate.sigma_scale**2 * self.estimate.covariance[:n, :n])
+
+    @property
+    def by_laser(self) -> Array | None:
+        """By how much T_f_s and the deviations are off with draws of the laser's deviation.
+
+        Shape (6 + 6 joints, m); none where nothing was stated of it.
+        """
+        estimate, stacked = self.estimate, self.estimate.stacked
+        if stacked.by_laser is None:
+            return None
+        rows = estimate.used[stacked.profile]
+        found = estimate_by_laser(
+            estimate.covariance,
+            stacked.jacobian[rows],
+            stacked.covariance[np.ix_(rows, rows)],
+            stacked.by_laser[rows],
+        )
+        return readonly_copy(found[: 6 + estimate.deviations.size])
 
     @property
     def T_f_s(self) -> Array:
