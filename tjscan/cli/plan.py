@@ -29,7 +29,7 @@ def plan(
     Parameters
     ----------
     run
-        The run directory, of one scan or stitched.
+        The run directory: of one scan, stitched, or a crawl's.
     wps
         The welding procedure specification, TOML: your windows; see docs/planning.md.
     gravity
@@ -60,9 +60,14 @@ def plan(
 
         from tjscan.report.plan_page import write_plan_page
         from tjscan.runs.plan import ArcSwitch, plan_run
+        from tjscan.runs.plan_crawl import is_crawl, plan_crawl_run
 
-        switch = ArcSwitch(output, arc)
-        done = plan_run(run, wps, np.array(gravity), switch, out, after_pass, reach=reach)
+        down = np.array(gravity)
+        if is_crawl(run):
+            done = plan_crawl_run(run, wps, down, out, after_pass)
+        else:
+            switch = ArcSwitch(output, arc)
+            done = plan_run(run, wps, down, switch, out, after_pass, reach=reach)
         page = write_plan_page(done.directory)
     if json:
         print(done.document.model_dump_json(indent=1))

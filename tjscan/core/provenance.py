@@ -13,6 +13,7 @@ FRAME_DESCRIPTIONS: Final = {
     "b": "the arm's base",
     "w": "the work area",
     "f": "the arm's flange",
+    "c": "the butt joint: x along it from where its weld begins, y to the right, z into the hull",
 }
 """What the letters of the frames of results mean."""
 

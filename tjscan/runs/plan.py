@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -19,23 +18,16 @@ from tjscan.planning.document import PlanDocument, plan_document
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NOBODY, crowns_and_saddles
-from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import way_to_urscript
-from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.result.directory import SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
-from tjscan.result.weldx import ROOTS
 from tjscan.runs.plan_details import details_of_run
+from tjscan.runs.plan_files import PLAN, add_file_of_key, write_plan_files
 from tjscan.runs.plan_programs import PartedPlan, part_plan
 from tjscan.runs.welding_station import WeldingStation, welding_stations
-
-PLAN: Final = "plan.json"
-BEADS: Final = "beads.csv"
-PICTURE: Final = "plan.png"
-WELDX: Final = "plan.weldx"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +114,7 @@ def plan_run(
     wps = read_wps(wps_file)
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
-    try:
+    with add_file_of_key(wps_file, directory / SECTIONS):
         shared = _shared_area_sigma(summary)
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
@@ -138,14 +130,6 @@ def plan_run(
                 arms, plan, sections, lambda s: plan_weld(edges, wps, gravity, marks, s, after_pass)
             )
             plan = parted.plan
-    except ConfigurationError as error:
-        of_wps = error.key is not None and error.key.split(".")[0] in type(wps).model_fields
-        file = error.file or (wps_file if of_wps else directory / SECTIONS)
-        raise ConfigurationError(
-            error.message,
-            file=None if (error.key or "").startswith("--") else file,
-            key=error.key,
-        ) from None
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     document = plan_document(
@@ -153,17 +137,11 @@ def plan_run(
     )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN) as draft:
-        _draw(draft / PICTURE, plan, provenance)
-        text = beads_to_csv(plan, provenance)
-        (draft / BEADS).write_text(text, encoding="utf-8", newline="")
         for name, way in parted.ways.items():
             script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)
             head = provenance.comment_lines("#")
             (draft / name).write_text(head + script, encoding="utf-8")
-        if weldx_is_installed():
-            root = ROOTS.get(summary.frame, summary.frame)
-            write_plan_as_weldx(draft / WELDX, plan, document, root)
-        (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
     return WrittenPlan(plan, document, folder, files)
 
@@ -180,10 +158,3 @@ def _arms(directory: Path, frame: str) -> tuple[tuple[WeldingStation, ...], str]
         return welding_stations(directory, frame), ""
     except ConfigurationError as error:
         return (), str(error)
-
-
-def _draw(file: Path, plan: WeldPlan, provenance: Provenance) -> None:
-    from tjscan.planning.picture import draw_plan
-    from tjscan.result.picture import write_png
-
-    write_png(file, draw_plan(plan), provenance)

@@ -1,0 +1,128 @@
+"""Passes for a crawler, planned from what its laser saw of a butt joint."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crawls import SHORT
+from hull_views import DEFAULT, FILLED_15_MM, see
+
+from tjscan.core.config import validate_table
+from tjscan.core.errors import ConfigurationError
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.wps import read_wps
+from tjscan.joint.hull import HullJoint, HullTack
+from tjscan.laser.profile import Profile
+from tjscan.laser.section_laser import SectionLaserModel
+from tjscan.planning.crawl_passes import passes_of_plan
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.wps import WeldingProcedure
+from tjscan.runs.plan_crawl import butt_joint_edges, passes_to_toml
+
+EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
+LENGTH = 0.2
+INTO_HULL = np.array((0.0, 0.0, 1.0))
+JOINT = HullJoint(high_low=1e-3)
+SHARP = replace(DEFAULT, noise=0.02e-3)
+"""A laser whose profiles are never the same to the last bit."""
+
+
+def wps(**tables: dict[str, object]) -> WeldingProcedure:
+    found = read_wps(EXAMPLE)
+    return found.model_copy(
+        update={name: replace(getattr(found, name), **keys) for name, keys in tables.items()}
+    )
+
+
+def seen(joint: HullJoint, model: SectionLaserModel = SHARP) -> list[tuple[float, Profile]]:
+    rng = np.random.default_rng(1)
+    return [(at, see(joint, rng, model, along=at)) for at in np.arange(0.002, LENGTH, 0.005)]
+
+
+def edges(joint: HullJoint, model: SectionLaserModel = SHARP) -> GrooveEdges:
+    return butt_joint_edges(seen(joint, model), LENGTH, 0.1)
+
+
+def plan(joint: HullJoint = JOINT, after_pass: int = 0) -> WeldPlan:
+    return plan_weld(edges(joint), wps(), INTO_HULL, after_pass=after_pass)
+
+
+def test_the_edges_are_those_of_the_joint() -> None:
+    found = edges(JOINT).corners(np.array([0.5 * LENGTH]))[0, :, 1:] * (1, -1)
+    half, gap = 0.5 * JOINT.width, 0.5 * JOINT.root_gap
+    drawn = [(-gap, -20e-3), (gap, -20e-3), (half, 0.5e-3), (-half, -0.5e-3)]
+    np.testing.assert_allclose(found, drawn, atol=0.15e-3)
+
+
+def test_passes_lay_down_what_the_joint_holds() -> None:
+    found = plan()
+    passes = passes_of_plan(found)
+    length = found.edges.length
+    rates = [float(found.wps.deposition_rate(np.array(one.feed))) for one in passes]
+    laid = sum(rate * length / one.speed for rate, one in zip(rates, passes, strict=True))
+    cap = 2 / 3 * found.wps.bead.cap_height * JOINT.width
+    assert laid == pytest.approx((JOINT.groove_area + cap) * length, rel=0.01)
+    for one in passes:
+        low, high = found.wps.arc.travel_speed
+        assert low <= one.speed <= high
+        assert one.misfills < 0.03
+        assert abs(one.offset) < 0.5 * JOINT.width
+        assert -JOINT.depth - 0.2e-3 <= one.height < 0
+
+
+def test_passes_of_a_symmetric_joint_are_symmetric() -> None:
+    passes = passes_of_plan(plan(HullJoint()))
+    for layer in {one.layer for one in passes}:
+        offsets = sorted(one.offset for one in passes if one.layer == layer)
+        np.testing.assert_allclose(offsets, [-x for x in offsets[::-1]], atol=0.1e-3)
+
+
+def test_a_crawl_job_takes_the_passes() -> None:
+    passes = passes_of_plan(plan())
+    text = passes_to_toml(passes, 'a "WPS"')
+    job = tomllib.loads(SHORT.split("[[pass]]")[0] + "[simulation]\n") | tomllib.loads(text)
+    read = validate_table(CrawlJob, job).passes
+    for one, taken in zip(passes, read, strict=True):
+        assert taken.procedure == 'a "WPS"'
+        assert (taken.speed, taken.offset, taken.height) == pytest.approx(
+            (one.speed, one.offset, one.height), abs=1e-6
+        )
+
+
+def test_after_passes_the_rest_is_planned() -> None:
+    found = plan(FILLED_15_MM, after_pass=3)
+    assert found.beads[0].number == 4
+    assert {bead.kind for bead in found.beads} <= {"fill", "cap"}
+    # A triangle's worth above the last beads; their crowns stand in it.
+    assert found.volume < 0.6 * plan(HullJoint()).volume
+    assert all(one.height > -7e-3 for one in passes_of_plan(found))
+
+
+def test_the_stated_standard_deviation_grows_with_the_laser_s_noise() -> None:
+    s = np.array([0.5 * LENGTH])
+    quiet, loud = (
+        edges(JOINT, replace(DEFAULT, noise=noise)).relative_area_sigma(s)[0]
+        for noise in (0.02e-3, 0.2e-3)
+    )
+    assert 3 * quiet < loud < 0.02
+
+
+def test_what_a_pass_can_t_do_is_refused() -> None:
+    tack = HullTack(at=0.1, length=0.04, height=4e-3)
+    found = edges(replace(JOINT, tacks=(tack,)))
+    assert found.root.tacked.any()
+    skipping = plan_weld(found, wps(root={"tacks": "skip"}), INTO_HULL)
+    with pytest.raises(ConfigurationError, match="does not stop at tack") as error:
+        passes_of_plan(skipping)
+    assert error.value.key == "root.tacks"
+    with pytest.raises(ConfigurationError, match="from the start") as error:
+        passes_of_plan(plan_weld(edges(JOINT), wps(sequence={"reverse": True}), INTO_HULL))
+    assert error.value.key == "sequence.reverse"
+
+
+def test_a_joint_that_was_hardly_seen_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="stations of 20 mm"):
+        butt_joint_edges(seen(JOINT)[:8], LENGTH, 0.1)

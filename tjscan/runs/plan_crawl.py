@@ -1,0 +1,212 @@
+"""Plan the passes of a butt joint that a crawler has measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError, GrooveNotFound
+from tjscan.core.files import write_files_atomically
+from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
+from tjscan.core.units import MM, MM_S
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.topics import CRAWL_RECORDING
+from tjscan.groove.butt.tracking import TACK, ButtJointReading, JointTracker
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.wps import read_wps
+from tjscan.laser.profile import Profile
+from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
+from tjscan.planning.document import plan_document
+from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
+from tjscan.planning.plan import plan_weld
+from tjscan.planning.wps import M_MIN
+from tjscan.result.directory import JOB, job_label_of_run
+from tjscan.runs.crawl_results import read_recorded_crawl
+from tjscan.runs.plan import WrittenPlan
+from tjscan.runs.plan_files import PLAN, add_file_of_key, write_plan_files
+
+CRAWL_PASSES: Final = "plan-passes.toml"
+"""Tables that a crawl job takes."""
+
+STATION: Final = 20e-3
+"""Metres along the joint whose profiles make a section."""
+
+FEWEST: Final = 3
+"""Profiles that make one."""
+
+FRAME: Final = "c"
+
+
+def is_crawl(directory: Path) -> bool:
+    """Whether a run directory is a crawl's."""
+    return (directory / f"{CRAWL_RECORDING}.mcap").is_file()
+
+
+def plan_crawl_run(
+    directory: Path,
+    wps_file: Path,
+    gravity: Array,
+    out: Path | None = None,
+    after_pass: int = 0,
+) -> WrittenPlan:
+    """Plan the weld of a crawl's joint and write the plan's files, with passes for a crawl job.
+
+    Parameters
+    ----------
+    directory : Path
+        The crawl's run directory.
+    wps_file : Path
+        The welding procedure specification.
+    gravity : ndarray, shape (3,)
+        Downwards in frame c: x along the joint, y to the right, z into the hull.
+    out : Path, optional
+        Where the files go; the run directory where left out.
+    after_pass : int
+        Passes after which the joint is looked at: on the way back from the last of them.
+
+    Raises
+    ------
+    ConfigurationError
+        If the WPS or the run can't be read, the joint was not seen, or nothing fits.
+    RecordingError
+        If the files can't be written, or the recording is damaged.
+    """
+    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
+    seen = _profiles(directory, job, after_pass)
+    with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
+        edges = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
+        plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
+        passes = passes_of_plan(plan)
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), FRAME, "mm")
+    label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
+    document = plan_document(
+        plan,
+        provenance,
+        directory.resolve().name,
+        label,
+        without_stations=f"a crawl job takes {CRAWL_PASSES}",
+    )
+    folder = out or directory
+    with write_files_atomically(folder, last=PLAN) as draft:
+        text = provenance.comment_lines("#") + passes_to_toml(passes, wps.name)
+        (draft / CRAWL_PASSES).write_text(text, encoding="utf-8")
+        write_plan_files(draft, plan, document, provenance)
+        files = tuple(sorted(file.name for file in draft.iterdir()))
+    return WrittenPlan(plan, document, folder, files)
+
+
+def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
+    """Write passes as the tables of a crawl job.
+
+    Parameters
+    ----------
+    passes : sequence of CrawlPass
+        In the order of welding.
+    procedure : str
+        Name of the WPS.
+    """
+    lines = []
+    for one in passes:
+        lines += [
+            "",
+            f"# bead {one.number}: {one.kind}, layer {one.layer}.{one.place}, wire feed "
+            f"{one.feed / M_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the bead's "
+            f"own path, fill up to {100 * one.misfills:.1f} % off",
+            "[[pass]]",
+            f"speed_mm_s = {one.speed / MM_S.factor:.4f}",
+            f"offset_mm = {one.offset / MM.factor:.3f}",
+            f"height_mm = {one.height / MM.factor:.3f}",
+            f"procedure = {json.dumps(procedure, ensure_ascii=False)}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def butt_joint_edges(
+    seen: Sequence[tuple[float, Profile]], length: float, longest_step: float
+) -> GrooveEdges:
+    """Edges of a butt joint in frame c, from profiles along it.
+
+    A section is the trapezoid with the width, depth and area of what is left to fill, the mean of
+    the readings of 20 mm; its standard deviation follows from how they scatter.
+
+    Parameters
+    ----------
+    seen : sequence of (float, Profile)
+        Metres along the joint, and the profile taken there, in the order in which they came.
+    length : float
+        Of the weld, metres.
+    longest_step : float
+        Sections further apart are refused, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If too little of the joint was seen.
+    """
+    tracker = JointTracker()
+    stations: dict[int, list[tuple[float, ButtJointReading, Array]]] = {}
+    for at, profile in seen:
+        try:
+            reading = tracker.read(profile)
+        except GrooveNotFound:
+            continue
+        if 0 <= at <= length and np.isfinite(reading.edges).all() and reading.depth_left > 0:
+            corners = _trapezoid(reading)
+            stations.setdefault(int(at / STATION), []).append((at, reading, corners))
+    rows = [stations[k] for k in sorted(stations) if len(stations[k]) >= FEWEST]
+    if len(rows) < FEWEST + 1:
+        raise ConfigurationError(
+            f"the joint's edges were read at {len(rows)} stations of {1e3 * STATION:.0f} mm along "
+            f"the weld; {FEWEST + 1} or more are needed",
+            key="profiles",
+        )
+    means, spreads, area_sigmas = [], [], []
+    for row in rows:
+        flat = np.stack([corners for _, _, corners in row])
+        areas = np.array([reading.area_left for _, reading, _ in row])
+        along = np.full((4, 1), np.mean([at for at, _, _ in row]))
+        means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
+        share = 1 / np.sqrt(len(row))
+        spreads.append(share * np.linalg.norm(flat.std(axis=0, ddof=1), axis=1))
+        area_sigmas.append(share * areas.std(ddof=1) / areas.mean())
+    edges = fit_edges_to_corners(
+        np.stack(means), np.stack(spreads), np.array(area_sigmas), longest_step
+    )
+    tacked = [np.mean([TACK in one[1].conditions for one in row]) > 0.5 for row in rows]
+    return replace(edges, root=replace(edges.root, tacked=np.array(tacked)))
+
+
+def _trapezoid(reading: ButtJointReading) -> Array:
+    """p3, p4, g and p2 across the joint from its centre, and out of the hull, shape (4, 2)."""
+    across, into = reading.joint_coordinates(*reading.edges.T)
+    width = float(across[1] - across[0])
+    bottom = max(2 * reading.area_left / reading.depth_left - width, 0.0)
+    middle, level = float(across.mean()), -float(into.mean())
+    low = level - reading.depth_left
+    return np.array(
+        [
+            (middle - 0.5 * bottom, low),
+            (middle + 0.5 * bottom, low),
+            (across[1], -into[1]),
+            (across[0], -into[0]),
+        ]
+    )
+
+
+def _profiles(directory: Path, job: CrawlJob, after_pass: int) -> list[tuple[float, Profile]]:
+    """Profiles along the weld, before the first pass or on the way back from one."""
+    phases = {Phase.RETURN} if after_pass else {Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT}
+    ahead = job.vehicle.laser_to_torch
+    return [
+        (cycle.travel + ahead, profile)
+        for cycle, profile in read_recorded_crawl(directory).profiles
+        if cycle.phase in phases and (not after_pass or cycle.number == after_pass)
+    ]
