@@ -94,6 +94,9 @@ class Watcher:
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         self.progress.append(progress)
 
+    def show_entry(self, entry: CalibrationEntry) -> None:
+        pass
+
 
 class Stage:
     """Task and devices of the example, ready for a wizard."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -92,6 +93,8 @@ class Logbook:
     T_f_s : ndarray, shape (4, 4)
         About where the laser sits on the flange, as assumed while measuring. It shows a viewer
         where the profiles are, and is not read again.
+    listen : callable, optional
+        Receives every entry, those of before too, once it is on the disk.
 
     Raises
     ------
@@ -99,8 +102,13 @@ class Logbook:
         On entering or writing, if it can't be read or written, or is damaged.
     """
 
-    def __init__(self, directory: Path, T_f_s: Array) -> None:
-        self._directory, self._T_f_s = directory, T_f_s
+    def __init__(
+        self,
+        directory: Path,
+        T_f_s: Array,
+        listen: Callable[[CalibrationEntry], object] = lambda _: None,
+    ) -> None:
+        self._directory, self._T_f_s, self._listen = directory, T_f_s, listen
 
     def __enter__(self) -> Self:
         begun = StartOrResumeEntry(datetime.now(UTC).replace(microsecond=0))
@@ -109,6 +117,7 @@ class Logbook:
         self.measured = MeasurementsSoFar(first.date, {})
         for entry in entries:
             self.measured = self.measured.with_entry(entry)
+            self._listen(entry)
         with ExitStack() as stack:
             recording = RecordingWriter(
                 next_recording_file(self._directory, CALIBRATION_RECORDING), ALL_TOPICS
@@ -135,3 +144,4 @@ class Logbook:
         self._recording.write(now, *messages_of_entry(now, entry))
         self._recording.sync_to_disk()
         self.measured = self.measured.with_entry(entry)
+        self._listen(entry)

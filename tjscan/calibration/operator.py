@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
 
 if TYPE_CHECKING:
     from tjscan.calibration.session import CalibrationProgress
+    from tjscan.calibration.topics import CalibrationEntry
+
+Answer = Literal["Take", "Skip", "Redo", "Finish"]
+"""What yes and no are called where a question is answered by buttons."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +29,21 @@ class Question:
         What happens when nobody is there to ask.
     moves : bool
         Whether yes makes the arm move.
+    yes, no : str
+        What they are called on buttons.
+    T_b_f : ndarray, shape (4, 4), or None
+        Where yes moves the flange.
+    look : callable or None
+        Takes a profile where the arm stands; for whoever waits for an answer.
     """
 
     text: str
     default: bool
     moves: bool = False
+    yes: Answer = "Take"
+    no: Answer = "Skip"
+    T_b_f: Array | None = field(default=None, compare=False)
+    look: Callable[[], Profile] | None = field(default=None, compare=False)
 
 
 class Operator(Protocol):
@@ -48,6 +66,10 @@ class Operator(Protocol):
         """Show how far the calibration has come, after each line."""
         ...
 
+    def show_entry(self, entry: CalibrationEntry) -> None:
+        """Show what was measured, once it is on the disk."""
+        ...
+
 
 class DefaultAnswerOperator:
     """Operator without a person: takes every question's default and shows nothing."""
@@ -63,3 +85,6 @@ class DefaultAnswerOperator:
 
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show no progress."""
+
+    def show_entry(self, entry: CalibrationEntry) -> None:
+        """Show nothing that was measured."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -122,7 +122,8 @@ class CalibrationWizard:
                     raise
                 self.operator.report(str(refusal))
                 k = worst_touch_number(self.task, self.measurements)
-                if not self.operator.confirm(Question(f"Touch place {k + 1} again?", True)):
+                question = Question(f"Touch place {k + 1} again?", True, yes="Redo", no="Finish")
+                if not self.operator.confirm(question):
                     raise
                 self._touch(k, places[k])
         return self._board()
@@ -185,7 +186,12 @@ class CalibrationWizard:
         )
         self.operator.report(said)
         if not found.agrees and not self.operator.confirm(
-            Question("It contradicts the calibration. Keep that all the same?", False)
+            Question(
+                "It contradicts the calibration. Keep that all the same?",
+                False,
+                yes="Finish",
+                no="Redo",
+            )
         ):
             raise CalibrationRefused(
                 "a fresh line contradicts it",
@@ -220,11 +226,11 @@ class CalibrationWizard:
         if count < wanted:
             return True
         if progress.result is not None:
-            return self.operator.confirm(Question("Take one more line?", False))
+            return self.operator.confirm(Question("Take one more line?", False, no="Finish"))
         if count >= MAX_LINES_RATIO * wanted or progress.refusal is None:
             return False
         self.operator.report(str(progress.refusal))
-        return self.operator.confirm(Question("Take one more line?", True))
+        return self.operator.confirm(Question("Take one more line?", True, no="Finish"))
 
     def _take(
         self,
@@ -252,7 +258,7 @@ class CalibrationWizard:
         turn = np.degrees(rotation_angle_between(ready, there.T_b_f))
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
-        if not self.operator.confirm(Question(question, True, moves=True)):
+        if not self.operator.confirm(self._move(question, there.T_b_f)):
             self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f)
@@ -276,7 +282,7 @@ class CalibrationWizard:
         if _same(state, ready[0]):
             return state
         question = "Move to where the sensor stands square over the board?"
-        if not self.operator.confirm(Question(question, True, moves=True)):
+        if not self.operator.confirm(replace(self._move(question, ready[0]), no="Finish")):
             raise CalibrationRefused(
                 "the arm may not move", "every line begins square over the board; go on later"
             )
@@ -286,6 +292,10 @@ class CalibrationWizard:
             except PoseUnreachable:
                 continue
         return self.arm.move_joint_to_pose(ready[-1]).T_b_f
+
+    def _move(self, text: str, T_b_f: Array) -> Question:
+        """Question whether the arm may move to a flange pose."""
+        return Question(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
 
     def _reaches(self, ready: Array, T_b_f: Array) -> bool:
         """Whether the arm gets from `ready` to a pose, and back, on a straight line."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tjscan.cli.page_options import LiveOptions
 from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
 from tjscan.core.errors import ConfigurationError
 
@@ -21,6 +22,7 @@ def calibrate(
     unattended: bool = False,
     resume: Path | None = None,
     json: bool = False,
+    page: LiveOptions | None = None,
     recorded: RecordedProfileOptions | None = None,
 ) -> None:
     """Find the pose of the sensor on the flange, in the cell of a job or from recorded profiles.
@@ -45,6 +47,10 @@ def calibrate(
     json
         Print the calibration as JSON on stdout.
     """
+    page = page or LiveOptions()
+    page.check()
+    if page.live and (unattended or (job is None and resume is None)):
+        raise ConfigurationError("--live asks somebody on a page, in the cell of a job")
     given = [] if recorded is None else recorded.given_option_names
     if [job is not None, resume is not None, bool(given)].count(True) != 1:
         raise ConfigurationError(
@@ -63,9 +69,9 @@ def calibrate(
             raise ConfigurationError("--resume goes on as it was begun: --arm has no meaning")
         if out is not None:
             raise ConfigurationError("--resume goes on where it was: --out has no meaning")
-        _resume(resume, unattended=unattended, json=json)
+        _resume(resume, page, unattended=unattended, json=json)
     elif job is not None:
-        _start(job, overrides, station, out, arm=arm, unattended=unattended, json=json)
+        _start(job, overrides, station, out, page, arm=arm, unattended=unattended, json=json)
 
 
 def _start(
@@ -73,6 +79,7 @@ def _start(
     overrides: Sequence[str],
     station: str | None,
     out: Path | None,
+    page: LiveOptions,
     *,
     arm: bool,
     unattended: bool,
@@ -88,20 +95,25 @@ def _start(
         job = read_calibration_job(file, keys).job_at_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.calibration_output import finish_calibration
-    from tjscan.cli.operators import choose_operator
+    from tjscan.cli.operators import chosen_operator
     from tjscan.runs.calibrate import start_calibration
     from tjscan.runs.directory import default_run_directory
 
-    operator = choose_operator(unattended=unattended)
     directory = out or default_run_directory(file)
-    finish_calibration(start_calibration(job, file, directory, operator, arm=arm), json=json)
+    with chosen_operator(job, file, page, unattended=unattended) as operator:
+        done = start_calibration(job, file, directory, operator, arm=arm)
+    finish_calibration(done, json=json)
 
 
-def _resume(directory: Path, *, unattended: bool, json: bool) -> None:
+def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool) -> None:
     """Go on with an interrupted calibration."""
     from tjscan.cli.calibration_output import finish_calibration
-    from tjscan.cli.operators import choose_operator
+    from tjscan.cli.operators import chosen_operator
+    from tjscan.job import read_calibration_job
+    from tjscan.result.directory import JOB
     from tjscan.runs.calibrate import resume_calibration
 
-    operator = choose_operator(unattended=unattended)
-    finish_calibration(resume_calibration(directory, operator), json=json)
+    file = directory / JOB
+    with chosen_operator(read_calibration_job(file), file, page, unattended=unattended) as operator:
+        done = resume_calibration(directory, operator)
+    finish_calibration(done, json=json)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tjscan.calibration.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.console import print_message
+from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.page_options import LiveOptions
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from tjscan.calibration.session import CalibrationProgress
+    from tjscan.job import CalibrationJob
 
 
 class PrintOnlyOperator(DefaultAnswerOperator):
@@ -40,9 +46,26 @@ class PrintOnlyOperator(DefaultAnswerOperator):
         )
 
 
-def choose_operator(*, unattended: bool) -> Operator:
-    """Choose who watches a calibration; ConfigurationError if there is no terminal to ask at."""
-    return PrintOnlyOperator() if unattended else TerminalOperator()
+@contextmanager
+def chosen_operator(
+    job: CalibrationJob, job_file: Path, page: LiveOptions, *, unattended: bool
+) -> Iterator[Operator]:
+    """Give who watches a calibration, by the page, at the terminal or nobody, while the block runs.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no terminal to ask at.
+    PageUnavailable
+        If there is no page to ask on.
+    """
+    if page.live:
+        from tjscan.runs.calibration_operator import operator_on_page
+
+        with operator_on_page(job, job_file, page.where, print_message, press_ctrl_c) as operator:
+            yield operator
+    else:
+        yield PrintOnlyOperator() if unattended else TerminalOperator()
 
 
 class TerminalOperator(PrintOnlyOperator):

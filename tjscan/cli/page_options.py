@@ -56,8 +56,6 @@ class LiveOptions(PageOptions):
     ----------
     live
         Show the run in a browser while it goes on, with buttons that stop it.
-    wait
-        With --live: begin when Start is pressed there.
     port
         With --live: port of the page; 0 for any that is free.
     address
@@ -66,7 +64,6 @@ class LiveOptions(PageOptions):
     """
 
     live: bool = False
-    wait: bool = False
 
     def check(self) -> None:
         """Check that the options go together, and that the page's server is installed.
@@ -78,8 +75,29 @@ class LiveOptions(PageOptions):
         """
         if self.live:
             _ = self.where
-        elif self != LiveOptions():
-            raise ConfigurationError("--wait, --port and --address go with --live")
+        elif self != type(self)():
+            raise ConfigurationError("--port, --address and --wait go with --live")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveScanOptions(LiveOptions):
+    """Whether and where a scan is shown in a browser while it goes on.
+
+    Parameters
+    ----------
+    live
+        Show the scan in a browser while it goes on, with buttons that pause and stop it.
+    wait
+        With --live: begin when Start is pressed there.
+    port
+        With --live: port of the page; 0 for any that is free.
+    address
+        With --live: address of this machine that the page is bound to. Whoever has the page's
+        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
+    """
+
+    wait: bool = False
 
 
 @contextmanager

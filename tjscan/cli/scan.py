@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.page_options import LiveScanOptions
 
 
 def scan(
@@ -19,7 +19,7 @@ def scan(
     dry_run: bool = False,
     realtime: bool = False,
     json: bool = False,
-    page: LiveOptions | None = None,
+    page: LiveScanOptions | None = None,
 ) -> None:
     """Scan a groove as a job file says.
 
@@ -66,7 +66,7 @@ def scan(
     keys = parse_overrides(overrides) | ({"simulation.arm.realtime": True} if realtime else {})
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
-    page = page or LiveOptions()
+    page = page or LiveScanOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.console import show_phase

@@ -14,7 +14,7 @@ from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, press_ctrl_c, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.page_options import LiveScanOptions
 from tjscan.cli.scan_output import print_scan_summary, scan_progress_bar
 from tjscan.cli.stitching_output import print_stitched_groove
 from tjscan.core.config import add_file_to_errors
@@ -41,7 +41,7 @@ def start_new_scan(
     file: Path,
     out: Path | None,
     station: str | None,
-    page: LiveOptions,
+    page: LiveScanOptions,
     *,
     json: bool,
 ) -> None:
@@ -66,7 +66,7 @@ def resume_interrupted_scan(
     file: Path,
     keys: dict[str, Any],
     station: str | None,
-    page: LiveOptions,
+    page: LiveScanOptions,
     *,
     json: bool,
 ) -> None:
@@ -92,7 +92,7 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
 
 
 @contextmanager
-def _watched(job: ScanJob, file: Path, page: LiveOptions) -> Iterator[RunContext]:
+def _watched(job: ScanJob, file: Path, page: LiveScanOptions) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
     with (
         scan_progress_bar(job.scan) as journal,
@@ -103,7 +103,7 @@ def _watched(job: ScanJob, file: Path, page: LiveOptions) -> Iterator[RunContext
 
 
 @contextmanager
-def _on_page(context: RunContext, page: LiveOptions) -> Iterator[RunContext]:
+def _on_page(context: RunContext, page: LiveScanOptions) -> Iterator[RunContext]:
     """Show a scan on the live page too, if that is asked for, while the block runs."""
     if not page.live:
         yield context
@@ -117,7 +117,7 @@ def _on_page(context: RunContext, page: LiveOptions) -> Iterator[RunContext]:
         yield replace(context, journal=CombinedJournal(context.journal, on_page))
 
 
-def _refuse_page_of_many(page: LiveOptions) -> None:
+def _refuse_page_of_many(page: LiveScanOptions) -> None:
     if page.live:
         raise ConfigurationError("--live shows one station at a time: choose it with --station")
 

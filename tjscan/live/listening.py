@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Event
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from tjscan.core.errors import PageUnavailable
 from tjscan.live.feed import LiveFeed
 from tjscan.live.page import Button, Page, PageAddress
-from tjscan.live.step import Setting, Step, merge_steps
+from tjscan.live.step import STATE, Setting, Step, merge_steps
 
 Entry = TypeVar("Entry")
 Shown = TypeVar("Shown", contravariant=True)
-
-STATE: Final = "state"
-"""The fact that says what the run is doing."""
 
 
 class Show(Protocol[Shown]):

@@ -24,6 +24,9 @@ FIELD_OF_VIEW: Final = 0.75
 GAP: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
 
+BUTTONS_ORDER: Final = -100.0
+"""Of the first button: below the state, above the rest."""
+
 Tone = Literal["green", "yellow", "blue", "red", "gray"]
 
 
@@ -78,7 +81,6 @@ class RunView:
 
     def show(self, step: Step, measure: Measure | None) -> None:
         """Show what a step changes; colours span all values of the measure that ever came."""
-        self._values += [one.values for one in step.samples]
         self._values += [
             one.values for one in step.drawn.values() if isinstance(one, MeasuredPiece)
         ]
@@ -86,10 +88,13 @@ class RunView:
         self.stage.draw(step.drawn)
         self.panel.update(step, measure, scale)
 
-    def colour_by(self, measure: Measure | None) -> ColourScale:
-        """Colour the picture by a measure; gives the scale, which holds all its values so far."""
-        if measure is None:
-            return ColourScale(0.0, 1.0)
+    def colour_by(self, measure: Measure | None) -> ColourScale | None:
+        """Colour the picture by a measure; gives the scale, which holds all its values so far.
+
+        None where nothing is coloured.
+        """
+        if measure is None or not self._values:
+            return None
         scale = ColourScale.spanning(one.get(measure.name, np.nan) for one in self._values)
         self.stage.colour_by(measure.name, scale)
         return scale
@@ -159,7 +164,12 @@ class Page:
 
     def add_button(self, button: Button) -> None:
         """Add a button."""
-        handle = self.server.gui.add_button(button.word, color=button.tone, hint=button.hint)
+        handle = self.server.gui.add_button(
+            button.word,
+            color=button.tone,
+            hint=button.hint,
+            order=BUTTONS_ORDER + len(self._buttons),
+        )
 
         def press(_: object) -> None:
             button.press()

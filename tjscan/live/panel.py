@@ -12,8 +12,10 @@ from viser import uplot
 
 from tjscan.core.frames import Array
 from tjscan.live.colours import ColourScale
-from tjscan.live.step import Measure, PlaneCurve, Sample, Setting, Step
+from tjscan.live.step import PRESS, STATE, Measure, PlaneCurve, Sample, Setting, Step
 
+STATE_ORDER: Final = -200.0
+"""Of the state: above all else."""
 MOST_EVENTS: Final = 200
 MOST_PLOTTED: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
@@ -30,6 +32,7 @@ STYLE: Final = (
     ".tj table{border-collapse:collapse;width:100%}"
     ".tj td{padding:2px 4px;vertical-align:top}"
     ".tj td:first-child{opacity:.65;white-space:nowrap;width:1%;padding-right:12px}"
+    ".tj th{text-align:left;opacity:.65;font-weight:400;padding:2px 4px}"
     ".tj .events{max-height:260px;overflow-y:auto}"
     ".tj .scale{height:10px;border-radius:3px}"
     ".tj .ends{display:flex;justify-content:space-between}</style>"
@@ -52,10 +55,10 @@ class Panel:
         self._x_scale: uplot.Scale = {"time": False}
         if ends is not None:
             self._x_scale = {"time": False, "auto": False, "range": ends}
-        self._facts: dict[str, str] = {}
+        self._facts: dict[str, str] = {STATE: "", PRESS: ""}  # first of all
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self._state = gui.add_html(facts_table({}))
+        self._state = gui.add_html(facts_table({}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot: Any = None
@@ -63,10 +66,11 @@ class Panel:
         if setting.measures:
             self._plot = self._make_plot(gui)
             self._profile = self._make_profile(gui)
+        self._table = gui.add_html("", visible=False)
         with gui.add_folder("Events", expand_by_default=True):
             self._log = gui.add_html(events_table(()))
 
-    def update(self, step: Step, measure: Measure | None, scale: ColourScale) -> None:
+    def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
 
         Parameters
@@ -74,8 +78,8 @@ class Panel:
         step : Step
         measure : Measure or None
             Which one is plotted.
-        scale : ColourScale
-            Of that measure.
+        scale : ColourScale or None
+            Of that measure; None where nothing in the picture is coloured by it.
         """
         if step.facts:
             self._facts.update(step.facts)
@@ -85,6 +89,8 @@ class Panel:
         if step.events:
             self.events.extend(step.events)
             self._log.content = events_table(self.events)
+        if step.table is not None:
+            self._table.visible, self._table.content = True, rows_table(step.table)
         if step.profile is not None and self._profile is not None:
             self._profile.visible = True
             columns = profile_columns(step.profile)
@@ -100,17 +106,21 @@ class Panel:
         self.samples, self.events = [], []
         self._log.content = events_table(())
 
-    def plot(self, measure: Measure, scale: ColourScale) -> None:
+    def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
         if self._plot is None:
             return
         self._plot.visible = bool(self.samples)
         columns = plot_columns(self.samples, measure.name)
         self._plot.data = columns
-        self._plot.scales = {"x": self._x_scale, "y": {"range": plot_range(*columns[1:3])}}
+        ends = plot_range(*columns[1:3])
+        self._plot.scales = {
+            "x": self._x_scale,
+            "y": {"distr": 3} if measure.logarithmic else {"range": ends},
+        }
         self._plot.axes = _axes(self._setting.plot_axis, measure.title)
-        self._legend.visible = True
-        self._legend.content = legend(measure, scale)
+        self._legend.visible = scale is not None
+        self._legend.content = "" if scale is None else legend(measure, scale)
 
     def _make_plot(self, gui: viser.GuiApi) -> Any:
         return gui.add_uplot(
@@ -200,6 +210,14 @@ def facts_table(facts: Mapping[str, str]) -> str:
         if text
     )
     return f"{STYLE}<div class='tj state'><table>{rows}</table></div>"
+
+
+def rows_table(rows: Sequence[Sequence[str]]) -> str:
+    """HTML of a table, its head first."""
+    cells = [f"<th>{'</th><th>'.join(map(escape, rows[0]))}</th>"] if rows else []
+    cells += [f"<td>{'</td><td>'.join(map(escape, row))}</td>" for row in rows[1:]]
+    table = "".join(f"<tr>{row}</tr>" for row in cells)
+    return f"{STYLE}<div class='tj'><table>{table}</table></div>"
 
 
 def events_table(events: Sequence[tuple[str, str]]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from threading import Lock
 
 from tjscan.live.drawables import Drawable, MeasuredPiece, Posture
@@ -53,18 +54,7 @@ class Replay:
         }
         view.panel.forget()
         facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}
-        self.page.show(
-            Step(
-                whole.label,
-                changed,
-                facts,
-                whole.progress,
-                whole.samples,
-                whole.profile,
-                whole.events,
-            ),
-            k,
-        )
+        self.page.show(replace(whole, drawn=changed, facts=facts), k)
         at.drawn.update(changed)
         view.stage.show_only(whole.drawn)
 

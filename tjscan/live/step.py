@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from tjscan.core.frames import Array
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
+
+STATE: Final = "state"
+"""The fact that says what the run is doing, or asks."""
+PRESS: Final = "press"
+"""The fact that says which buttons answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +32,13 @@ class Measure:
         In words.
     unit : str
         Of its values; empty for a number.
+    logarithmic : bool
+        Whether its axis is.
     """
 
     name: str
     unit: str = ""
+    logarithmic: bool = False
 
     @property
     def title(self) -> str:
@@ -98,6 +106,8 @@ class Step:
         The newest profile.
     events : sequence of (str, str)
         Name and detail of what happened.
+    table : sequence of sequences of str, or None
+        The newest table, its head first.
     """
 
     label: str = ""
@@ -107,6 +117,7 @@ class Step:
     samples: Sequence[Sample] = ()
     profile: PlaneCurve | None = None
     events: Sequence[tuple[str, str]] = ()
+    table: Sequence[Sequence[str]] | None = None
 
 
 def merge_steps(steps: Sequence[Step]) -> Step:
@@ -121,6 +132,7 @@ def merge_steps(steps: Sequence[Step]) -> Step:
         [sample for step in steps for sample in step.samples],
         profiles[-1] if profiles else None,
         [event for step in steps for event in step.events],
+        next((step.table for step in reversed(steps) if step.table is not None), None),
     )
 
 

@@ -120,7 +120,11 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
-    with lock_and_clean_directory(directory), Logbook(directory, T_f_s) as logbook, cell:
+    with (
+        lock_and_clean_directory(directory),
+        Logbook(directory, T_f_s, operator.show_entry) as logbook,
+        cell,
+    ):
         task = calibration_plan_of_job(job, T_f_s)
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
@@ -130,7 +134,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
             result, found = calibrate_arm_in_cell(
                 job, cell, operator, logbook, about, task.window, task.laser
             )
-    if not operator.confirm(Question(f"Save it as {file}?", default=True)):
+    if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     write_calibration(
         file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
