@@ -23,7 +23,7 @@ def page() -> Iterator[Page]:
 def test_the_whole_address_opens_the_page(page: Page) -> None:
     with urlopen(page.url) as answer:
         assert b"<html" in answer.read()[:300].lower()
-    with page_client(page.url) as client:
+    with page_client(page) as client:
         assert client.receive() > 0
 
 
@@ -33,7 +33,7 @@ def test_without_the_token_page_and_socket_are_refused(page: Page) -> None:
     for path in ("", "guess", page.token[:-1], f"x/{page.token}"):
         with (
             pytest.raises(InvalidStatus, match="403"),
-            page_client(f"http://{LOCAL}:{port}/{path}"),
+            page_client(page, f"http://{LOCAL}:{port}/{path}"),
         ):
             pass
 

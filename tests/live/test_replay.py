@@ -51,7 +51,7 @@ def test_every_section_is_a_piece_with_its_measures(show: RecordedShow) -> None:
 
 def test_a_browser_gets_all_of_it(show: RecordedShow, replay: Replay) -> None:
     replay.move_to(len(show.steps) - 1)
-    with page_client(replay.page.url) as client:
+    with page_client(replay.page) as client:
         client.receive()
     assert {f"/run/{name}/points" for name in pieces(show)} <= client.names()
     assert {
@@ -75,7 +75,7 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
 def test_moving_the_slider_sends_no_piece_twice(show: RecordedShow, replay: Replay) -> None:
     last = len(show.steps) - 1
     replay.move_to(last)
-    with page_client(replay.page.url) as client:
+    with page_client(replay.page) as client:
         whole = client.receive()
         replay.move_to(0)
         replay.move_to(last)
@@ -84,7 +84,7 @@ def test_moving_the_slider_sends_no_piece_twice(show: RecordedShow, replay: Repl
 
 def test_another_measure_recolours_and_sends_no_points(show: RecordedShow, replay: Replay) -> None:
     titles = [measure.title for measure in show.setting.measures]
-    with page_client(replay.page.url) as client:
+    with page_client(replay.page) as client:
         whole = client.receive()
         replay.page.choose_measure(titles[-1])
         assert 0 < client.receive() < 0.1 * whole
@@ -92,7 +92,7 @@ def test_another_measure_recolours_and_sends_no_points(show: RecordedShow, repla
 
 
 def test_runs_stand_side_by_side(show: RecordedShow) -> None:
-    with Replay([show, show], PageAddress(port=0)).page as page, page_client(page.url) as client:
+    with Replay([show, show], PageAddress(port=0)).page as page, page_client(page) as client:
         client.receive()
         assert {"/run_0/laser", "/run_1/laser"} <= client.names()
 

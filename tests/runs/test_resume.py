@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import gated_scan
 import numpy as np
 import pytest
 from _fuzz import section_ends
@@ -404,30 +405,26 @@ def test_only_one_process_records_into_a_run(tmp_path: Path) -> None:
 
 @pytest.fixture
 def scanning(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    """A scan in a process of its own, in real time, and its run directory."""
+    """A scan in a process of its own that is held in its fifth section, and its run directory."""
     run = tmp_path / "run"
-    options = ["--simulation.arm.realtime", "true", "--arm.speed-mm-s", "3000"]
-    options += ["--arm.acceleration-mm-s2", "20000", *OPTIONS]
-    command = [sys.executable, "-c", "from tjscan.cli import main; main()"]
-    process = subprocess.Popen([*command, "scan", str(PAPER), "--out", str(run), *options])
+    command = [sys.executable, gated_scan.__file__, "scan", str(PAPER), "--out", str(run), *OPTIONS]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         yield process, run
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 def test_a_killed_scan_goes_on(whole: Path, scanning: tuple[subprocess.Popen[bytes], Path]) -> None:
     process, run = scanning
-    recording = run / "scan.mcap"
-    while process.poll() is None and not (
-        recording.exists() and recording.stat().st_size > 200_000
-    ):
-        os.sched_yield()
+    assert process.stderr is not None
+    assert any(gated_scan.UNDER_WAY.encode() in line for line in process.stderr)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (run / "summary.json").exists()
-    assert tjscan("scan", "--resume", run, "--simulation.arm.realtime", "false") == 0
+    assert len(recorded_corners(run)) == gated_scan.HELD
+    assert tjscan("scan", "--resume", run) == 0
     np.testing.assert_allclose(recorded_corners(run), recorded_corners(whole), atol=SAME)
 
 

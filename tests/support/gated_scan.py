@@ -1,4 +1,4 @@
-"""``tjscan`` with a display that holds the scan in its first section until stdin has a line."""
+"""``tjscan`` with a display that holds the scan in its fifth section until stdin has a line."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from tjscan.cli import main, scan_output
 from tjscan.scanning.section import ProfileView, Substep
 
 UNDER_WAY = "a section is under way"
+HELD = 4
+"""Index of the section; a scan that has more behind it goes on there."""
 
 
 class GatedJournal(scan_output.ProgressJournal):
@@ -15,7 +17,7 @@ class GatedJournal(scan_output.ProgressJournal):
 
     def record_view(self, view: ProfileView) -> None:
         super().record_view(view)
-        if view.substep is Substep.PREDICTION and not self.held:
+        if view.substep is Substep.PREDICTION and view.index == HELD and not self.held:
             self.held = True
             print(UNDER_WAY, file=sys.stderr, flush=True)
             sys.stdin.readline()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import count
 
 import msgspec
 import viser
@@ -13,8 +14,15 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-QUIET = 0.3
-"""Seconds without a message after which everything has come."""
+from tjscan.live.page import Page
+
+LONGEST = 30.0
+"""Seconds within which a page sends what it has, on a busy machine."""
+
+MARK = "/all/"
+"""How the names of nodes begin behind which nothing is waited for."""
+
+_numbers = count(1)
 
 
 @dataclass
@@ -25,23 +33,31 @@ class PageClient:
     ----------
     socket : Connection
         Of the page.
+    page : Page
+        Which is served by this process.
     messages : list of dict
         That came so far.
     """
 
     socket: Connection
+    page: Page
     messages: list[dict[str, object]] = field(default_factory=list)
 
-    def receive(self, quiet: float = QUIET) -> int:
-        """Receive until nothing more comes; gives the bytes."""
-        count = 0
-        while True:
-            try:
-                data = self.socket.recv(timeout=quiet)
-            except TimeoutError:
-                return count
-            count += len(data)
-            self.messages.extend(_messages(data))
+    def receive(self) -> int:
+        """Receive all that was shown until now; gives the bytes.
+
+        A node that nobody sees is added behind it, and waited for.
+        """
+        last = f"{MARK}{next(_numbers)}"
+        self.page.server.scene.add_frame(last, visible=False)
+        size = 0
+        while last not in self.names():
+            data = self.socket.recv(timeout=LONGEST)
+            found = _messages(data)
+            self.messages.extend(found)
+            if not all(str(one.get("name", "")).startswith(MARK) for one in found):
+                size += len(data)
+        return size
 
     def names(self) -> set[str]:
         """Names of the picture's nodes that were sent."""
@@ -59,9 +75,9 @@ def _messages(data: bytes | str) -> list[dict[str, object]]:
 
 
 @contextmanager
-def page_client(url: str) -> Iterator[PageClient]:
-    """Connect to a page as a browser does."""
+def page_client(page: Page, url: str = "") -> Iterator[PageClient]:
+    """Connect to a page as a browser does, by its own address or by another."""
     spoken = Subprotocol(f"viser-v{viser.__version__}")
-    address = url.replace("http://", "ws://").rstrip("/")
+    address = (url or page.url).replace("http://", "ws://").rstrip("/")
     with connect(address, subprotocols=[spoken], max_size=None, compression=None) as socket:
-        yield PageClient(socket)
+        yield PageClient(socket, page)

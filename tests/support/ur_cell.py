@@ -8,6 +8,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 
@@ -25,9 +26,18 @@ def address() -> str:
     return f"127.{64 + process // 256 % 128}.{process % 256}.{next(_numbers) % 250 + 1}"
 
 
+SLOWLY = MotionLimits(tcp_speed=0.03)
+"""Three decimetres take ten seconds: what is to happen on the way does, on a busy machine too."""
+
+
 def arm_at(host: str, model: Kinematics = KINEMATICS) -> UrArm:
     """The driver for a controller."""
     return UrArm(model, UrSettings(host))
+
+
+def slow_arm_at(host: str) -> UrArm:
+    """The driver for a controller, for moves in which something is to happen."""
+    return UrArm(KINEMATICS, UrSettings(host), SLOWLY)
 
 
 def beside_home(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
