@@ -3,17 +3,21 @@
 import csv
 import json
 import shutil
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import tjscan
+from ur_cell import address, output_is_on
 
+from tjscan.cli.interrupt import press_ctrl_c
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.job.wps import read_wps
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
+from tjscan.robot.loopback.process import LoopbackProcess
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
@@ -139,3 +143,60 @@ def test_a_torch_that_reaches_nothing_is_refused(
     assert f"{wps}: torch: no station reaches any of the groove" in message
     assert "out of the arm's reach" in message
     assert not (run / "plan.json").exists()
+
+
+def job_of_real_arm(run: Path, host: str) -> Path:
+    """The run's job, its arm a real one."""
+    file = run.parent / "real.toml"
+    text = (run / "job.toml").read_text(encoding="utf-8")
+    text = text.replace('driver = "simulated"', 'driver = "ur"', 1)
+    file.write_text(f'{text}\n[arm.ur]\nhost = "{host}"\n', encoding="utf-8")
+    shutil.copy(run / "joint.toml", run.parent / "joint.toml")
+    return file
+
+
+def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
+    planned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rtde_control")
+    run, host = planned, address()
+    way = (run / "plan.urscript").read_text(encoding="utf-8")
+    home = way[way.index("movej([") + 7 : way.index("], a=")]
+    degrees = [f"{np.degrees(float(x)):.6f}" for x in home.split(",")]
+    with LoopbackProcess(host, "--home-deg", *degrees) as loopback:
+        stopper = threading.Thread(target=_interrupt_once_on, args=(host,))
+        stopper.start()
+        options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc", "--out", run / "sent")
+        job = job_of_real_arm(run, host)
+        assert tjscan("plan", run, "--wps", WPS, *options, "--send-to", job) == 130
+        stopper.join()
+        assert f"run on {host}, output {OUTPUT} switches the arc" in capsys.readouterr().err
+        assert not output_is_on(loopback.host, OUTPUT)
+
+
+def _interrupt_once_on(host: str) -> None:
+    while not output_is_on(host, OUTPUT):
+        pass
+    press_ctrl_c()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('driver = "ur"', 'driver = "simulated"', "arm.driver: a program goes to a real arm"),
+        ('model = "ur10e"', 'model = "ur5e"', "arm.model: is a ur5e"),
+        ('file = "joint.toml"', 'file = "other.toml"', "joint.file: is another joint"),
+    ],
+)
+def test_a_program_goes_to_no_other_arm_and_joint(
+    old: str, new: str, says: str, planned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = job_of_real_arm(planned, "127.0.0.1")
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    other = (planned / "joint.toml").read_text(encoding="utf-8").replace("457.2", "406.4")
+    (planned.parent / "other.toml").write_text(other, encoding="utf-8")
+    options = ("--gravity", 0, 0, -1, "--send-to", file)
+    assert tjscan("plan", planned, "--wps", WPS, *options) == 2
+    assert says in capsys.readouterr().err

@@ -54,3 +54,14 @@ def client_processes() -> list[int]:
             if words.exists() and b"tjscan.robot.ur.client" in words.read_bytes():
                 found.append(int(pid))
     return found
+
+
+def output_is_on(host: str, number: int) -> bool:
+    """Whether a standard digital output is on, as another client sees it."""
+    from rtde_receive import RTDEReceiveInterface
+
+    link = RTDEReceiveInterface(host, 50.0, ["actual_digital_output_bits"])
+    try:
+        return bool(link.getDigitalOutState(number))
+    finally:
+        link.disconnect()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tjscan.runs.plan import WrittenPlan
+    from tjscan.runs.plan_send import ArmForProgram
 
 OUT_OF_WPS = 3
 """Exit code where something of the plan is out of the WPS or reached by no station."""
@@ -22,6 +23,8 @@ def plan(
     reach: bool = True,
     output: int = 0,
     arc: bool = False,
+    send_to: Path | None = None,
+    station: str | None = None,
     json: bool = False,
 ) -> None:
     """Plan the beads of a measured groove: how many, where, torch, speed, heat, and how sure.
@@ -45,6 +48,10 @@ def plan(
         Standard digital output that switches the arc in the program for the arm, 0 to 7.
     arc
         Let the program switch that output on on the beads; else it stays off throughout.
+    send_to
+        The job of a real arm, to which the program is sent once it is written; Ctrl-C stops it.
+    station
+        The station at which that arm stands, where there are several.
     json
         Print the plan as JSON on stdout.
     """
@@ -55,6 +62,11 @@ def plan(
         raise ConfigurationError("must be 0 to 7", key="--output")
     if after_pass < 0:
         raise ConfigurationError("must be 0 or more", key="--after-pass")
+    arm = None
+    if send_to is not None:
+        from tjscan.runs.plan_send import arm_for_program
+
+        arm = arm_for_program(send_to, station, run)
     with show_phase("planning the beads"):
         import numpy as np
 
@@ -73,9 +85,28 @@ def plan(
         print(done.document.model_dump_json(indent=1))
     else:
         _print_plan(done, page)
+    if arm is not None:
+        _send(done, arm, station, output, arc=arc)
     wanting = bool(done.plan.findings or done.nobody_s)
     if wanting or any(one.out_of_table for one in done.document.details):
         raise SystemExit(OUT_OF_WPS)
+
+
+def _send(
+    done: WrittenPlan, arm: ArmForProgram, station: str | None, output: int, *, arc: bool
+) -> None:
+    from tjscan.cli.console import print_message
+    from tjscan.runs.plan_send import send_program, way_of_station
+
+    way, torch = way_of_station(done.ways, station), done.plan.wps.torch
+    switched = f"output {output} switches the arc" if arc else "the arc stays off"
+    words = f"{len(way.beads)} beads of {way.station} run on {arm.settings.host}, {switched}"
+
+    def started() -> None:
+        print_message(f"{words}; Ctrl-C stops them")
+
+    send_program(arm, way, torch, output, arc=arc, started=started)
+    print_message("the program has come to its end")
 
 
 def _print_plan(done: WrittenPlan, page: Path) -> None:

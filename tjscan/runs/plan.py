@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from tjscan.planning.document import PlanDocument, plan_document
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NOBODY, crowns_and_saddles
-from tjscan.planning.urscript import way_to_urscript
+from tjscan.planning.urscript import StationWay, way_to_urscript
 from tjscan.result.directory import SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
@@ -60,12 +60,15 @@ class WrittenPlan:
         Where its files are.
     files : tuple of str
         Their names.
+    ways : dict of str to StationWay
+        How each station leads the torch, by its program's file.
     """
 
     plan: WeldPlan
     document: PlanDocument
     directory: Path
     files: tuple[str, ...]
+    ways: dict[str, StationWay] = field(default_factory=dict)
 
     @property
     def nobody_s(self) -> tuple[tuple[float, float], ...]:
@@ -143,7 +146,7 @@ def plan_run(
             (draft / name).write_text(head + script, encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
-    return WrittenPlan(plan, document, folder, files)
+    return WrittenPlan(plan, document, folder, files, parted.ways)
 
 
 def _shared_area_sigma(summary: ScanSummary) -> float:

@@ -27,6 +27,7 @@ from tjscan.robot.ur.connecting import connect_to_controller
 from tjscan.robot.ur.identity import UrIdentity, read_ur_identity
 from tjscan.robot.ur.kinematics_info import read_controller_kinematics
 from tjscan.robot.ur.moving import POLL, await_arrival, check_target_is_safe, execute_move
+from tjscan.robot.ur.program import UrProgram, run_program
 from tjscan.robot.ur.session import ControllerSession
 from tjscan.robot.ur.settings import UrSettings
 
@@ -136,6 +137,25 @@ class UrArm(DeviceBase):
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
         return self._move(T_b_f, partial(self._joint_path, near=near), joint_command)
+
+    def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
+        """Run a program in URScript to its end; the arm takes no moves after it.
+
+        Parameters
+        ----------
+        program : UrProgram
+            The program.
+        started : callable
+            Is called once it runs.
+
+        Raises
+        ------
+        ArmFault
+            As `program.run_program` does. The program is stopped then.
+        """
+        session = self._connected
+        with self._latch.hold_for_move():
+            run_program(session, self._latch, self.settings, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""

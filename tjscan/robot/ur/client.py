@@ -59,7 +59,7 @@ class RtdeClient:
         self._control: Any = None
         self._receive: Any = None
         self._reports_payload = True
-        self._watched = False
+        self._watched = self._foreign = False
         self._fed = self._followed = self._clock = 0.0
         self._sent = self._received = LongestSilence(time.monotonic())
         self._before: int | None = None  # the operation before the move that is to be followed
@@ -156,11 +156,25 @@ class RtdeClient:
         self._watched, self._before = False, None
         self._control.stopScript()
 
+    def give_way(self) -> None:
+        """End the control script, for another program to run."""
+        self.stop_control_script()
+
+    def feed_foreign_watchdog(self) -> None:
+        """Feed the watchdog of the program that runs in place of the control script."""
+        self._watched = self._foreign = True
+        self._sent = LongestSilence(time.monotonic())
+
     def feed_watchdog(self) -> None:
         """Feed the controller's watchdog, if it is time to."""
         if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
             self._watch_clock()
-            self._control.kickWatchdog()
+            try:
+                self._control.kickWatchdog()
+            except Exception:  # the library raises what it likes
+                if not self._foreign:
+                    raise
+                self._watched = False  # that program has ended
             self._fed = time.monotonic()
             self._sent.note_sign_of_life(self._fed)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 from types import NoneType
 from typing import Final, TypeVar
 
@@ -22,7 +23,7 @@ from tjscan.robot.ur.faults import (
     safety_fault,
 )
 from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
-from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.ur.messages import PLAYING, ControllerState
 from tjscan.robot.ur.watch import ControllerClockWatch
 
 T = TypeVar("T")
@@ -78,6 +79,16 @@ class ControllerSession:
     def read_state_supervising_move(self) -> ControllerState:
         """Read the state during a move; the client stops the arm if nobody does for long."""
         return self._look("read_state_supervising_move")
+
+    def read_state_beside_program(self) -> ControllerState:
+        """Read the state while a program of ours runs in place of the control script, or has ended.
+
+        Raises
+        ------
+        ArmFault
+            What is wrong with the arm; the session has ended then.
+        """
+        return self._look("read_state", beside_program=True)
 
     def arm_state(self) -> ArmState:
         """Read joint angles, flange pose and time; raises as `read_state` does."""
@@ -213,12 +224,12 @@ class ControllerSession:
             raise self.fault
         return self.link
 
-    def _look(self, name: str) -> ControllerState:
+    def _look(self, name: str, *, beside_program: bool = False) -> ControllerState:
         link = self._working
         try:
             now = link.call_client_method(ControllerState, name, limit=self._limit)
             self._watch.check_clock_advances(now)
-            fault = fault_from_state(now)
+            fault = fault_from_state(replace(now, runtime_state=PLAYING) if beside_program else now)
             if isinstance(fault, ProgramStopped):  # blames people: a second look must say so too
                 time.sleep(NEXT_READING)
                 now = link.call_client_method(ControllerState, name, limit=self._limit)

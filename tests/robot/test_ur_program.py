@@ -1,0 +1,90 @@
+"""Programs of our own on a controller: run to their end, watched, stopped, outputs left off."""
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+from ur_cell import HOME, KINEMATICS, address, arm_at, output_is_on
+
+from tjscan.core.errors import ArmFault, PoseNotReached
+from tjscan.core.frames import pose
+from tjscan.core.pose_vector import pose_to_vector
+from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.ur.program import UrProgram
+
+pytest.importorskip("rtde_control")
+
+OUTPUT = 3
+END = pose(p=(0.0, 0.0, 0.05)) @ KINEMATICS.forward(HOME)
+OFF = f"def off():\n  set_standard_digital_out({OUTPUT}, False)\nend"
+
+
+def moving(speed: float) -> UrProgram:
+    """Upwards by 50 mm with the output on, at a speed in m/s."""
+    target = ", ".join(f"{x:.9f}" for x in pose_to_vector(END))
+    script = (
+        f"def up():\n  set_standard_digital_out({OUTPUT}, True)\n"
+        f"  movel(p[{target}], a=0.5, v={speed})\n"
+        f"  set_standard_digital_out({OUTPUT}, False)\nend"
+    )
+    return UrProgram(script, END, OFF)
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[LoopbackProcess]:
+    with LoopbackProcess(address()) as loopback:
+        yield loopback
+
+
+@pytest.fixture
+def loopback(running: LoopbackProcess) -> LoopbackProcess:
+    running.schedule_fault("clear")
+    running.schedule_fault("home")
+    return running
+
+
+def test_a_program_runs_to_its_end(loopback: LoopbackProcess) -> None:
+    """For longer than the controller waits for a sign of life of this computer."""
+    seen: list[bool] = []
+    with arm_at(loopback.host) as arm:
+        arm.run_program(moving(0.03), lambda: seen.append(output_is_on(loopback.host, OUTPUT)))
+    assert seen == [True]
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_a_stop_ends_the_program_and_switches_its_output_off(loopback: LoopbackProcess) -> None:
+    with arm_at(loopback.host) as arm:
+        stopper = threading.Thread(target=arm.stop)
+        with pytest.raises(ArmFault, match="stopped on its way"):
+            arm.run_program(moving(0.002), stopper.start)
+        stopper.join()
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_a_program_that_somebody_else_ends_is_told_from_one_that_came_to_its_end(
+    loopback: LoopbackProcess,
+) -> None:
+    with arm_at(loopback.host) as arm, pytest.raises(PoseNotReached, match="the program ended"):
+        arm.run_program(moving(0.002), lambda: loopback.schedule_fault("stop-program"))
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_a_fault_of_the_arm_is_told_by_its_own_error(loopback: LoopbackProcess) -> None:
+    from tjscan.core.errors import ProtectiveStop
+
+    with arm_at(loopback.host) as arm, pytest.raises(ProtectiveStop):
+        arm.run_program(moving(0.002), lambda: loopback.schedule_fault("protective-stop"))
+
+
+def test_where_nobody_watches_any_more_the_controller_ends_the_program(
+    loopback: LoopbackProcess,
+) -> None:
+    """The client that feeds the watchdog is gone, as when this computer fails."""
+    with arm_at(loopback.host) as arm:
+        session = arm._connected
+
+        def vanish() -> None:
+            session.link._process.kill()
+
+        with pytest.raises(ArmFault):
+            arm.run_program(moving(0.002), vanish)

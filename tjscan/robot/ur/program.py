@@ -1,0 +1,152 @@
+"""A program of our own on a controller: sent, watched to its end, and stopped if need be.
+
+It runs in place of the client library's control script. The client goes on watching the controller
+and feeding its watchdog, so that a controller which no longer hears this computer ends the program.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import NoneType
+from typing import Final
+
+import numpy as np
+
+from tjscan.core import pose_vector
+from tjscan.core.errors import ArmFault, ArmNotConnected, PoseNotReached, ProgramStopped
+from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.robot.motion_lock import MotionLock
+from tjscan.robot.ur.messages import PLAYING, WATCHDOG_PERIOD, ControllerState
+from tjscan.robot.ur.moving import STARTS
+from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.settings import UrSettings
+
+PORT: Final = 30002
+"""Of the secondary interface, which takes programs."""
+
+LOOK: Final = 0.05
+"""Seconds between two looks at a program."""
+
+WATCHED: Final = f'  rtde_set_watchdog("input_int_register_0", {1 / WATCHDOG_PERIOD:g}, "stop")'
+"""First statement of a program: to end where nothing is heard of this computer any more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrProgram:
+    """A program in URScript, and where it leads.
+
+    Parameters
+    ----------
+    script : str
+        ``def NAME(): ... end``.
+    T_b_tcp : ndarray, shape (4, 4)
+        Where it leaves the TCP that it sets, in frame b.
+    leave : str
+        Another program, that is run where this one does not come to its end: to switch off what it
+        has switched on.
+    """
+
+    script: str
+    T_b_tcp: Array
+    leave: str
+
+
+def run_program(
+    session: ControllerSession,
+    latch: MotionLock,
+    settings: UrSettings,
+    program: UrProgram,
+    started: Callable[[], object],
+) -> None:
+    """Run a program and watch it to its end.
+
+    Parameters
+    ----------
+    session : ControllerSession
+        The session; its control script ends.
+    latch : MotionLock
+        Stops it.
+    settings : UrSettings
+        Tolerances.
+    program : UrProgram
+        The program.
+    started : callable
+        Is called once it runs.
+
+    Raises
+    ------
+    ArmFault
+        If the arm was stopped, or something is wrong with it.
+    ProgramStopped
+        If the controller does not begin it.
+    PoseNotReached
+        If it did not lead where it should: it was stopped on its way.
+    """
+    session.keep_dashboard()
+    session.read_state()
+    try:
+        with latch.begin_move():
+            session.call_client_method(NoneType, "give_way")
+            _await_program(session, latch, runs=False)
+            _send(settings.host, _watched(program.script))
+        _await_program(session, latch, runs=True)
+        session.call_client_method(NoneType, "feed_foreign_watchdog")
+        started()
+        while session.read_state_beside_program().runtime_state == PLAYING:
+            if latch.wait_for_stop(LOOK):
+                raise ArmFault("the program was stopped on its way. See that the way is clear.")
+            session.keep_dashboard_connected()
+        _check_end(session, settings, program.T_b_tcp)
+    except BaseException as error:
+        session.stop_program(error)
+        try:
+            _send(settings.host, program.leave)
+        except ArmFault as unsent:
+            error.add_note(f"What is more, its outputs could not be reset: {unsent}")
+        raise
+
+
+def _watched(script: str) -> str:
+    head, _, rest = script.partition("\n")
+    return "\n".join((head, WATCHED, rest))
+
+
+def _send(host: str, script: str) -> None:
+    try:
+        with socket.create_connection((host, PORT), STARTS) as link:
+            link.sendall(f"{script.rstrip()}\n".encode())
+            # Some controllers drop what they have not read when the link closes.
+            time.sleep(4 * LOOK)
+    except OSError as error:
+        raise ArmNotConnected(
+            f"the controller at {host} takes no programs (port {PORT}: {error.strerror or error}). "
+            "See that the interface is enabled in its security settings."
+        ) from None
+
+
+def _await_program(session: ControllerSession, latch: MotionLock, *, runs: bool) -> None:
+    """Wait until a program runs, or none does."""
+    limit = time.monotonic() + STARTS
+    while (session.read_state_beside_program().runtime_state == PLAYING) != runs:
+        if time.monotonic() > limit:
+            verb = "begin the program" if runs else "end the program before"
+            raise ProgramStopped(f"the controller does not {verb}. Read its log.")
+        latch.wait_for_stop(LOOK)
+
+
+def _check_end(session: ControllerSession, settings: UrSettings, T_b_tcp: Array) -> None:
+    now: ControllerState = session.read_state_beside_program()
+    there = pose_vector.pose_from_vector(np.array(now.tcp))
+    distance = float(np.linalg.norm(there[:3, 3] - T_b_tcp[:3, 3]))
+    angle = rotation_angle_between(there, T_b_tcp)
+    if distance > settings.position_tolerance or angle > settings.rotation_tolerance:
+        raise PoseNotReached(
+            f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
+            "it leads: somebody stopped it on its way, or the controller did, whose log says why "
+            "then.",
+            T_b_tcp,
+            there,
+        )

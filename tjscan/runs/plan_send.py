@@ -1,0 +1,162 @@
+"""Send a station's program to the arm that stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.job import ScanJob
+from tjscan.job.cell import kinematics_of_job, solids_in_base
+from tjscan.job.reading import read_scan_job
+from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.wps import TorchSettings
+from tjscan.result.directory import JOB
+from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.collision import CollisionModel
+from tjscan.robot.collision_checked import CollisionCheckedArm
+from tjscan.robot.motion import MotionLimits
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.program import UrProgram
+from tjscan.robot.ur.settings import UrSettings
+from tjscan.runs.context import RunContext
+
+DRIVER: Final = "ur"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmForProgram:
+    """The arm of a job that is to run a program.
+
+    Parameters
+    ----------
+    job : ScanJob
+        Of one station.
+    settings : UrSettings
+        Where its controller is.
+    """
+
+    job: ScanJob
+    settings: UrSettings
+
+
+def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForProgram:
+    """Read the job of an arm that is to run a program, and see that it is that of the run.
+
+    Parameters
+    ----------
+    job_file : Path
+        The job.
+    station : str or None
+        Which of the job's stations it stands at.
+    run : Path
+        The run directory, with the job that the groove was scanned with.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no real arm of Universal Robots, or another arm or joint than the run's.
+    """
+    with add_file_to_errors(job_file):
+        job = read_scan_job(job_file)
+        job = job.job_at_station(station) if job.station else job
+        settings = job.arm.driver_settings if job.arm.driver == DRIVER else None
+        if not isinstance(settings, UrSettings):
+            raise ConfigurationError(
+                f"a program goes to a real arm alone, whose driver is {DRIVER!r} (found "
+                f"{job.arm.driver!r})",
+                key="arm.driver",
+            )
+        if (run / JOB).is_file():
+            scanned = RunContext(read_scan_job(run / JOB), run / JOB)
+            model = scanned.job.arm.model
+            if job.arm.model != model:
+                raise ConfigurationError(
+                    f"is a {job.arm.model}, but the run was scanned with a {model}",
+                    key="arm.model",
+                )
+            joints = scanned.joint, RunContext(job, job_file).joint
+            if None not in joints and joints[0] != joints[1]:
+                raise ConfigurationError(
+                    "is another joint than the run's: plan a run of this joint, or name its job",
+                    key="joint.file",
+                )
+    return ArmForProgram(job, settings)
+
+
+def way_of_station(ways: Mapping[str, StationWay], station: str | None) -> StationWay:
+    """The way of a station, or the only one there is.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none, or several and none is named.
+    """
+    names = [way.station for way in ways.values()]
+    if station is None and len(names) == 1:
+        station = names[0]
+    for way in ways.values():
+        if way.station == station:
+            return way
+    if not names:
+        raise ConfigurationError("there is no program to send: the plan says why", key="--send-to")
+    wanted = f"there is no program of {station!r}" if station else "there are several programs"
+    raise ConfigurationError(f"{wanted}; choose one of: {', '.join(names)}", key="--station")
+
+
+def send_program(
+    arm: ArmForProgram,
+    way: StationWay,
+    torch: TorchSettings,
+    output: int,
+    *,
+    arc: bool,
+    started: Callable[[], object],
+) -> None:
+    """Move an arm to where a program begins, on a checked way, and run the program.
+
+    Parameters
+    ----------
+    arm : ArmForProgram
+        The arm.
+    way : StationWay
+        Of the station it stands at.
+    torch : TorchSettings
+        What it carries.
+    output : int
+        Standard digital output of the arc.
+    arc : bool
+        Whether it is switched on on the beads.
+    started : callable
+        Is called once the program runs.
+
+    Raises
+    ------
+    ArmFault
+        If the arm can't be reached, is not ready, or did not come to the program's end.
+    """
+    job, model = arm.job, kinematics_of_job(arm.job)
+    tools = [one.solid for one in torch.solid]
+    collisions = CollisionModel(
+        model,
+        solids_in_base(job),
+        tools,
+        self_collision=job.clearance.self_collision,
+        ignored=job.clearance.ignore,
+    )
+    clearance = ClearPathPlanner(model, collisions, job.clearance)
+    limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
+    device = UrArm(model, arm.settings, limits)
+    off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
+    T_b_tcp: Array = way.beads[-1].leave[-1]
+    script = way_to_urscript(way, torch, output, arc=arc)
+    with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=job.clearance.lifts) as checked:
+        start = way.beads[0].way[0] @ inverse_pose(torch.tcp.T)
+        checked.move_joint_to_pose(start, near=np.asarray(way.q))
+        device.run_program(UrProgram(script, T_b_tcp, off), started)
