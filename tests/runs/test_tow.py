@@ -2,6 +2,7 @@
 
 import json
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import patch
 
@@ -70,6 +71,15 @@ def test_a_wrong_job_is_refused_before_a_directory_is_made(tmp_path: Path) -> No
     assert not out.exists()
 
 
+@pytest.fixture
+def _ctrl_c_is_heard() -> Iterator[None]:
+    """Let SIGINT interrupt also where a shell started the tests in the background, without it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_ctrl_c_is_heard")
 def test_a_tow_that_was_interrupted_is_whole_and_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "cut"
     cycle = CableTow._cycle
