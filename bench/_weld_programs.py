@@ -117,19 +117,16 @@ def follow_program(reach: StationReach, way: StationWay, wps: WeldingProcedure) 
 
 
 def _compare(tips: Array, points: Array, speed: Array) -> tuple[float, float, float]:
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     chords = np.diff(points, axis=0)
-    off, s = [], []
-    for tip in tips:
-        from_start = tip - points[:-1]
-        share = np.clip(np.sum(from_start * chords, axis=1) / np.sum(chords**2, axis=1), 0, 1)
-        away = np.linalg.norm(from_start - share[:, None] * chords, axis=1)
-        i = int(away.argmin())
-        off.append(away[i])
-        s.append(along[i] + share[i] * (along[i + 1] - along[i]))
-    at = np.array(s)
+    along = np.append(0.0, np.cumsum(np.linalg.norm(chords, axis=1)))
+    from_start = tips[:, None] - points[:-1]
+    share = np.clip(np.sum(from_start * chords, axis=2) / np.sum(chords**2, axis=1), 0, 1)
+    away = np.linalg.norm(from_start - share[..., None] * chords, axis=2)
+    j = away.argmin(axis=1)
+    i = np.arange(len(tips))
+    off, at = away[i, j], along[j] + share[i, j] * np.diff(along)[j]
     paces = HZ * np.linalg.norm(np.diff(tips, axis=0), axis=1)
     middles = 0.5 * (at[1:] + at[:-1])
     even = (middles > ENDS) & (middles < along[-1] - ENDS)
     wrong = np.abs(paces / np.interp(middles, along, speed) - 1)[even]
-    return max(off), float(wrong.max()), max(float(at.min()), float(along[-1] - at.max()))
+    return float(off.max()), float(wrong.max()), max(float(at.min()), float(along[-1] - at.max()))

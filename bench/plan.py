@@ -18,6 +18,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
+from time import process_time
 from typing import Final
 
 import manifold3d
@@ -32,6 +33,7 @@ from _designed_grooves import (
 )
 from _stopwatch import Stopwatch
 from _table import Row, main
+from _weld_programs import find_reaches, follow_program
 
 from tjscan.cli import main as tjscan
 from tjscan.core.errors import ConfigurationError
@@ -183,6 +185,37 @@ def many_grooves(count: int) -> tuple[float, float]:
     return 100 * planned / count, 100 * (planned + answered) / count
 
 
+def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
+    """What two stations reach, and the program of one of them on the loopback controller."""
+    start = process_time()
+    reaches, plan = find_reaches(edges, designed_corners(JOINT, whole_way()), WPS, DOWN)
+    took = process_time() - start
+    stretches = [one.stretch for one in reaches]
+    turns = [
+        0.0 if one is None else 360 * (one.end - one.begin) / edges.length for one in stretches
+    ]
+    reached = {bead.station for bead in plan.beads}
+    way = reaches[0].lead_torch(plan)
+    ways = [replace(way, beads=way.beads[:1])] if quick else [way]
+    followed = [follow_program(reaches[0], one, WPS) for one in ways]
+    return [
+        Row("reach of two stations, CPU", took, 30, "s"),
+        Row("groove that each reaches, at least", min(turns), 360, "°", at_least=180),
+        Row("stations that weld", len(reached), 2, "", at_least=2),
+        Row(
+            "program: beads with the arc on", sum(one.beads for one in followed), 13, "", at_least=1
+        ),
+        Row("program: off the path", 1e3 * max(one.off_path for one in followed), 0.2, "mm"),
+        Row("program: off the speed", 100 * max(one.off_speed for one in followed), 2, "%"),
+        Row(
+            "program: arc on and off, off the ends",
+            1e3 * max(one.off_ends for one in followed),
+            0.2,
+            "mm",
+        ),
+    ]
+
+
 def rows(*, quick: bool) -> list[Row]:
     """Measure."""
     drawn = [drawn_edges(JOINT, whole_way(), SIGMA, seed) for seed in range(SEEDS)]
@@ -215,6 +248,7 @@ def rows(*, quick: bool) -> list[Row]:
         Row("arc time saved against the worst plan allowed", 100 * saved, 100, "%", at_least=33),
         watch.row(f"whole joint planned, {count} sections", median, 5 * count),
     ]
+    found += reach_rows(drawn[0], quick=quick)
     if not quick:
         errors = many_area_errors(scanned_edges())
         found += [

@@ -502,3 +502,19 @@ def test_a_solid_that_is_none_is_refused(solid: dict[str, object], message: str)
 def test_waypoints_begin_and_end_where_they_should() -> None:
     path = interpolate_joints(HOME, HOME + 0.3)
     np.testing.assert_array_equal(path[[0, -1]], [HOME, HOME + 0.3])
+
+
+def test_a_check_of_postures_says_what_their_distances_say() -> None:
+    model = CollisionModel(kinematics(), [post(0.1), post(-0.3, y=-0.4)], [TIP])
+    least = np.where([pair.own for pair in model.pairs], 0.005, 0.03)
+    least[::7] = -np.inf
+    check, found = model.make_check(least), set()
+    looked_at = np.isfinite(least)
+    for q in HOME + np.random.default_rng(0).uniform(-1.5, 1.5, (150, 6)):
+        short = (model.distances(q) < least) & looked_at
+        near = check(q)
+        assert (near is not None) == short.any()
+        named = [pair == near for pair in model.pairs]  # both walls have one name
+        assert near is None or short[named].any()
+        found.add(near is None)
+    assert found == {True, False}

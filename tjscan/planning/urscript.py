@@ -90,6 +90,7 @@ def way_to_urscript(way: StationWay, torch: TorchSettings, output: int, *, arc: 
     joints = ", ".join(f"{x:.7f}" for x in way.q)
     lines = [
         "def tjscan_plan():",
+        "  # in the arm's base frame: metres, rotation vectors in radians",
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose(torch.tcp.T)})",

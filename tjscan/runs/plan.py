@@ -140,10 +140,10 @@ def plan_run(
     )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN) as draft:
+        lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
         for name, way in parted.ways.items():
             script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)
-            head = provenance.comment_lines("#")
-            (draft / name).write_text(head + script, encoding="utf-8")
+            (draft / name).write_text("".join((*lines, script)), encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
     return WrittenPlan(plan, document, folder, files, parted.ways)
