@@ -159,7 +159,8 @@ def test_zones_only_where_no_count_fits_the_whole() -> None:
 @pytest.mark.parametrize(
     ("tables", "key"),
     [
-        (all_beads(80e-6, 120e-6), "arc.travel_speed_mm_min"),
+        ({"arc": {"travel_speed": (20e-3, 21e-3)}}, "arc.travel_speed_mm_min"),
+        (all_beads(80e-6, 120e-6), "bead.root_area_mm2"),
         ({"bead": {"layer_height": (30e-3, 31e-3)}}, "bead.layer_height_mm"),
         (all_beads(1.0, 2.0), "bead.fill_area_mm2"),
     ],
@@ -170,6 +171,16 @@ def test_windows_that_nothing_fits_are_refused_with_key_and_place(
     with pytest.raises(ConfigurationError, match="at s = ") as error:
         plan_weld(edges_of(ring()), wps(**tables), DOWN)
     assert error.value.key == key
+
+
+@pytest.mark.parametrize(("gap", "too"), [(60e-3, "too wide"), (1e-3, "too narrow")])
+def test_a_root_that_one_bead_can_t_span_is_refused(gap: float, too: str) -> None:
+    flat = half_v(angle=10.0, gap=gap)
+    x = np.linspace(0, 0.4, 12)
+    corners = np.stack(np.broadcast_arrays(x[:, None], flat[:, 0], flat[:, 1]), axis=2)
+    with pytest.raises(ConfigurationError, match=too) as error:
+        plan_weld(edges_of(corners), wps(), np.array((0.0, -1.0, 0.0)))
+    assert error.value.key == "bead.root_area_mm2"
 
 
 def test_heat_that_fits_nowhere_is_named() -> None:

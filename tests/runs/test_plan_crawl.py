@@ -101,6 +101,15 @@ def test_after_passes_the_rest_is_planned() -> None:
     assert all(one.height > -7e-3 for one in passes_of_plan(found))
 
 
+def test_a_tack_weld_is_bridged_and_says_where_it_is() -> None:
+    tack = HullTack(at=0.1, length=0.03, height=4e-3)
+    bare, tacked = edges(JOINT), edges(replace(JOINT, tacks=(tack,)))
+    s = np.array([0.09])
+    np.testing.assert_allclose(tacked.corners(s), bare.corners(s), atol=0.2e-3)
+    ((begin, end),) = tacked.root.tack_spans(tack.length)
+    assert begin < 0.1 - tacked.sections[0] < end
+
+
 def test_the_stated_standard_deviation_grows_with_the_laser_s_noise() -> None:
     s = np.array([0.5 * LENGTH])
     quiet, loud = (

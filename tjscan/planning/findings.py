@@ -135,10 +135,11 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
         The window of the root opening.
     """
     low, high = wps.root.opening
-    opening, open_at = edges.root_opening(edges.sections), edges.root.openness == 1
+    root = edges.root
+    opening, open_at = edges.root_opening(root.s), root.openness == 1
     out = open_at & ((opening < low) | (opening > high))
     if out.any():
-        at, widths = edges.sections[out], 1e3 * opening[out]
+        at, widths = root.s[out], 1e3 * opening[out]
         yield WpsFinding(
             "root.opening_mm",
             1,

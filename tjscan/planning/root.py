@@ -28,12 +28,12 @@ UNKNOWN: Final = (TACK, ROOT_NOT_SEEN)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootAlongGroove:
-    """The root at the sections of a groove.
+    """The root at places along a groove.
 
     Parameters
     ----------
     s : ndarray, shape (k,)
-        Where the sections stand, metres.
+        Where they are, metres.
     openness : ndarray, shape (k,)
         1 where it is open, 0 where it is closed, between where neighbours of a section that does
         not show it differ.

@@ -145,13 +145,15 @@ def arrange_beads(
         )
     layers, widths = _layers(template, wps, root), _widths(template)
     found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
-    laid_shares: dict[str, Window] | None = None
     problems: list[DoesNotFit] = []
-    for n in range(first, last + 1):
-        for counts in _layer_counts(n, layers, widths, root):
+    ways = {n: _layer_counts(n, layers, widths, root) for n in range(first, last + 1)}
+    some = next((counts for group in ways.values() for counts in group), None)
+    laid_shares = {} if some is None else _laid_shares(template, stations, some, root)
+    if some is not None and root != "welded":
+        _check_root_layer(template, wps, laid_shares["root"])
+    for n, group in ways.items():
+        for counts in group:
             try:
-                if laid_shares is None:
-                    laid_shares = _laid_shares(template, stations, counts, root)
                 one = _arrange(template, stations, wps, counts, root, laid_shares)
             except DoesNotFit as problem:
                 problems.append(problem)
@@ -248,6 +250,29 @@ def _laid_shares(
         name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
         for name, x in found.items()
     }
+
+
+def _check_root_layer(template: SectionTemplate, wps: WeldingProcedure, laid: Window) -> None:
+    """Refuse a root that one bead can't span: the template lays one across all of it."""
+    low, high = wps.bead.layer_height
+    # The largest bead there may be, where it is laid thinnest, and the smallest where thickest.
+    for area, share, too in (
+        (wps.bead.root_area[1], laid[0], "wide"),
+        (wps.bead.root_area[0], laid[1], "narrow"),
+    ):
+        inside = np.clip((area / share - template.root_area) / template.groove_area, 1e-3, 0.999)
+        below = template.root_area + inside * template.groove_area
+        heights = template.layer_heights(template.layer_lines(below[:, None]))[:, 0]
+        worst = int(np.argmin(heights) if too == "wide" else np.argmax(heights))
+        height = float(heights[worst])
+        if (too == "wide" and height < low) or (too == "narrow" and height > high):
+            width = float(np.linalg.norm(template.corners[worst, 1] - template.corners[worst, 0]))
+            raise DoesNotFit(
+                "bead.root_area_mm2",
+                f"a root of {1e3 * width:.1f} mm is too {too} for the template, which lays one "
+                f"root bead across all of it: {1e6 * area:g} mm² would be {1e3 * height:.2f} mm "
+                f"high, and bead.layer_height_mm allows {1e3 * low:g} to {1e3 * high:g}",
+            )
 
 
 def _arrange(

@@ -135,7 +135,8 @@ def butt_joint_edges(
     """Edges of a butt joint in frame c, from profiles along it.
 
     A section is the trapezoid with the width, depth and area of what is left to fill, the mean of
-    the readings of 20 mm; its standard deviation follows from how they scatter.
+    the readings of 20 mm; its standard deviation follows from how they scatter. Readings on tack
+    welds show the tack and not the groove: they only say where tacks are.
 
     Parameters
     ----------
@@ -152,27 +153,31 @@ def butt_joint_edges(
         If too little of the joint was seen.
     """
     tracker = JointTracker()
-    stations: dict[int, list[tuple[float, ButtJointReading, Array]]] = {}
+    stations: dict[int, list[tuple[float, ButtJointReading]]] = {}
     for at, profile in seen:
         try:
             reading = tracker.read(profile)
         except GrooveNotFound:
             continue
         if 0 <= at <= length and np.isfinite(reading.edges).all() and reading.depth_left > 0:
-            corners = _trapezoid(reading)
-            stations.setdefault(int(at / STATION), []).append((at, reading, corners))
-    rows = [stations[k] for k in sorted(stations) if len(stations[k]) >= FEWEST]
+            stations.setdefault(int(at / STATION), []).append((at, reading))
+    tacks = {
+        k: float(np.mean([TACK in reading.conditions for _, reading in stations[k]])) > 0.5
+        for k in sorted(stations)
+    }
+    bare = {k: [one for one in stations[k] if TACK not in one[1].conditions] for k in tacks}
+    rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST]
     if len(rows) < FEWEST + 1:
         raise ConfigurationError(
-            f"the joint's edges were read at {len(rows)} stations of {1e3 * STATION:.0f} mm along "
-            f"the weld; {FEWEST + 1} or more are needed",
+            f"the joint's edges and root were read at {len(rows)} stations of "
+            f"{1e3 * STATION:.0f} mm along the weld; {FEWEST + 1} or more are needed",
             key="profiles",
         )
     means, spreads, area_sigmas = [], [], []
     for row in rows:
-        flat = np.stack([corners for _, _, corners in row])
-        areas = np.array([reading.area_left for _, reading, _ in row])
-        along = np.full((4, 1), np.mean([at for at, _, _ in row]))
+        flat = np.stack([_trapezoid(reading) for _, reading in row])
+        areas = np.array([reading.area_left for _, reading in row])
+        along = np.full((4, 1), np.mean([at for at, _ in row]))
         means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
         share = 1 / np.sqrt(len(row))
         spreads.append(share * np.linalg.norm(flat.std(axis=0, ddof=1), axis=1))
@@ -180,8 +185,14 @@ def butt_joint_edges(
     edges = fit_edges_to_corners(
         np.stack(means), np.stack(spreads), np.array(area_sigmas), longest_step
     )
-    tacked = [np.mean([TACK in one[1].conditions for one in row]) > 0.5 for row in rows]
-    return replace(edges, root=replace(edges.root, tacked=np.array(tacked)))
+    places = np.array([np.mean([at for at, _ in stations[k]]) for k in tacks])
+    root = replace(
+        edges.root,
+        s=places - means[0][0, 0],
+        openness=np.zeros(len(places)),
+        tacked=np.array(list(tacks.values())),
+    )
+    return replace(edges, root=root)
 
 
 def _trapezoid(reading: ButtJointReading) -> Array:
