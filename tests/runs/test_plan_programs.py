@@ -14,10 +14,13 @@ from ur_cell import address, output_is_on
 from tjscan.cli.interrupt import press_ctrl_c
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
+from tjscan.job import read_scan_job
 from tjscan.job.wps import read_wps
+from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.runs.welding_station import WeldingStation
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
@@ -121,6 +124,14 @@ def distance_and_length(tips: Array, points: Array, along: Array) -> tuple[Array
     return away[j, i], along[i] + share[j, i] * np.diff(along)[i]
 
 
+def test_a_station_is_named_for_an_arm_alone(
+    planned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--gravity", 0, 0, -1, "--station", "left")
+    assert tjscan("plan", planned, "--wps", WPS, *options) == 2
+    assert "--station: says where" in capsys.readouterr().err
+
+
 def test_without_asking_for_the_reach_there_is_no_program(tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(RUN, run)
@@ -175,8 +186,9 @@ def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
 
 
 def _interrupt_once_on(host: str) -> None:
+    pause = threading.Event()
     while not output_is_on(host, OUTPUT):
-        pass
+        pause.wait(0.2)
     press_ctrl_c()
 
 
@@ -200,3 +212,14 @@ def test_a_program_goes_to_no_other_arm_and_joint(
     options = ("--gravity", 0, 0, -1, "--send-to", file)
     assert tjscan("plan", planned, "--wps", WPS, *options) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_calibrated_arm_is_told_what_brings_it_where_it_should_be() -> None:
+    model = Kinematics.load("ur10e")
+    deviations = 1e-3 * np.random.default_rng(0).standard_normal((6, 6))
+    true = with_deviations(model, deviations)
+    job = read_scan_job(RUN / "job.toml")
+    station = WeldingStation("arm", job, RUN / "job.toml", model, true, np.eye(4))
+    q = np.radians([10, -80, 100, -60, -80, 20])
+    told = station.as_told(true.forward(q), q)
+    np.testing.assert_allclose(model.inverse(told, near=q + 0.01), q, atol=1e-6)

@@ -62,6 +62,8 @@ def plan(
         raise ConfigurationError("must be 0 to 7", key="--output")
     if after_pass < 0:
         raise ConfigurationError("must be 0 or more", key="--after-pass")
+    if station is not None and send_to is None:
+        raise ConfigurationError("says where the arm of --send-to stands", key="--station")
     arm = None
     if send_to is not None:
         from tjscan.runs.plan_send import arm_for_program

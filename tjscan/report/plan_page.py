@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.planning.document import PlanDocument, read_plan
+from tjscan.planning.document import PlanDocument, StationEntry, read_plan
 from tjscan.planning.tables import BeadCourse, read_beads_csv
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.report.template import load_template
@@ -128,10 +128,24 @@ def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
             "s = {:.0f} to {:.0f} mm".format(*span) for span in plan.root.tack_spans_mm
         )
         yield "tack welds", f"{spans}: {'fused' if plan.root.tacks == 'fuse' else 'skipped'}"
+    for station in plan.stations:
+        yield f"station {station.name}", "; ".join(_reach_words(station))
+    if plan.without_stations:
+        yield "stations", plan.without_stations
     yield "downwards", " ".join(f"{x:g}" for x in plan.gravity)
     yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
     yield "stick-out", f"{plan.stick_out_mm:g} mm"
     yield "interpass temperature", f"{plan.interpass_temperature_C:g} °C"
+
+
+def _reach_words(station: StationEntry) -> Iterator[str]:
+    reached = station.reached_mm
+    yield (
+        "reaches nothing" if reached is None else "reaches s = {:.0f} to {:.0f} mm".format(*reached)
+    )
+    for length in station.unreached:
+        yield f"not s = {length.begin_mm:.0f} to {length.end_mm:.0f} mm: {length.reason}"
+    yield station.program or f"no program: {station.without_program or 'no bead is its own'}"
 
 
 def _detail_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
@@ -150,6 +164,7 @@ def _bead_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
     for bead in plan.beads:
         yield (
             str(bead.number),
+            bead.station or "–",
             f"{bead.layer}.{bead.place}",
             bead.kind,
             f"{bead.length_mm:.0f}",
