@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import PAPER
+from cells import FAULTLESS, PAPER
 from command import tjscan
 from laser_cell import require_broadcasts
 from ur_cell import address
@@ -26,6 +26,13 @@ HALF_COUNT = 2.5e-6
 
 SECTIONS = 3
 
+NOISELESS = [
+    f"--{key}={value}"
+    for key, value in FAULTLESS.items()
+    if ".laser." in key and "resolution" not in key
+]
+"""A profile that is lost on a busy machine is taken again, and chance would make it another."""
+
 
 @pytest.fixture(scope="module")
 def arm() -> Iterator[LoopbackProcess]:
@@ -35,7 +42,7 @@ def arm() -> Iterator[LoopbackProcess]:
 
 @pytest.fixture(scope="module")
 def laser(arm: LoopbackProcess) -> Iterator[LaserLoopbackProcess]:
-    with LaserLoopbackProcess(address(), str(PAPER), "--arm", arm.host) as process:
+    with LaserLoopbackProcess(address(), str(PAPER), *NOISELESS, "--arm", arm.host) as process:
         yield process
 
 
@@ -53,8 +60,8 @@ def over_the_wire(laser: LaserLoopbackProcess) -> tuple[str, ...]:
 def test_the_scan_is_the_same_as_with_the_simulated_laser(
     arm: LoopbackProcess, laser: LaserLoopbackProcess, tmp_path: Path
 ) -> None:
-    assert scan(arm, tmp_path / "simulated") == 0
-    assert scan(arm, tmp_path / "wire", *over_the_wire(laser)) == 0
+    assert scan(arm, tmp_path / "simulated", *NOISELESS) == 0
+    assert scan(arm, tmp_path / "wire", *NOISELESS, *over_the_wire(laser)) == 0
     one, other = (read_recorded_scan(tmp_path / name) for name in ("simulated", "wire"))
     assert len(one.views) == len(other.views) > SECTIONS
     for a, b in zip(one.views, other.views, strict=True):
@@ -71,7 +78,7 @@ def test_a_laser_that_fails_on_the_way_ends_the_scan_and_it_can_be_resumed(
 ) -> None:
     run = tmp_path / "run"
     laser.schedule_fault("stale")
-    quick = ("--laser.genicam.timeout_ms", "500", "--laser.genicam.attempts", "1")
+    quick = ("--laser.genicam.timeout_ms", "5000", "--laser.genicam.attempts", "1")
     assert scan(arm, run, *over_the_wire(laser), *quick) == 4
     laser.schedule_fault("clear")
     assert tjscan("scan", "--resume", run) == 0
