@@ -14,7 +14,7 @@ from views_on_arm import T_F_S, ur10e, views
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.laser.deviation import LARGEST
+from tjscan.laser.deviation import BY_DEGREE
 from tjscan.laser.model import LaserModel
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.tolerance import PlacementTolerance
@@ -169,7 +169,7 @@ def each_term(size: float) -> list[Array]:
             for j in range(4):
                 if 0 < i + j < 4:
                     one = np.zeros((2, 4, 4))
-                    one[axis, i, j] = size / (i + j)
+                    one[axis, i, j] = size * BY_DEGREE[i + j - 1]
                     terms.append(one)
     return terms
 
@@ -195,7 +195,7 @@ def test_a_bent_laser_changes_points_and_measures_as_stated() -> None:
     limit = 6e-7  # so small that squares of it do not count
     cause = linearity_cause(SECTIONS[:1], limit, LASER, "stated")
     R_b_s, plain = SECTIONS[0].view.T_b_s[:3, :3], bent(np.zeros((2, 4, 4)))
-    for which, term in enumerate(each_term(limit / LARGEST)):
+    for which, term in enumerate(each_term(limit)):
         found = bent(term)
         moved = (found.points_s - plain.points_s) @ R_b_s.T
         assert np.allclose(cause.points[0, :, :, which], moved, atol=1e-14)
@@ -204,15 +204,20 @@ def test_a_bent_laser_changes_points_and_measures_as_stated() -> None:
             assert cause.measures[0, k, which] == pytest.approx(change, rel=0.01, abs=1e-10)
 
 
-def test_the_largest_deviation_of_a_laser_is_the_stated_one_in_the_mean() -> None:
+def test_coefficients_are_those_of_lasers_that_deviate_by_as_much_as_stated() -> None:
     rng = np.random.default_rng(4)
     x, z = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(LASER.near, LASER.far, 15))
     width = (z - LASER.emitter_z) * np.tan(LASER.half_angle)
     xz = np.column_stack(((x * width).ravel(), z.ravel()))
-    terms = np.array([smooth_field(xz, term) for term in each_term(1.0)])
-    draws = rng.standard_normal((1000, len(terms)))
-    largest = [np.abs(np.tensordot(draw, terms, 1)).max() for draw in draws]
-    assert np.mean(largest) == pytest.approx(LARGEST, rel=0.03)
+    degree = np.add.outer(np.arange(4), np.arange(4))
+    drawn = []
+    for _ in range(2000):
+        one = np.where((degree > 0) & (degree < 4), rng.standard_normal((2, 4, 4)), 0.0)
+        one /= np.maximum(degree, 1)
+        drawn.append(one / np.abs(smooth_field(xz, one)).max())
+    for k, stated in enumerate(BY_DEGREE, start=1):
+        found = np.sqrt(np.mean(np.square(np.array(drawn)[:, :, degree == k])))
+        assert found == pytest.approx(stated, rel=0.04)
 
 
 def test_a_range_bias_moves_corners_to_where_the_moved_sides_meet() -> None:

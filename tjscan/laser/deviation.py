@@ -17,9 +17,9 @@ DEGREES: Final = tuple(
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
 
-LARGEST: Final = 2.9
-"""Largest deviation of x or z over the window, in the mean over draws of standard normal
-coefficients (`tests/uncertainty/test_causes.py`)."""
+BY_DEGREE: Final = (0.34, 0.19, 0.13)
+"""Standard deviations of the coefficients of first, second and third degree, of lasers whose
+largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +27,9 @@ class LaserDeviation:
     """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
 
     Products of Legendre polynomials of x and z up to the third degree, a lens' own, every one as
-    likely as others of its degree and higher degrees as much less likely. (Assumption.) They are
-    as large as makes the largest deviation in the window the stated one, in the mean.
+    likely as others of its degree and higher degrees as much less likely. (Assumption.) A laser
+    deviates by as much as its data sheet says somewhere in its window: coefficients are as large
+    as they are among such lasers.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ class LaserDeviation:
             Metres.
         """
         by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, DEGREE), 1, 0)
-        terms = np.stack([by_x[:, i] * by_z[:, j] / (i + j) for i, j in DEGREES], axis=1)
-        terms *= self.largest / LARGEST
+        each = [BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j] for i, j in DEGREES]
+        terms = self.largest * np.stack(each, axis=1)
         none = np.zeros_like(terms)
         return np.stack((np.hstack((terms, none)), np.hstack((none, terms))), axis=1)
