@@ -97,6 +97,11 @@ class OpenedPage:
         shown = self.page.locator(".tj.state").first
         shown.filter(has_text=re.compile(words, re.DOTALL)).wait_for(timeout=PATIENCE)
 
+    def wait_for_another(self, state: str) -> None:
+        """Wait until the page's state is not this one any more."""
+        changed = "before => document.querySelector('.tj.state').innerText != before"
+        self.page.wait_for_function(changed, arg=state, timeout=PATIENCE)
+
     @property
     def state(self) -> str:
         """What the page says of the state."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from urllib.request import urlopen
 
 import pytest
-from page_client import page_client
+from _live_client import page_client
 from websockets.exceptions import InvalidStatus
 
 from tjscan.core.errors import PageUnavailable

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _live_client import page_client
 from command import tjscan
-from page_client import page_client
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.live.drawables import MeasuredPiece

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _live_client import page_client
 from cells import PAPER, Notes, scan_example
 from command import tjscan
-from page_client import page_client
 
 from tjscan.core.errors import ScanInterrupted
 from tjscan.live.access import LOCAL

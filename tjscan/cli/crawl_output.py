@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.page_options import LiveOptions
+from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
 from tjscan.job.crawl_job import CrawlJob
@@ -44,10 +47,28 @@ class TerminalWeldOperator:
 
 
 @contextmanager
-def watch_crawl(job: CrawlJob, file: Path) -> Iterator[CrawlContext]:
-    """Print a crawl's events, and write its report, while the block runs."""
+def watch_crawl(
+    job: CrawlJob, file: Path, page: LiveOptions | None = None
+) -> Iterator[CrawlContext]:
+    """Print a crawl's events, and write its report, while the block runs.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    file : Path
+        Where it was read from.
+    page : LiveOptions, optional
+        Whether it is shown in a browser too.
+    """
     operator = TerminalWeldOperator() if job.simulation is None else WeldsAlways()
-    yield CrawlContext(job, file, EventPrinter(), operator, write_run_report)
+    context = CrawlContext(job, file, EventPrinter(), operator, write_run_report)
+    if page is None or not page.live:
+        yield context
+        return
+    from tjscan.runs.vehicle_pages import show_crawl
+
+    with show_crawl(job, file.stem, page.where, print_message, press_ctrl_c) as shown:
+        yield replace(context, journal=CombinedCrawlJournal((context.journal, shown)))
 
 
 def print_passes(directory: Path, *, json: bool) -> None:

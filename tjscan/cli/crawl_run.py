@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tjscan.cli.page_options import LiveOptions
+
 
 def crawl_run(
     job: Path,
@@ -18,6 +20,7 @@ def crawl_run(
     overlap: float = 20.0,
     place: float | None = None,
     json: bool = False,
+    page: LiveOptions | None = None,
 ) -> None:
     """Align with a joint and weld every pass, as a job file says.
 
@@ -62,6 +65,8 @@ def crawl_run(
         raise ConfigurationError("--place goes with --resume: a new crawl begins at its start")
     if not 0 <= overlap <= 1000:
         raise ConfigurationError("--overlap is 0 to 1000 mm")
+    page = page or LiveOptions()
+    page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.crawl_output import print_passes, watch_crawl
     from tjscan.runs.crawl import run_crawl
@@ -69,7 +74,7 @@ def crawl_run(
     from tjscan.runs.directory import default_run_directory
 
     directory = file.parent if resume else out or default_run_directory(file)
-    with watch_crawl(parsed, file) as context:
+    with watch_crawl(parsed, file, page) as context:
         if resume:
             resume_crawl(context, 1e-3 * overlap, None if place is None else 1e-3 * place)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic_core import to_json
@@ -11,6 +12,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.page_options import LiveOptions
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow_cell import make_planner
 from tjscan.job.tow_job import TowJob
@@ -19,7 +22,7 @@ from tjscan.report.write import write_run_report
 from tjscan.runs.tow import TowContext
 from tjscan.runs.tow_figures import UNITS
 from tjscan.runs.tow_results import FIGURES, read_tow_figures
-from tjscan.towing.journal import TowCycle
+from tjscan.towing.journal import CombinedTowJournal, TowCycle
 from tjscan.towing.seam import Seam
 
 
@@ -51,8 +54,17 @@ class TowProgress:
 
 
 @contextmanager
-def watch_tow(job: TowJob, file: Path) -> Iterator[TowContext]:
-    """Print a tow's events and how far it is, and write its report, while the block runs."""
+def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext]:
+    """Print a tow's events and how far it is, and write its report, while the block runs.
+
+    Parameters
+    ----------
+    job : TowJob
+    file : Path
+        Where it was read from.
+    page : LiveOptions
+        Whether it is shown in a browser too.
+    """
     seam = Seam(job.seam)
     unit = "mm of seam" if seam.length else "s"
     columns = (
@@ -63,7 +75,14 @@ def watch_tow(job: TowJob, file: Path) -> Iterator[TowContext]:
     )
     with Progress(*columns, console=stderr) as progress:
         task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
-        yield TowContext(job, file, TowProgress(progress, task), write_run_report)
+        context = TowContext(job, file, TowProgress(progress, task), write_run_report)
+        if not page.live:
+            yield context
+            return
+        from tjscan.runs.vehicle_pages import show_tow
+
+        with show_tow(job, file.stem, page.where, print_message, press_ctrl_c) as shown:
+            yield replace(context, journal=CombinedTowJournal((context.journal, shown)))
 
 
 def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tjscan.cli.page_options import LiveOptions
+
 
 def tow_run(
     job: Path,
@@ -16,6 +18,7 @@ def tow_run(
     resume: bool = False,
     dry_run: bool = False,
     json: bool = False,
+    page: LiveOptions | None = None,
 ) -> None:
     """Tow a welding cable along a seam as a job says, into a new run directory.
 
@@ -47,6 +50,8 @@ def tow_run(
         raise ConfigurationError(
             "--resume goes on with the job of the run: no --out, no --dry-run, no keys"
         )
+    page = page or LiveOptions()
+    page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.tow_output import print_figures, print_sweep, watch_tow
     from tjscan.runs.directory import default_run_directory
@@ -56,7 +61,7 @@ def tow_run(
         print_sweep(parsed, file, json=json)
         return
     directory = file.parent if resume else out or default_run_directory(file)
-    with watch_tow(parsed, file) as context:
+    with watch_tow(parsed, file, page) as context:
         if resume:
             resume_tow(context)
         else:

@@ -19,7 +19,7 @@ STATE_ORDER: Final = -200.0
 MOST_EVENTS: Final = 200
 MOST_PLOTTED: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
-PROFILE_POINTS: Final = 120
+PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
 LINE: Final = "#2a6fbb"
 BAND: Final = "rgba(42,111,187,0.35)"

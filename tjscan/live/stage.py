@@ -19,6 +19,7 @@ from tjscan.robot.visuals import link_bodies, solid_mesh
 POINT_SIZE: Final = 0.0016
 """Metres across a drawn point."""
 SOLID_OPACITY: Final = 0.16
+BODY_OPACITY: Final = 0.35
 
 
 class Stage:
@@ -49,7 +50,8 @@ class Stage:
         self._draw_solids("solid", setting.solids, SOLID, SOLID_OPACITY)
         for name, solids in setting.bodies.items():
             self._bodies[name] = self._hidden_frame(name)
-            self._draw_solids(name, solids, ARM)
+            opacity = BODY_OPACITY if name in setting.see_through else 1.0
+            self._draw_solids(name, solids, ARM, opacity)
         for k, thing in enumerate(setting.ghost):
             self._draw(f"ghost/{k}", thing)
 
@@ -112,13 +114,15 @@ class Stage:
         if self._arm is None:
             return
         poses = self._arm.link_poses(q)
-        for name, T in zip(self._arm.link_names, poses, strict=True):
-            _put(self._links[name], T)
+        turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+        for name, T, turn in zip(self._arm.link_names, poses, turns, strict=True):
+            _put(self._links[name], T, turn)
 
     def _place(self, name: str, T: Array) -> None:
         if name not in self._bodies:
             self._bodies[name] = self._hidden_frame(name)
-        _put(self._bodies[name], T)
+        turn = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        _put(self._bodies[name], T, turn)
 
     def _hidden_frame(self, name: str) -> Any:
         path = f"{self._root}/{name}"
@@ -192,9 +196,8 @@ class Stage:
                 node.color = colour
 
 
-def _put(node: Any, T: Array) -> None:
-    """Place a node, and show it."""
-    node.position = T[:3, 3]
-    node.wxyz = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+def _put(node: Any, T: Array, turn: Array) -> None:
+    """Place a node at a pose whose quaternion, scalar first, is given too; and show it."""
+    node.position, node.wxyz = T[:3, 3], turn
     if not node.visible:
         node.visible = True

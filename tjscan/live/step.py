@@ -157,6 +157,8 @@ class Setting:
         What the arm carries, in frame f.
     bodies : mapping of str to tuple of Solid
         What else moves, each in its own frame, placed by `Placement` steps of its name.
+    see_through : tuple of str
+        Which of them are.
     ghost : tuple of Lines or Surface
         What was designed, drawn faintly.
     look_at : ndarray, shape (3,)
@@ -175,6 +177,7 @@ class Setting:
     solids: tuple[Solid, ...] = ()
     tool: tuple[Solid, ...] = ()
     bodies: Mapping[str, tuple[Solid, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    see_through: tuple[str, ...] = ()
     ghost: tuple[Lines | Surface, ...] = ()
     look_at: Array = field(default_factory=lambda: np.zeros(3))
     look_from: Array = field(default_factory=lambda: np.array((2.0, -2.0, 1.5)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -19,6 +18,7 @@ from tjscan.job.cell import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
 from tjscan.live.colours import FITTED, GHOST, LASER
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
+from tjscan.live.events import NotedEvent
 from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
@@ -42,19 +42,11 @@ SIGMA: Final = Measure("sigma of the corners", "mm")
 STANDS: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm stands."""
 
-FAN_POINTS: Final = 48
+FAN_POINTS: Final = 32
 """Of the laser's drawn fan."""
 
 
-@dataclass(frozen=True, slots=True)
-class JournalEvent:
-    """An event as the journal receives it."""
-
-    name: str
-    detail: str
-
-
-ScanEntry = ProfileView | ScannedSection | RecordedSection | JournalEvent
+ScanEntry = ProfileView | ScannedSection | RecordedSection | NotedEvent
 
 
 class ScanShow:
@@ -111,7 +103,7 @@ class ScanShow:
             case RecordedSection():  # whose profile is not read with these settings
                 label = f"section {entry.view.index}"
                 return Step(label, self._piece(entry.view, entry.points_b, {}))
-            case JournalEvent():
+            case NotedEvent():
                 state = {"state": f"{entry.name}: {entry.detail}"} if entry.name in STANDS else {}
                 return Step(entry.name, facts=state, events=((entry.name, entry.detail),))
 
@@ -277,6 +269,6 @@ def _entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
                     except GrooveNotFound:
                         yield entry
                 case RecordedEvent():
-                    yield JournalEvent(entry.name, entry.detail)
+                    yield NotedEvent(entry.name, entry.detail)
                 case ProfileView():
                     yield entry

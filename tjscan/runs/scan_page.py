@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import Button, PageAddress
 from tjscan.live.step import Step
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan_live import JournalEvent, ScanEntry, ScanShow
+from tjscan.runs.scan_live import ScanEntry, ScanShow
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.stopping import StopRequest
 
@@ -52,7 +53,7 @@ class PageJournal:
 
     def record_event(self, name: str, detail: str) -> None:
         """Show an event; for the parameters see `Journal.record_event`."""
-        self.run.post(JournalEvent(name, detail))
+        self.run.post(NotedEvent(name, detail))
 
 
 @contextmanager

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import count
 
 import msgspec
 import viser
 import zstandard
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
@@ -75,9 +76,23 @@ def _messages(data: bytes | str) -> list[dict[str, object]]:
 
 
 @contextmanager
+def page_socket(url: str) -> Iterator[Connection]:
+    """Connect to the page of an address as a browser does."""
+    spoken = Subprotocol(f"viser-v{viser.__version__}")
+    address = url.replace("http://", "ws://").rstrip("/")
+    with connect(address, subprotocols=[spoken], max_size=None, compression=None) as socket:
+        yield socket
+
+
+def receive_until_end(socket: Connection) -> None:
+    """Receive until the page ends."""
+    with suppress(ConnectionClosed):
+        while True:
+            socket.recv()
+
+
+@contextmanager
 def page_client(page: Page, url: str = "") -> Iterator[PageClient]:
     """Connect to a page as a browser does, by its own address or by another."""
-    spoken = Subprotocol(f"viser-v{viser.__version__}")
-    address = (url or page.url).replace("http://", "ws://").rstrip("/")
-    with connect(address, subprotocols=[spoken], max_size=None, compression=None) as socket:
+    with page_socket(url or page.url) as socket:
         yield PageClient(socket, page)

@@ -1,0 +1,106 @@
+"""Crawls and tows on the page: what a cycle shows, and a Stop that is Ctrl-C."""
+
+from math import nan
+
+import numpy as np
+import pytest
+from cells import EXAMPLES
+from command import tjscan
+
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.phases import Phase
+from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.laser.profile import Profile
+from tjscan.live.drawables import Lines, MeasuredPiece, Placement
+from tjscan.live.listening import RunOnPage
+from tjscan.live.page import Page, PageAddress
+from tjscan.live.step import STATE, Setting
+from tjscan.runs.crawl_live import DEVIATION, CrawlEntry, CrawlShow
+from tjscan.runs.tow_live import CLEARANCE, TowShow, clearance
+from tjscan.runs.vehicle_pages import CrawlPageJournal, stop_button
+from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.vehicle.vehicle import REST, VehicleState
+
+CRAWL, TOW = EXAMPLES / "crawl.toml", EXAMPLES / "tow-yard.toml"
+
+
+def crawl_cycle(travel: float, *, time: float = 0.0, right: float = 0.002) -> CrawlCycle:
+    """A cycle of the first pass, welding, its torch so far to the right of its path."""
+    torch = TorchEstimate(right, 0.0005, 0.01)
+    state = VehicleState(time, REST, (12.0, -30.0), (0.2, 0.3, nan, 0.4))
+    return CrawlCycle(Phase.WELDING, 1, travel, state, REST, torch, 0.0, 0.0, True, 0.01, 0.001)
+
+
+def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
+    show = CrawlShow(read_crawl_job(CRAWL), "crawl")
+    steps = [show.step(crawl_cycle(x)) for x in (0.0, 0.001, 0.02, 0.04)]
+    places = [step.drawn["vehicle"] for step in steps]
+    assert [one.T[:2, 3].tolist() for one in places if isinstance(one, Placement)] == [
+        [x, -0.002] for x in (0.0, 0.001, 0.02, 0.04)
+    ]
+    welded = [thing for step in steps for thing in step.drawn.values()]
+    pieces = [piece for piece in welded if isinstance(piece, MeasuredPiece)]
+    assert [piece.values[DEVIATION.name] for piece in pieces] == pytest.approx([2.0, 2.0])
+    facts = steps[-1].facts
+    assert facts[STATE] == "welding"
+    assert facts["nearest corner"] == "200 mm"
+    assert ("▶", "welding") in (steps[-1].table or ())
+
+
+def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
+    show = CrawlShow(read_crawl_job(CRAWL), "crawl")
+
+    class Counted(RunOnPage[CrawlEntry]):
+        count = 0
+
+        def post(self, entry: object) -> None:
+            self.count += isinstance(entry, CrawlCycle)
+
+    run = Counted(None, show, print)
+    journal, nothing = CrawlPageJournal(run), Profile(np.empty(0), np.empty(0))
+    for k in range(200):
+        journal.record_cycle(crawl_cycle(1e-4 * k, time=0.01 * k), nothing)
+    assert 38 <= run.count <= 42
+
+
+def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
+    job = read_tow_job(TOW)
+    count, links = job.vehicles.count, job.chain.links
+    angles, poses = np.zeros(links), np.zeros((count, 3))
+    plan = TowingPlan(
+        angles, angles, np.zeros((links, 3)), poses, PlanTerms(1.0, 2.0, 3.0), 0.0, ("bend",)
+    )
+    line = job.chain.line(angles)
+    beside = np.array([[*(line[links // 2] + (0.0, 1.0)), 0.2, 0.0, 0.0]])
+    pairs = np.zeros((count, 2))
+    cycle = TowCycle(5.0, 0.1, 1.0, poses, poses, pairs, poses, poses, beside, plan, 0.01, 0.1)
+    show = TowShow(job, "tow")
+    step = show.step(cycle)
+    assert show.setting.bodies.keys() <= step.drawn.keys()
+    cable = step.drawn["cable"]
+    assert isinstance(cable, Lines)
+    assert len(cable.segments) == links
+    assert step.samples[0].values[CLEARANCE.name] == pytest.approx(800, rel=0.02)
+    truth = TowTruth(5.0, line, poses, np.array((3.0, 4.0, 0.0)), np.zeros(count), beside[:, :3])
+    assert show.step(truth).facts["force on the welder"] == "5.0 N"
+
+
+def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
+    line = np.array([(0.0, 0.0), (1.0, 0.0)])
+    assert clearance(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(1.5)
+
+
+def test_stop_is_pressed_once_for_each_click() -> None:
+    pressed: list[str] = []
+    (button,) = stop_button(lambda: pressed.append("Ctrl-C"), "the crawler")
+    with Page([Setting("stop")], PageAddress(port=0), [button]):
+        button.press()
+    assert pressed == ["Ctrl-C"]
+
+
+@pytest.mark.parametrize("words", [("crawl", "run", CRAWL), ("tow", "run", TOW)])
+def test_options_of_the_page_need_the_page(words: tuple[object, ...]) -> None:
+    assert tjscan(*words, "--port", 0) == 2

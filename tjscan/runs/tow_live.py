@@ -1,0 +1,195 @@
+"""What the live page shows of a tow: while it goes on, and of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, pose, rot_z
+from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.live.colours import FITTED, GHOST, LASER, SOLID, TOOL
+from tjscan.live.drawables import Drawable, Lines, Placement
+from tjscan.live.events import NotedEvent
+from tjscan.live.step import STATE, Measure, RecordedShow, Sample, Setting, Step
+from tjscan.recording.event import RecordedEvent
+from tjscan.recording.parts import recording_files
+from tjscan.result.directory import JOB
+from tjscan.robot.solids import Cylinder, Solid
+from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.seam import Seam
+from tjscan.towing.topics import TOW_RECORDING, read_tow
+
+CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
+BEND: Final = Measure("largest planned bend", "°")
+OBJECTIVE: Final = Measure("objective", "of 100")
+WELDER: Final = Measure("force on the welder", "N")
+VEHICLE: Final = Measure("largest force of a vehicle", "N")
+
+TALL: Final = 0.25
+"""Metres, of a drawn vehicle."""
+ABOVE: Final = np.array((0.0, 0.0, 0.1))
+"""Where the cable is drawn above the floor, metres."""
+CIRCLE: Final = 40
+"""Sides of a drawn obstacle."""
+EVERY: Final = 2
+"""Cycles of a recording between two steps."""
+
+TowEntry = TowCycle | TowTruth | NotedEvent
+
+
+class TowShow:
+    """Turns what a tow's journal receives into steps of the page; frame w, z up.
+
+    Parameters
+    ----------
+    job : TowJob
+    title : str
+        Of the run.
+    """
+
+    def __init__(self, job: TowJob, title: str) -> None:
+        self._job, self._chain, self._seam = job, job.chain, Seam(job.seam)
+        self._began: float | None = None
+        self.setting = self._setting(title)
+
+    def step(self, entry: TowEntry) -> Step:
+        """Return what one entry of the journal changes on the page."""
+        match entry:
+            case TowCycle():
+                return self._cycle_step(entry)
+            case TowTruth():
+                return self._truth_step(entry)
+            case NotedEvent():
+                return Step(entry.name, events=((entry.name, entry.detail),))
+
+    def _setting(self, title: str) -> Setting:
+        job = self._job
+        rings = [_ring(np.array(ring)) for ring in (job.area.outline, *job.area.holes)]
+        outline = np.array(job.area.outline)
+        middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
+        size = float(np.linalg.norm(np.ptp(outline, axis=0)))
+        upright = pose(p=(0.0, 0.0, 0.5 * TALL))
+        shape = Cylinder(job.vehicles.radius, TALL)
+        names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
+        seam = _on_floor(self._seam.path.points)
+        return Setting(
+            title,
+            (BEND, CLEARANCE, OBJECTIVE, WELDER, VEHICLE),
+            "time / s",
+            bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
+            ghost=(
+                Lines.through(*rings, colour=GHOST, width=2.0),
+                Lines.through(seam, colour=LASER, width=2.5),
+            ),
+            look_at=middle,
+            look_from=middle + 0.75 * size * np.array((0.0, -0.55, 0.85)),
+        )
+
+    def _cycle_step(self, cycle: TowCycle) -> Step:
+        self._began = cycle.time if self._began is None else self._began
+        plan, time = cycle.plan, cycle.time - self._began
+        estimate = self._chain.line(plan.estimate)
+        discs = cycle.obstacles[:, :3]
+        values = {
+            BEND.name: float(np.degrees(np.abs(plan.angles).max())),
+            OBJECTIVE.name: plan.terms.paper,
+        }
+        if len(discs):
+            values[CLEARANCE.name] = 1e3 * clearance(estimate, discs)
+        bodies = zip(self.setting.bodies, cycle.poses, strict=True)
+        drawn: dict[str, Drawable] = {
+            **{name: Placement(_stands(one)) for name, one in bodies},
+            "cable": Lines.through(_on_floor(estimate), colour=TOOL, width=4.0),
+            "planned": Lines.through(
+                _on_floor(self._chain.line(plan.angles)), colour=FITTED, width=2.0
+            ),
+            "obstacles": Lines.through(*map(_circle, discs), colour=SOLID, width=3.0),
+        }
+        return Step(
+            f"{time:.1f} s",
+            drawn,
+            self._facts(cycle, values),
+            min(cycle.along / self._seam.length, 1.0) if self._seam.length else None,
+            (Sample(time, values),),
+        )
+
+    def _facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
+        state = f"waits: {cycle.wait}" if cycle.wait else "welding"
+        nearest = values.get(CLEARANCE.name)
+        stopped = ", ".join(str(k + 1) for k in cycle.stopped)
+        return {
+            STATE: cycle.plan.halt or state,
+            "along the seam": f"{1e3 * cycle.along:.0f} of {1e3 * self._seam.length:.0f} mm",
+            "pace": f"{100 * cycle.pace:.0f} %",
+            CLEARANCE.name: "" if nearest is None else f"{nearest:.0f} mm",
+            "largest bend": f"{values[BEND.name]:.1f}°",
+            "at its limits": ", ".join(cycle.plan.limits),
+            "vehicles that stand": stopped,
+        }
+
+    def _truth_step(self, truth: TowTruth) -> Step:
+        """What a simulation knows beside: the cable as it lies, and its forces."""
+        time = truth.time if self._began is None else truth.time - self._began
+        values = {
+            WELDER.name: float(np.hypot(*truth.welder_force[:2])),
+            VEHICLE.name: float(truth.vehicle_forces.max(initial=0.0)),
+        }
+        return Step(
+            drawn={"true cable": Lines.through(_on_floor(truth.line), colour=GHOST, width=2.0)},
+            facts={WELDER.name: f"{values[WELDER.name]:.1f} N"},
+            samples=(Sample(time, values),),
+            events=[("touch", one) for one in truth.touches],
+        )
+
+
+def clearance(line: Array, discs: Array) -> float:
+    """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
+    apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2)
+    return float((apart - discs[:, 2]).min())
+
+
+def _on_floor(points: Array) -> Array:
+    return np.asarray(np.column_stack((points[:, :2], np.zeros(len(points)))) + ABOVE)
+
+
+def _ring(points: Array) -> Array:
+    return np.asarray(_on_floor(np.vstack((points, points[:1]))) - ABOVE)
+
+
+def _circle(disc: Array) -> Array:
+    turn = np.linspace(0, 2 * np.pi, CIRCLE + 1)
+    return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
+
+
+def _stands(one: Array) -> Array:
+    x, y, heading = one
+    return pose(rot_z(heading), (x, y, 0.0))
+
+
+def read_tow_show(directory: Path) -> RecordedShow | None:
+    """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
+    if not recording_files(directory, TOW_RECORDING)[0].is_file():
+        return None
+    show = TowShow(read_tow_job(directory / JOB), directory.resolve().name)
+    return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
+
+
+def _entries(directory: Path) -> Iterator[TowEntry]:
+    """Events, and of cycles and truths every second one."""
+    cycles = truths = 0
+    for entry in read_tow(directory):
+        match entry:
+            case TowCycle():
+                cycles += 1
+                if cycles % EVERY == 1:
+                    yield entry
+            case TowTruth():
+                truths += 1
+                if truths % EVERY == 1:
+                    yield entry
+            case RecordedEvent():
+                yield NotedEvent(entry.name, entry.detail)

@@ -1,0 +1,126 @@
+"""Crawls and tows on the live page, with a Stop that does what Ctrl-C does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.topics import CrawlProfile
+from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.tow_job import TowJob
+from tjscan.laser.profile import Profile
+from tjscan.live.events import NotedEvent
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import Button, PageAddress
+from tjscan.runs.crawl_live import CrawlEntry, CrawlShow
+from tjscan.runs.tow_live import TowEntry, TowShow
+from tjscan.towing.journal import TowCycle
+
+EVERY: Final = 0.05
+"""Seconds of the vehicle's clock between two cycles that are handed to the page."""
+
+
+class CrawlPageJournal:
+    """A crawl's journal that hands cycles and profiles to the page now and then, and all events.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[CrawlEntry]) -> None:
+        self._run, self._due = run, float("-inf")
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        """Show a cycle, if the last one is a while ago."""
+        if cycle.state.time < self._due:
+            return
+        self._due = cycle.state.time + EVERY
+        self._run.post(cycle)
+        if profile is not None:
+            self._run.post(CrawlProfile(cycle, profile))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+class TowPageJournal:
+    """A tow's journal that hands everything to the page.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[TowEntry]) -> None:
+        self._run = run
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Show a cycle."""
+        self._run.post(cycle)
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:
+    """The one button of vehicles.
+
+    Parameters
+    ----------
+    interrupt : callable
+        Does what Ctrl-C does.
+    what : str
+        Is stopped.
+    """
+    return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once")]
+
+
+@contextmanager
+def show_crawl(
+    job: CrawlJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+) -> Iterator[CrawlPageJournal]:
+    """Show a crawl while the block runs; gives the journal that shows it.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    title : str
+        Of the run.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    interrupt : callable
+        Does what Ctrl-C does.
+    """
+
+    def buttons(_: RunOnPage[CrawlEntry]) -> Sequence[Button]:
+        return stop_button(interrupt, "the crawler")
+
+    with show_run(CrawlShow(job, title), where, report, buttons) as run:
+        yield CrawlPageJournal(run)
+
+
+@contextmanager
+def show_tow(
+    job: TowJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+) -> Iterator[TowPageJournal]:
+    """Show a tow while the block runs; for the parameters see `show_crawl`."""
+
+    def buttons(_: RunOnPage[TowEntry]) -> Sequence[Button]:
+        return stop_button(interrupt, "all vehicles")
+
+    with show_run(TowShow(job, title), where, report, buttons) as run:
+        yield TowPageJournal(run)
