@@ -116,6 +116,9 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
     ):
         assert words in text
     assert page.count("<img") == 7
+    alts = re.findall(r'<img [^>]*alt="([^"]*)"', page)
+    assert len(set(alts)) == 7
+    assert sum(any(figure.isdigit() for figure in alt) for alt in alts) >= 6
 
 
 def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Path) -> None:

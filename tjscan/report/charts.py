@@ -15,8 +15,10 @@ from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import describe_coverage
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.picture import CORNER, LASER, PATH, ROOT, draw_groove_3d
+from tjscan.result.colours import CORNER, LASER, PATH, ROOT
+from tjscan.result.picture import BAND
 from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
+from tjscan.result.space_picture import draw_groove_3d
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN: Final = "#d62728"
@@ -25,9 +27,6 @@ COLOURS: Final = tuple(f"C{k}" for k in range(10))
 
 ABOUT: Final = 50e-3
 """Metres about the corners that the view in space shows."""
-
-BAND: Final = 2.0
-"""Half width of the bands, in standard deviations."""
 
 
 def draw_groove_in_space(data: ReportData) -> ReportPicture:
@@ -44,7 +43,8 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     return inline_figure(
         figure,
         "The scanned groove in space",
-        "Lines are the sections, through their corners p1 to p5, and numbers name them"
+        "Lines are the sections, through their corners p1 to p5, and numbers name them; colours "
+        "are those of the scale"
         + ("." if data.joint is None else "; grey is the joint as designed."),
         f"The groove in space: {len(data.sections)} sections, {describe_coverage(data)}.",
     )
@@ -107,6 +107,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
         f"deviations. Where the root is not seen, only the angle is known.{designed}",
+        f"Four charts along the groove: {_ranges(data)}.",
     )
 
 
@@ -141,7 +142,10 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
         for text in panels.flat[0].legend(fontsize=8).get_texts():
             text.set_parse_math(False)
     return inline_figure(
-        figure, "How the scan went", "Dashed: as asked; the first step is the taught one."
+        figure,
+        "How the scan went",
+        "Dashed: as asked; the first step is the taught one.",
+        f"Charts of {', '.join(titles)} over the sections.",
     )
 
 
@@ -181,7 +185,15 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
         "Corners and the designed edges",
         "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
         "the design has them; it has no sign.",
+        f"Chart of these distances: {np.nanmean(distances):.2f} mm in the mean, "
+        f"{np.nanmax(distances):.2f} mm at most.",
     )
+
+
+def _ranges(data: ReportData) -> str:
+    """Smallest and largest of each measure, in words."""
+    every = ((field, field.values(data.sections)) for field in MEASURES)
+    return ", ".join(f"{one.chart_title} {y.min():.1f} to {y.max():.1f}" for one, y in every)
 
 
 def _along(data: ReportData) -> tuple[Array, str]:

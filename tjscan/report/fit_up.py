@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.section import TACK
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
-from tjscan.report.charts import BAND
 from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.picture import CORNER, LASER, PATH, ROOT
+from tjscan.result.colours import CORNER, LASER, PATH, ROOT
+from tjscan.result.picture import BAND
 from tjscan.result.section import absent_corners, lengths_along_groove
 
 ROOT_WIDTH: Final = 1
@@ -73,6 +73,8 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
         "Fit-up, unrolled",
         f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
         f"± {BAND:g} standard deviations.{off}",
+        f"Charts along the groove of the root{'' if high_low is None else ' and of high-low'}, "
+        f"{int(tacked.sum())} sections on tack welds.",
     )
 
 

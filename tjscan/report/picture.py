@@ -44,7 +44,7 @@ def new_figure(width: float, height: float) -> Figure:
     width, height : float
         Inches.
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

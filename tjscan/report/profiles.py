@@ -14,7 +14,7 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.report.data import ReportData, StationRunData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.picture import CORNER, LASER, ROOT
+from tjscan.result.colours import CORNER, LASER, ROOT
 
 SHOWN: Final = 6
 """Profiles in the picture, evenly chosen along the groove."""
@@ -51,6 +51,8 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
         "Each picture looks along the groove, brace above and leg below: points that the fit rests "
         "on are blue, those left out as ghosts, flyers or noise orange; lines are the fitted "
         "sides, rings the corners p2, p3 and p4 as far as they are seen.",
+        f"Profiles of sections {', '.join(str(section.index) for section, *_ in chosen)} with the "
+        "sides fitted to them.",
     )
 
 

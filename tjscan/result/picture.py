@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -16,12 +17,25 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
+from tjscan.result.colours import CORNER, LASER, ROOT
 from tjscan.result.readings import ProfileReading, fitted_side_polylines
-from tjscan.result.section import MEASURES, lengths_along_groove
+from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
+from tjscan.result.space_picture import draw_groove_3d
 
-STEEL, LASER, ROOT, CORNER, PATH = "#9aa5b1", "#2f7ed8", "#d62728", "#1b1b1b", "#2ca02c"
-POINTS_DRAWN = 6000
-"""More would only make the picture slow."""
+PRINTED: Final[dict[Any, Any]] = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+}
+"""As journals want it over two columns."""
+
+PRINTED_DPI: Final = 300
+
+BAND: Final = 2.0
+"""Half width of the bands, in standard deviations."""
 
 MOST_DRAWN: Final = 48
 """A picture of more profiles shows nothing any more."""
@@ -59,19 +73,22 @@ def draw_groove_overview(
     example : ProfileReading, optional
         A section to show in the laser plane; depth and area are shown where left out.
     """
-    figure = Figure(figsize=(14, 7.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-    space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
-    draw_groove_3d(space, sections, points, frame, outline, paths)
-    space.set_title(title)
-    beside = figure.add_subplot(grid[0, 1])
-    if example is None:
-        _draw_measures(beside, sections, DEPTH_AND_AREA)
-    else:
-        draw_profile(beside, example)
-        beside.set_title(f"{example.name} in the laser plane")
-    _draw_measures(figure.add_subplot(grid[1, 1]), sections, ANGLE_AND_WIDTH)
+    with rc_context(PRINTED):
+        figure = Figure(figsize=(9.6, 5.2), dpi=PRINTED_DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
+        space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
+        draw_groove_3d(space, sections, points, frame, outline, paths)
+        beside, below = (figure.add_subplot(grid[k, 1]) for k in (0, 1))
+        if example is None:
+            _draw_measures(beside, sections, DEPTH_AND_AREA)
+        else:
+            draw_profile(beside, example)
+            beside.set_title(f"{example.name} in the laser plane")
+        _draw_measures(below, sections, ANGLE_AND_WIDTH)
+        space.set_title(f"(a)  {title}{'; green: path of the flange' if paths else ''}")
+        for letter, axes in zip("bc", (beside, below), strict=True):
+            axes.set_title(f"({letter})  {axes.get_title()}")
     return figure
 
 
@@ -94,54 +111,21 @@ def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) 
     """
     try:
         entries = {} if provenance is None else provenance.header_entries
-        figure.savefig(file, dpi=110, format="png", metadata=entries)
+        figure.savefig(file, dpi="figure", format="png", metadata=entries)
     except OSError as error:
         raise RecordingError(f"{file}: can't be written: {error.strerror}") from error
-
-
-def draw_groove_3d(
-    axes: Any,
-    sections: Sequence[MeasuredSection],
-    points: Array,
-    frame: str,
-    outline: Sequence[Array],
-    paths: Sequence[Array],
-) -> None:
-    """Draw the groove in space; parameters as of `draw_groove_overview`."""
-    for line in outline:
-        axes.plot(*(1e3 * line.T), color=STEEL, linewidth=0.7, alpha=0.6)
-    points = points[:: max(1, len(points) // POINTS_DRAWN)]
-    dots: dict[str, Any] = {"depthshade": False, "linewidths": 0}
-    axes.scatter(*(1e3 * points.T), s=1.5, color=LASER, label="profile points", **dots)
-    corners = np.array([section.points for section in sections])
-    for indices, colour, label in (((0, 1, 4), CORNER, "p1 p2 p5"), ((2, 3), ROOT, "root corners")):
-        chosen = corners[:, indices].reshape(-1, 3)
-        axes.scatter(*(1e3 * chosen.T), s=14, color=colour, label=label, **dots)
-    for i, path in enumerate(paths):
-        # A name that begins with an underscore stays out of the legend.
-        name = "_another" if i else "flange path"
-        axes.plot(*(1e3 * path.T), color=PATH, linewidth=1.2, marker=".", label=name)
-    axes.set_xlabel(f"$x_{frame}$ / mm")
-    axes.set_ylabel(f"$y_{frame}$ / mm")
-    axes.set_zlabel(f"$z_{frame}$ / mm")
-    middle = sections[len(sections) // 2]
-    towards = np.degrees(np.nan_to_num(middle.azimuth))
-    axes.view_init(elev=28, azim=float(towards) + 40)
-    limits = (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())
-    axes.set_box_aspect([high - low for low, high in limits], zoom=1.15)
-    axes.legend(loc="upper right", markerscale=2)
 
 
 def draw_profile(axes: Any, reading: ProfileReading) -> None:
     """Draw a profile in the laser plane with the corners that are seen, the sensor to the right."""
     profile = reading.profile
-    axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
+    axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=1.2)
     for i, (x, _, z) in enumerate(1e3 * reading.points_s, start=1):
         if not reading.is_seen[i - 1]:
             continue
-        axes.plot(z, x, "o", color=CORNER, markersize=4)
+        axes.plot(z, x, "o", color=CORNER, markersize=3)
         axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")
-    axes.margins(0.08)
+    axes.margins(0.12)
     axes.set_xlabel("$z_s$ / mm")
     axes.set_ylabel("$x_s$ / mm")
     axes.invert_xaxis()
@@ -149,14 +133,22 @@ def draw_profile(axes: Any, reading: ProfileReading) -> None:
 
 
 def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[int, int]) -> None:
-    """Draw two of the measures along the groove, each with its own scale."""
+    """Draw two of the measures along the groove with their bands, each with its own scale."""
     along = 1e3 * lengths_along_groove(sections)
+    rootless = absent_corners(sections).any(axis=1)
     fields = [MEASURES[i] for i in which]
-    for field, part, colour in zip(fields, (axes, axes.twinx()), (CORNER, ROOT), strict=True):
-        part.plot(along, field.values(sections), marker="o", markersize=3, color=colour)
-        part.set_ylabel(field.chart_title, color=colour)
+    for i, part, colour in zip(which, (axes, axes.twinx()), (CORNER, ROOT), strict=True):
+        values, sigmas = (which_of[i].values(sections) for which_of in (MEASURES, SIGMAS))
+        if i > 0:  # the angle needs no root
+            values = np.where(rootless, np.nan, values)
+        low, high = values - BAND * sigmas, values + BAND * sigmas
+        part.fill_between(along, low, high, color=colour, alpha=0.15, linewidth=0)
+        part.plot(along, values, marker="o", markersize=2.5, color=colour)
+        part.set_ylabel(MEASURES[i].chart_title, color=colour)
+        part.tick_params(axis="y", colors=colour)
+        part.spines["top"].set_visible(False)
     axes.set_xlabel("along the groove / mm")
-    axes.set_title(" and ".join(field.name_in_words for field in fields))
+    axes.set_title(f"{' and '.join(f.name_in_words for f in fields)}, ± {BAND:g} σ")
 
 
 def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:
