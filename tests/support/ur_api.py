@@ -44,12 +44,17 @@ def main() -> None:
         _await(lambda: max(abs(a - b) for a, b in zip(_where(receive), before, strict=True)) > 1e-3)
         return [begun, end()]
 
+    def arrived_at(x: float) -> float:
+        """How far along x it is; another connection says so, and may say so later."""
+        _await(lambda: _where(receive)[0] - tcp[0] > x - 2e-3)
+        return float(_where(receive)[0] - tcp[0])
+
     works: dict[str, Callable[[], Any]] = {
         "moveJ": lambda: control.moveJ([*q[:5], q[5] + 0.1], 1, 2),
         "moveJ_IK": lambda: control.moveJ_IK(tcp, 1, 2),
         "moveL": lambda: control.moveL(aside, 0.25, 1),
         "moveL_FK": lambda: control.moveL_FK(q, 0.25, 1),
-        "movePath": lambda: [control.movePath(path, False), _where(receive)[0] - tcp[0]],
+        "movePath": lambda: [control.movePath(path, False), arrived_at(0.04)],
         "moveL back": lambda: control.moveL(tcp, 0.25, 1),
         "speedJ": lambda: drive(lambda: control.speedJ([0, 0, 0, 0, 0, 0.5], 2), control.speedStop),
         "speedL": lambda: drive(
@@ -121,7 +126,7 @@ def main() -> None:
 
 def _await(is_so: Callable[[], bool]) -> None:
     """Wait until something is so, half a minute at most: what is reported then tells."""
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 30
     while not is_so() and time.monotonic() < deadline:
         time.sleep(0.001)
 
