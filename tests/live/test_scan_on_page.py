@@ -10,8 +10,11 @@ from cells import PAPER, Notes, scan_example
 from command import tjscan
 
 from tjscan.core.errors import ScanInterrupted
+from tjscan.job import read_scan_job
 from tjscan.live.access import LOCAL
 from tjscan.live.page import Page, PageAddress
+from tjscan.runs.context import RunContext
+from tjscan.runs.scan_page import show_scan
 from tjscan.runs.view import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
@@ -38,6 +41,18 @@ def test_sections_are_the_same_to_the_bit_with_a_page(
     assert tjscan("scan", PAPER, "--out", tmp_path / "run", *SHORT, "--live", "--port", 0) == 0
     assert "live page: http://127.0.0.1:" in capsys.readouterr().err.replace("\n", "")
     assert np.array_equal(recorded_points(without_page), recorded_points(tmp_path / "run"))
+
+
+def test_a_scan_that_is_gone_on_with_shows_what_was_scanned(without_page: Path) -> None:
+    job = read_scan_job(without_page / "job.toml")
+    context = RunContext(job, without_page / "job.toml")
+    with show_scan(context, PageAddress(port=0), print, list, resumed=without_page) as journal:
+        page = journal.run.page
+        assert page is not None
+        journal.run.close()
+        with page_client(page) as client:
+            client.receive()
+    assert {"/run/groove/0/points", "/run/groove/2/surface"} <= client.names()
 
 
 def test_a_port_that_is_taken_costs_the_page_and_not_the_scan(

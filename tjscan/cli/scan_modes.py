@@ -79,7 +79,7 @@ def resume_interrupted_scan(
             scans = stations.resume_stations(context, keys, operator, _show, station)
         _end_stations(scans, file.parent, stop, json=json)
         return
-    with _watched(_at(job, file, station), file, page) as context:
+    with _watched(_at(job, file, station), file, page, resumed=file.parent) as context:
         summary = scan.resume_scan(context, keys)
     _end_scan(summary, file.parent, context.stop, json=json)
 
@@ -92,18 +92,22 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
 
 
 @contextmanager
-def _watched(job: ScanJob, file: Path, page: LiveScanOptions) -> Iterator[RunContext]:
+def _watched(
+    job: ScanJob, file: Path, page: LiveScanOptions, resumed: Path | None = None
+) -> Iterator[RunContext]:
     """Show a scan's progress, and let Ctrl-C stop it, while the block runs."""
     with (
         scan_progress_bar(job.scan) as journal,
         stop_request_on_ctrl_c() as stop,
-        _on_page(RunContext(job, file, journal, stop, write_run_report), page) as context,
+        _on_page(RunContext(job, file, journal, stop, write_run_report), page, resumed) as context,
     ):
         yield context
 
 
 @contextmanager
-def _on_page(context: RunContext, page: LiveScanOptions) -> Iterator[RunContext]:
+def _on_page(
+    context: RunContext, page: LiveScanOptions, resumed: Path | None
+) -> Iterator[RunContext]:
     """Show a scan on the live page too, if that is asked for, while the block runs."""
     if not page.live:
         yield context
@@ -111,7 +115,8 @@ def _on_page(context: RunContext, page: LiveScanOptions) -> Iterator[RunContext]
     from tjscan.runs.scan_page import show_scan
 
     job = context.job.job_at_station()
-    with show_scan(replace(context, job=job), page.where, print_message, press_ctrl_c) as on_page:
+    context_there = replace(context, job=job)
+    with show_scan(context_there, page.where, print_message, press_ctrl_c, resumed) as on_page:
         if page.wait:
             on_page.run.wait_for_start()
         yield replace(context, journal=CombinedJournal(context.journal, on_page))

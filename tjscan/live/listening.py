@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Event
 from typing import Generic, Protocol, TypeVar
@@ -93,6 +93,7 @@ def show_run(
     where: PageAddress,
     report: Callable[[str], object],
     buttons: Callable[[RunOnPage[Entry]], Sequence[Button]],
+    before: Callable[[], Iterable[Step]] = tuple,
 ) -> Iterator[RunOnPage[Entry]]:
     """Show a run on a page while the block runs; it goes on without where there is none.
 
@@ -105,6 +106,8 @@ def show_run(
         Is told the page's address, or why there is none.
     buttons : callable
         Gives the page's buttons.
+    before : callable
+        Gives what is shown from the beginning.
     """
     try:
         page = Page([show.setting], where)
@@ -118,6 +121,16 @@ def show_run(
         try:
             for button in buttons(run):
                 page.add_button(button)
+            _show_before(run, before, report)
             yield run
         finally:
             run.close()
+
+
+def _show_before(
+    run: RunOnPage[Entry], before: Callable[[], Iterable[Step]], report: Callable[[str], object]
+) -> None:
+    try:
+        run.post(merge_steps([Step(), *before()]))
+    except Exception as error:  # whatever it is, the run goes on
+        report(f"what was there before is not on the page: {error}")

@@ -251,12 +251,20 @@ def read_recorded_scan_show(directory: Path) -> RecordedShow | None:
     context = RunContext(job.job_at_station(), directory / JOB)
     show = ScanShow(context, directory.resolve().name)
     return RecordedShow(
-        show.setting, tuple(show.step(entry) for entry in _entries(directory, context))
+        show.setting, tuple(show.step(entry) for entry in recorded_entries(directory, context))
     )
 
 
-def _entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
-    """Views, sections and events in their order; sections are read again for their measures."""
+def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
+    """Yield views, sections and events of a recording; sections are read again for their measures.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    context : RunContext
+        Its job.
+    """
     read = groove_reader_of_job(context.job)
     found: list[ScannedSection] = []
     for file in recording_files(directory):

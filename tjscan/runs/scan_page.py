@@ -5,13 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
+import numpy as np
+
+from tjscan.live.drawables import Posture
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import Button, PageAddress
 from tjscan.live.step import Step
+from tjscan.result.directory import RECORDING
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan_live import ScanEntry, ScanShow
+from tjscan.runs.scan_live import ScanEntry, ScanShow, recorded_entries
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.stopping import StopRequest
 
@@ -62,6 +67,7 @@ def show_scan(
     where: PageAddress,
     report: Callable[[str], object],
     interrupt: Callable[[], object],
+    resumed: Path | None = None,
 ) -> Iterator[PageJournal]:
     """Show a scan on a page while the block runs; gives the journal that shows it.
 
@@ -74,13 +80,22 @@ def show_scan(
         Is told the page's address, or why there is none.
     interrupt : callable
         Does what Ctrl-C does.
+    resumed : Path, optional
+        Directory of the run that is gone on with: what was scanned before is shown too.
     """
 
     def buttons(run: RunOnPage[ScanEntry]) -> Sequence[Button]:
         return scan_buttons(run, context.stop, interrupt)
 
+    def before() -> Iterator[Step]:
+        simulation = context.job.simulation
+        if simulation is not None and simulation.arm is not None:
+            yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
+        if resumed is not None and (resumed / RECORDING).is_file():
+            yield from map(show.step, recorded_entries(resumed, context))
+
     show = ScanShow(context, context.job_file.stem)
-    with show_run(show, where, report, buttons) as run:
+    with show_run(show, where, report, buttons, before) as run:
         yield PageJournal(run, show.total)
 
 
