@@ -156,6 +156,23 @@ def test_zones_only_where_no_count_fits_the_whole() -> None:
         assert a.end == b.begin
 
 
+def test_zones_of_a_groove_that_closes_are_not_cut_where_the_sections_begin() -> None:
+    """They begin where the section is smallest: one zone reaches to both sides of that."""
+    tight: dict[str, object] = {"travel_speed": (4.5e-3, 5.5e-3), "wire_feed": (0.15, 0.155)}
+    edges = edges_of(ring(growth=0.25, radius=0.1))
+    plan = plan_weld(edges, wps(arc=tight), DOWN)
+    zones = plan.zones
+    assert len(zones) > 1
+    assert sum(zone.end - zone.begin for zone in zones) == pytest.approx(edges.length)
+    for zone in zones:
+        begin = zone.begin % edges.length
+        assert min(begin, edges.length - begin) > 0.05 * edges.length
+    for number, zone in enumerate(zones, start=1):
+        beads = [b for b in plan.beads if b.zone == number and b.layer == 1]
+        ends = [(b.s[0], b.s[-1] - plan.wps.sequence.overlap) for b in beads]
+        assert ends == [pytest.approx((zone.begin, zone.end))]
+
+
 @pytest.mark.parametrize(
     ("tables", "key"),
     [

@@ -174,7 +174,7 @@ def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
     way = (run / "plan.urscript").read_text(encoding="utf-8")
     home = way[way.index("movej([") + 7 : way.index("], a=")]
     degrees = [f"{np.degrees(float(x)):.6f}" for x in home.split(",")]
-    with LoopbackProcess(host, "--home-deg", *degrees) as loopback:
+    with LoopbackProcess(host, "--fast", "--home-deg", *degrees) as loopback:
         stopper = threading.Thread(target=_interrupt_once_on, args=(host,))
         stopper.start()
         options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc", "--out", run / "sent")

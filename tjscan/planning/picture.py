@@ -53,7 +53,8 @@ def draw_plan(plan: WeldPlan) -> Figure:
 
 def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
     s = share * plan.edges.length
-    zone = next(zone for zone in plan.zones if s <= zone.end)
+    places = (s, s + plan.edges.length)  # of a groove that closes, a zone may pass its start
+    zone = next(z for z in plan.zones if any(z.begin <= at <= z.end for at in places))
     _, cells = cut_groove(plan.edges, np.array([s]), zone.arrangement, plan.wps)
     order = [
         sum(cells.counts[:k]) + place

@@ -176,15 +176,33 @@ def plan_weld(
 
 
 def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[PlannedZone, ...]:
-    """One zone where one arrangement fits all of the groove; else the longest that fit, in turn."""
-    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+    """One zone where one arrangement fits all of the groove; else the longest that fit, in turn.
+
+    Of a groove that closes, from the place on at which the zone about its smallest section ends:
+    begun anywhere else, one zone would be cut in two.
+    """
+    zones = _zones_from(0.0, edges, wps, after_pass)
+    if edges.closed and len(zones) > 1:
+        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+        smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
+        around = _zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
+        zones = _zones_from(around, edges, wps, after_pass)
+    return zones
+
+
+def _zones_from(
+    begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
+) -> tuple[PlannedZone, ...]:
+    s = begin + np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
     root_area = wps.root.penetration * edges.root_opening(s)
     stations = stations_at(edges, s)
     template = template_at(stations, wps.bead.cap_height, root_area)
 
     def fit(first: int, last: int) -> Arrangement:
         root: RootKind = "welded" if after_pass else "closed"
-        if not after_pass and edges.root.is_open_between(s[first], s[last]):
+        turns = (0.0, edges.length) if s[last] > edges.length else (0.0,)
+        ends = [(s[first] - turn, s[last] - turn) for turn in turns]
+        if not after_pass and any(edges.root.is_open_between(*one) for one in ends):
             root = "open"
         return arrange_beads(template.part(first, last), stations.part(first, last), wps, root)
 

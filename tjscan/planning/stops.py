@@ -124,7 +124,8 @@ class StopPlacement:
         ConfigurationError
             If the groove is too short for a layer.
         """
-        links, whole = self._links(), self.closed and len(zones) == 1
+        whole = self.closed and len(zones) == 1
+        links = self._links(zones[0][0])
         seams = self._seams(links, layers, whole=whole)
         order = [stretch.station for stretch in self.stretches]
         found = []
@@ -226,15 +227,17 @@ class StopPlacement:
                 at = float(mark + sign * distance)
         return at
 
-    def _links(self) -> tuple[StationStretch, ...]:
-        """Stretches that follow one another over the whole groove; gaps are nobody's.
+    def _links(self, begin: float) -> tuple[StationStretch, ...]:
+        """Stretches that follow one another over the whole groove from its first zone on.
+
+        Gaps are nobody's.
 
         Of a groove that closes, from the stretch on that leaves the shortest gaps, with the fewest
         stations.
         """
         if not self.stretches:
-            end = 3 * self.length if self.closed else self.length
-            return (StationStretch(NOBODY, 0.0, end + self.sequence.overlap),)
+            end = begin + (3 * self.length if self.closed else self.length)
+            return (StationStretch(NOBODY, begin, end + self.sequence.overlap),)
         if not self.closed:
             return self._chain(0.0, self.stretches)
         turned = tuple(
