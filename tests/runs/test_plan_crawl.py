@@ -43,7 +43,7 @@ def seen(joint: HullJoint, model: SectionLaserModel = SHARP) -> list[tuple[float
 
 
 def edges(joint: HullJoint, model: SectionLaserModel = SHARP) -> GrooveEdges:
-    return butt_joint_edges(seen(joint, model), LENGTH, 0.1)
+    return butt_joint_edges(seen(joint, model), LENGTH, 0.1)[0]
 
 
 def plan(joint: HullJoint = JOINT, after_pass: int = 0) -> WeldPlan:

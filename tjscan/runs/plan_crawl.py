@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -18,7 +19,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING
-from tjscan.groove.butt.tracking import TACK, ButtJointReading, JointTracker
+from tjscan.groove.butt.tracking import BURIED, ButtJointReading, JointTracker
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.job.wps import read_wps
@@ -41,6 +42,9 @@ STATION: Final = 20e-3
 
 FEWEST: Final = 3
 """Profiles that make one."""
+
+AROUND: Final = 0.1
+"""Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
 FRAME: Final = "c"
 
@@ -82,7 +86,7 @@ def plan_crawl_run(
     wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
     seen = _profiles(directory, job, after_pass)
     with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
-        edges = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
+        edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = passes_of_plan(plan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), FRAME, "mm")
@@ -96,7 +100,12 @@ def plan_crawl_run(
     )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN) as draft:
-        text = provenance.comment_lines("#") + passes_to_toml(passes, wps.name)
+        begin, end = 1e3 * start, 1e3 * (start + edges.length)
+        text = (
+            provenance.comment_lines("#")
+            + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
+            + passes_to_toml(passes, wps.name)
+        )
         (draft / CRAWL_PASSES).write_text(text, encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
@@ -131,12 +140,13 @@ def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
 
 def butt_joint_edges(
     seen: Sequence[tuple[float, Profile]], length: float, longest_step: float
-) -> GrooveEdges:
-    """Edges of a butt joint in frame c, from profiles along it.
+) -> tuple[GrooveEdges, float]:
+    """Edges of a butt joint in frame c, and where along it they begin, from profiles along it.
 
     A section is the trapezoid with the width, depth and area of what is left to fill, the mean of
-    the readings of 20 mm; its standard deviation follows from how they scatter. Readings on tack
-    welds show the tack and not the groove: they only say where tacks are.
+    the readings of 20 mm; its standard deviation follows from how they scatter. Where the root lies
+    higher than usual there is a tack weld, where it lies deeper a pass left a crater or ended: such
+    readings show no groove to be filled alike, and only say where tacks are.
 
     Parameters
     ----------
@@ -147,25 +157,27 @@ def butt_joint_edges(
     longest_step : float
         Sections further apart are refused, metres.
 
+    Returns
+    -------
+    GrooveEdges
+        Through the sections.
+    float
+        Metres along the joint where the first of them stands.
+
     Raises
     ------
     ConfigurationError
         If too little of the joint was seen.
     """
-    tracker = JointTracker()
-    stations: dict[int, list[tuple[float, ButtJointReading]]] = {}
-    for at, profile in seen:
-        try:
-            reading = tracker.read(profile)
-        except GrooveNotFound:
-            continue
-        if 0 <= at <= length and np.isfinite(reading.edges).all() and reading.depth_left > 0:
-            stations.setdefault(int(at / STATION), []).append((at, reading))
-    tacks = {
-        k: float(np.mean([TACK in reading.conditions for _, reading in stations[k]])) > 0.5
-        for k in sorted(stations)
+    readings = _read_joint(seen, length)
+    places = np.array([at for at, _ in readings])
+    higher = _above_usual(places, np.array([reading.depth_left for _, reading in readings]))
+    station = (places / STATION).astype(int)
+    tacks = {int(k): bool(np.mean(higher[station == k] > BURIED) > 0.5) for k in np.unique(station)}
+    bare = {
+        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED))]
+        for k in tacks
     }
-    bare = {k: [one for one in stations[k] if TACK not in one[1].conditions] for k in tacks}
     rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST]
     if len(rows) < FEWEST + 1:
         raise ConfigurationError(
@@ -185,14 +197,35 @@ def butt_joint_edges(
     edges = fit_edges_to_corners(
         np.stack(means), np.stack(spreads), np.array(area_sigmas), longest_step
     )
-    places = np.array([np.mean([at for at, _ in stations[k]]) for k in tacks])
+    middles = np.array([places[station == k].mean() for k in tacks])
     root = replace(
         edges.root,
-        s=places - means[0][0, 0],
-        openness=np.zeros(len(places)),
+        s=middles - means[0][0, 0],
+        openness=np.zeros(len(middles)),
         tacked=np.array(list(tacks.values())),
     )
-    return replace(edges, root=root)
+    return replace(edges, root=root), float(means[0][0, 0])
+
+
+def _read_joint(
+    seen: Sequence[tuple[float, Profile]], length: float
+) -> list[tuple[float, ButtJointReading]]:
+    """Readings with edges along the weld; beside it the root is another."""
+    tracker, found = JointTracker(), []
+    for at, profile in seen:
+        if not 0 <= at <= length:
+            continue
+        with suppress(GrooveNotFound):
+            reading = tracker.read(profile)
+            if np.isfinite(reading.edges).all() and reading.depth_left > 0:
+                found.append((at, reading))
+    return found
+
+
+def _above_usual(places: Array, depths: Array) -> Array:
+    """How much higher the root lies at each place than usual within `AROUND` of it, metres."""
+    usual = [np.median(depths[np.abs(places - at) <= AROUND]) for at in places]
+    return np.array(usual) - depths
 
 
 def _trapezoid(reading: ButtJointReading) -> Array:
