@@ -47,6 +47,15 @@ def test_a_bead_is_what_the_wire_brings_in() -> None:
     assert heat == pytest.approx(0.8 * 250 * 27.75 / 5e-3)
 
 
+SOLID = {
+    "name": "nozzle",
+    "kind": "capsule",
+    "radius_mm": 8.0,
+    "length_mm": 60.0,
+    "position_mm": [0.0, 0.0, 290.0],
+}
+
+
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
@@ -58,6 +67,9 @@ def test_a_bead_is_what_the_wire_brings_in() -> None:
         ("wire.deposition_efficiency", 95.0, "less than or equal to 1"),
         ("wire.diametre_mm", 1.2, "did you mean: diameter_mm"),
         ("arc.thermal_efficiency", None, "required"),
+        ("bead.weave_limit_mm", None, "required"),
+        ("torch.solid", [], "at least 1"),
+        ("torch.solid", 2 * [SOLID], "a name of its own"),
         ("sequence.positions", ["PZ"], "none of"),
         ("sequence.ends", "round", "none of"),
     ],

@@ -154,7 +154,7 @@ def _print_plan(done: WrittenPlan, page: Path) -> None:
         f"{len({bead.number for bead in found.beads})} beads{zones} over {found.groove_mm:.0f} mm"
         f"{', closed' if found.closed else ''}: arc on for {found.arc_time_s / 60:.1f} min, "
         f"wire {found.wire_m:.0f} m or {found.wire_kg:.2f} kg, gas {found.gas_l:.0f} l; "
-        f"stick-out {found.stick_out_mm:g} mm, "
+        f"stick-out {found.stick_out_mm:g} mm, overlap {found.overlap_mm:g} mm, "
         f"interpass temperature {found.interpass_temperature_C:g} °C"
     )
     for begin, end in found.root.tack_spans_mm:

@@ -146,6 +146,10 @@ class PlanDocument(StrictFileModel):
     wire_kg: float
     gas_l: float
     stick_out_mm: float
+    overlap_mm: Annotated[
+        float,
+        Field(description="by which beads lap over their start, or over the bead that follows"),
+    ]
     interpass_temperature_C: float  # noqa: N815
     zones: Annotated[tuple[ZoneEntry, ...], Field(strict=False)]
     beads: Annotated[tuple[BeadEntry, ...], Field(strict=False)]
@@ -203,6 +207,7 @@ def plan_document(
         wire_kg=_short(plan.wire_mass),
         gas_l=_short(plan.gas_volume, 1e-3),
         stick_out_mm=_short(plan.wps.torch.stick_out, MM.factor),
+        overlap_mm=_short(plan.wps.sequence.overlap, MM.factor),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
             ZoneEntry(

@@ -211,6 +211,11 @@ class TorchSettings(Table):
     margin: Annotated[float, Ge(0), Le(500), MM]
     solid: Annotated[tuple[TorchSolidSettings, ...], MinLen(1), MaxLen(100), LIST_OR_WORD_IN_FILE]
 
+    def __post_init__(self) -> None:
+        names = [one.name for one in self.solid]
+        if len(set(names)) < len(names):
+            raise ValueError("solid: each needs a name of its own")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequenceSettings(Table):

@@ -134,6 +134,7 @@ def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
         yield "stations", plan.without_stations
     yield "downwards", " ".join(f"{x:g}" for x in plan.gravity)
     yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
+    yield "overlap of stops", f"{plan.overlap_mm:g} mm"
     yield "stick-out", f"{plan.stick_out_mm:g} mm"
     yield "interpass temperature", f"{plan.interpass_temperature_C:g} °C"
 
