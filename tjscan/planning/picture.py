@@ -44,8 +44,8 @@ def draw_plan(plan: WeldPlan) -> Figure:
             axes.axhline(limit / unit.factor, color="black", lw=0.8, ls="--")
         axes.set_xlabel("s / mm")
         axes.set_ylabel(f"{'travel speed' if name == 'speed' else 'heat input'} / {symbol}")
-        for kind, colour in KIND_COLOURS.items():
-            axes.plot([], [], color=colour, label=kind)
+        for kind in dict.fromkeys(bead.kind for bead in plan.beads):
+            axes.plot([], [], color=KIND_COLOURS[kind], label=kind)
         axes.plot([], [], color="black", ls="--", label="WPS")
         axes.legend(ncols=4, fontsize="small")
     return figure
@@ -68,7 +68,9 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         x, y = (outline / MM.factor).T
         axes.fill(x, y, facecolor=colours(turn / len(order)), alpha=0.6, edgecolor="black", lw=0.8)
         at_x, at_y = middles[j].tolist()
-        axes.text(at_x, at_y, str(turn + 1), ha="center", va="center", fontsize="small")
+        axes.text(
+            at_x, at_y, str(plan.after_pass + turn + 1), ha="center", va="center", fontsize="small"
+        )
     axes.set_aspect("equal")
     area = 1e6 * float(cells.areas.sum())
     axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)

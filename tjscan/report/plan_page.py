@@ -12,6 +12,7 @@ import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
+from tjscan.planning.path import LONGEST
 from tjscan.planning.tables import BeadCourse, read_beads_csv
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.report.template import load_template
@@ -72,8 +73,7 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     axes = figure.add_subplot()
     seen: set[str] = set()
     for bead in courses:
-        for name, first, last in _runs(bead.positions):
-            start, end = bead.s[first], bead.s[min(last + 1, len(bead.s) - 1)]
+        for name, start, end in _runs(bead):
             axes.barh(
                 bead.number, end - start, left=start, height=0.8, color=POSITION_COLOURS[name]
             )
@@ -92,13 +92,16 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     )
 
 
-def _runs(names: Sequence[str]) -> Iterator[tuple[str, int, int]]:
-    """Names with the first and last place of each stretch in which they stay the same."""
+def _runs(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
+    """Positions, with the lengths from where to where each stays the same, part by part."""
+    parts = np.concatenate(((0,), np.cumsum(np.abs(np.diff(bead.s)) > 1e3 * LONGEST * 1.01)))
+    marks = list(zip(bead.positions, parts.tolist(), strict=True))
     first = 0
-    for name, group in groupby(names):
-        count = len(list(group))
-        yield name, first, first + count - 1
-        first += count
+    for (name, part), group in groupby(marks):
+        end = first + len(list(group))
+        goes_on = end < len(marks) and marks[end][1] == part
+        yield name, float(bead.s[first]), float(bead.s[end if goes_on else end - 1])
+        first = end
 
 
 def _filled_sections(file: Path) -> ReportPicture:
