@@ -42,7 +42,7 @@ class ServedPage:
         self._reader = Thread(target=self._read_on, daemon=True)
         self._reader.start()
 
-    def end(self, timeout: float = 60.0) -> int:
+    def end(self, timeout: float = 600.0) -> int:
         """Wait for the command's end; gives its exit code."""
         code = self.process.wait(timeout)
         self._reader.join(timeout)

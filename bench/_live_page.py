@@ -22,10 +22,13 @@ from _live_client import page_client, page_socket, receive_until_end
 from _table import Row
 
 from tjscan.core.frames import Array
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.topics import read_crawl
 from tjscan.live.access import LOCAL
 from tjscan.live.colours import ARM, viridis
 from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import Setting
+from tjscan.recording.event import RecordedEvent
 from tjscan.runs.view import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 SCAN: Final = EXAMPLES / "paper.toml"
+CRAWL: Final = EXAMPLES / "crawl.toml"
 CALIBRATION: Final = EXAMPLES / "calibrate.toml"
 RUNS: Final = 3
 """Scans with and without the page, by turns; the quickest of each counts."""
@@ -53,6 +57,7 @@ def live_rows() -> Iterator[Row]:
             yield from click_rows(browser)
             yield from scan_rows(browser, Path(folder))
             yield calibration_row(browser, Path(folder))
+            yield from stop_rows(browser, Path(folder))
             yield from memory_rows(browser)
 
 
@@ -167,7 +172,7 @@ def scan_rows(browser: Browser, folder: Path) -> Iterator[Row]:
             again.wait_for("paused: after section 2")
             wrong += again.state != state
             again.press("Start")
-            code = served.end(timeout=600)
+            code = served.end()
             requests += again.requests
     seconds = time.perf_counter() - begun
     apart = float(np.abs(_recorded(run) - _recorded(folder / "alone-0")).max())
@@ -205,6 +210,21 @@ def press_through_calibration(shown: OpenedPage) -> None:
         if "Save it" in state:
             return
         shown.wait_for_another(state)
+
+
+def stop_rows(browser: Browser, folder: Path) -> Iterator[Row]:
+    """The crawler, stopped by a click while it drives."""
+    run, begun = folder / "crawl", time.perf_counter()
+    words = ("crawl", "run", CRAWL, "--out", run, "--weld.length-m", 2, "--live")
+    with served_page(*words) as served, opened_page(browser, served.url) as shown:
+        shown.wait_for("alignment|welding")
+        shown.press("STOP")
+        code = served.end()
+    seconds = time.perf_counter() - begun
+    names = [one.name for one in read_crawl(run) if isinstance(one, RecordedEvent)]
+    yield Row("the crawler stopped by a click", seconds, 60, "s")
+    yield Row("… its exit code, as by Ctrl-C", code, 130, at_least=130)
+    yield Row("… its last event is the stop", names[-1] == Phase.STOP, 1, at_least=1)
 
 
 def memory_rows(browser: Browser) -> Iterator[Row]:

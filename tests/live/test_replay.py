@@ -72,6 +72,14 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
         assert len(replay.page.views[0].panel.samples) == seen
 
 
+def test_the_slider_takes_back_what_was_said_later(show: RecordedShow, replay: Replay) -> None:
+    panel = replay.page.views[0].panel
+    replay.move_to(len(show.steps) - 1)
+    assert "groove angle" in panel.shown_facts
+    replay.move_to(0)
+    assert "groove angle" not in panel.shown_facts
+
+
 def test_moving_the_slider_sends_no_piece_twice(show: RecordedShow, replay: Replay) -> None:
     last = len(show.steps) - 1
     replay.move_to(last)

@@ -21,6 +21,8 @@ MOST_PLOTTED: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
 PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
+NO_FACTS: Final = {STATE: "", PRESS: ""}
+"""Before any is known; these two stand first."""
 LINE: Final = "#2a6fbb"
 BAND: Final = "rgba(42,111,187,0.35)"
 FIT: Final = "#d0452f"
@@ -55,7 +57,7 @@ class Panel:
         self._x_scale: uplot.Scale = {"time": False}
         if ends is not None:
             self._x_scale = {"time": False, "auto": False, "range": ends}
-        self._facts: dict[str, str] = {STATE: "", PRESS: ""}  # first of all
+        self._facts = dict(NO_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
         self._state = gui.add_html(facts_table({}), order=STATE_ORDER)
@@ -101,9 +103,17 @@ class Panel:
             self.samples.extend(step.samples)
             self.plot(measure, scale)
 
+    @property
+    def shown_facts(self) -> str:
+        """HTML of the state."""
+        return str(self._state.content)
+
     def forget(self) -> None:
-        """Forget samples and events: others are shown next."""
+        """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
+        self._facts = dict(NO_FACTS)
+        self._progress.value = 0.0
+        self._table.visible = False
         self._log.content = events_table(())
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:

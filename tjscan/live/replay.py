@@ -33,12 +33,24 @@ class Replay:
         self._at = [_Position() for _ in shows]
         gui = self.page.server.gui
         self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
-        self._slider.on_update(lambda _: self.move_to(self._slider.value))
+        self._shown = -1
+        self._slider.on_update(lambda _: self._follow_slider())
         self.move_to(last)
 
     def move_to(self, number: int) -> None:
         """Show all runs as they were after a step, by its number."""
-        with self._moving, self.page.server.atomic():
+        with self._moving:
+            self._move_all(number)
+
+    def _follow_slider(self) -> None:
+        """Go where the slider is by now: a drag sends more places than can be shown."""
+        with self._moving:
+            if self._slider.value != self._shown:
+                self._move_all(self._slider.value)
+
+    def _move_all(self, number: int) -> None:
+        self._shown = number
+        with self.page.server.atomic():
             for k, show in enumerate(self._shows):
                 self._move(k, show, min(number, len(show.steps) - 1))
             self.page.recolour()
