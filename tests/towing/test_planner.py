@@ -149,6 +149,12 @@ def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
     assert "further than it can" in plan.halt or "too near" in plan.halt
 
 
+def test_a_cable_that_lies_on_itself_halts_however_sound_the_plan_is(begun: TowingPlan) -> None:
+    shape = CheckedShape(*planner().problem(begun.angles, WELDER, 0.1, begun), begun.angles)
+    assert shape.objection(begun.angles) == ""
+    assert "as the cable lies, link" in shape.objection(np.full(60, 0.15))
+
+
 def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
     """A disc comes at the bulge with 50 mm/s: vehicles may do 100."""
     ours = planner()

@@ -14,7 +14,7 @@ from tjscan.towing.cable import Cable
 from tjscan.towing.compiled import Indices
 from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_shape
 from tjscan.towing.limited import optimise_limited
-from tjscan.towing.limits import KEPT, HardLimits
+from tjscan.towing.limits import KEPT, HardLimits, LimitKind
 from tjscan.towing.optimise import newton_shape
 from tjscan.towing.plan import TowingPlan
 from tjscan.towing.pull import pull_on_welder
@@ -28,6 +28,10 @@ MEETS: Final = 1e-6
 
 BETWEEN: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
+
+LIES_NEAR: Final = 0.01
+"""Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
+it: between vehicles the floor holds it back from where it is planned."""
 
 ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
@@ -241,6 +245,10 @@ class CheckedShape:
                 f"the cable does not reach: it ends {1e3 * self.off:.3g} mm short of the welder "
                 "or of a vehicle that stands"
             )
+        here = self.limits.rows(estimate)
+        near = here[np.isin(here[:, 9], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
+        if near[:, 0].min(initial=0.0) < -LIES_NEAR:
+            return "as the cable lies, " + self.limits.words(near[near[:, 0].argmin()])
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / BETWEEN))
