@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 from _browser import changed_share, open_file, printed_pages, started_browser, why_no_browser
-from cells import FAULTLESS, PAPER
-from command import tjscan
+
+from tjscan.report.data import ReportData
+from tjscan.report.page import render_report_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -24,12 +25,10 @@ STAGE, STILL = "#view3d .stage", "#view3d img"
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("runs") / "exact"
-    keys = {**FAULTLESS, "scan.sections": 4}
-    options = [word for key, value in keys.items() for word in (f"--{key}", value)]
-    assert tjscan("scan", PAPER, "--out", directory, *options, pictures=True) == 0
-    return directory / "report.html"
+def report(data: ReportData, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("report") / "report.html"
+    file.write_text(render_report_page(data), encoding="utf-8")
+    return file
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +48,32 @@ def test_the_groove_turns_and_comes_back(browser: "Browser", report: Path) -> No
     watched.page.get_by_label("colour").select_option("depth")
     assert changed_share(watched.picture(STAGE), before) > LEAST_COLOURED
     assert (watched.requests, watched.faults) == ([], [])
+
+
+def test_a_finger_turns_it_and_two_fingers_zoom(browser: "Browser", report: Path) -> None:
+    watched = open_file(browser, report, width=400)
+    touch = watched.page.context.new_cdp_session(watched.page)
+    watched.page.locator(STAGE).scroll_into_view_if_needed()
+    box = watched.page.locator(STAGE).bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def move(*ways: tuple[float, float, float, float]) -> None:
+        """Fingers that go from one place to another, from the middle of the view."""
+        for kind, share in (("touchStart", 0.0), ("touchMove", 0.5), ("touchMove", 1.0)):
+            points = [
+                {"x": x + a + share * (c - a), "y": y + b + share * (d - b), "id": k}
+                for k, (a, b, c, d) in enumerate(ways)
+            ]
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    before = watched.picture(STAGE)
+    move((0, 0, 60, 15))
+    turned = watched.picture(STAGE)
+    assert changed_share(turned, before) > LEAST_TURNED
+    move((-30, 0, -70, 0), (30, 0, 70, 0))
+    assert changed_share(watched.picture(STAGE), turned) > LEAST_TURNED
 
 
 def test_a_narrow_dark_window_cuts_nothing_off(browser: "Browser", report: Path) -> None:

@@ -125,6 +125,11 @@ class ReportData:
         unbroken = np.degrees(np.unwrap(azimuths))
         return np.asarray(unbroken - 360 * np.floor((unbroken.mean() + 180) / 360))
 
+    def section_number(self, section: MeasuredSection) -> str:
+        """Number of a section in its scan, and which scan that is where several were stitched."""
+        station = section.station.split("+")[0]  # which the section's number is of
+        return f"{section.index}" if self.stitching is None else f"{section.index} of {station}"
+
     def station_of_section(self, section: MeasuredSection) -> StationRunData | None:
         """Where a section was scanned from, the first where it was several; None if not there."""
         first = section.station.split("+")[0]  # which the section's number is of

@@ -18,6 +18,7 @@ from tjscan.joint.tolerance import NOT_STATED
 from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
+from tjscan.report.findings import is_closed
 from tjscan.result.section import absent_corners
 
 COVERAGE: Final = 2.0
@@ -71,7 +72,7 @@ class Dimension:
         band = COVERAGE * self.sigma
         digits = 1 if isnan(band) or band >= 0.1 else 2
         degree = "°" if self.unit == "°" else ""
-        return f"{self.value:.{digits}f}{degree} ± {band:.{digits}f}".replace("-", "−")
+        return f"{self.value:z.{digits}f}{degree} ± {band:.{digits}f}".replace("-", "−")
 
     @property
     def designed_text(self) -> str:
@@ -97,6 +98,8 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
         off = abs(azimuths[k] - hour * DEGREES_PER_HOUR)
         if before is None or off < _off_hour(azimuths[before]):
             nearest[hour % HOURS] = int(k)
+    if is_closed(data):  # all of a joint is told from 12 o'clock on
+        return [nearest[hour] for hour in sorted(nearest)]
     return sorted(nearest.values(), key=lambda k: float(azimuths[k]))
 
 

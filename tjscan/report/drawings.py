@@ -102,9 +102,26 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
             slant = abs(float(section.T_r_g[:3, 2] @ radial_direction(section.azimuth)))
             bore = -1e3 * data.joint.brace_wall / slant
         drawings.append(
-            _drawing(plane, f"{at}section {section.index}", dimensions, bore, half, cloud)
+            _drawing(
+                plane, f"{at}section {data.section_number(section)}", dimensions, bore, half, cloud
+            )
         )
     return drawings
+
+
+def describe_drawings(data: ReportData) -> str:
+    """What to see in the drawings, for their caption."""
+    clock = (
+        "the section nearest to a full hour of the clock (12 at the crown, 3 at azimuth 90°)"
+        if data.unwrapped_azimuths is not None
+        else "one of the sections, evenly chosen"
+    )
+    design = "" if data.joint is None else " Below each dimension stands what is drawn."
+    return (
+        f"Each looks along the groove, brace above and leg below, at {clock}. Blue is what the "
+        f"laser saw.{design} At the root stands its opening, or the face of the bead that closes "
+        "it."
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

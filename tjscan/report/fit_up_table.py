@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import COVERAGE, section_dimensions, sections_by_the_clock
+from tjscan.result.section import lengths_along_groove
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,7 @@ def fit_up_table(data: ReportData) -> FitUpTable:
     """
     chosen = sections_by_the_clock(data)
     azimuths = data.unwrapped_azimuths
+    lengths = 1e3 * lengths_along_groove(data.sections)
     sections = [data.sections[k] for k in chosen]
     every = section_dimensions(sections, data.joint)
     names = [one.name for one in every[0]]
@@ -45,9 +47,9 @@ def fit_up_table(data: ReportData) -> FitUpTable:
     head = [f"{name} / {one.unit}" for name, one in zip(names, every[0], strict=True)]
     rows = []
     for k, section, dimensions in zip(chosen, sections, every, strict=True):
-        where = f"{section.index}" if azimuths is None else clock_text(azimuths[k])
+        where = f"{lengths[k]:.0f} mm" if azimuths is None else clock_text(azimuths[k])
         cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
-        rows.append((FitUpCell(where), FitUpCell(str(section.index)), *cells))
+        rows.append((FitUpCell(where), FitUpCell(data.section_number(section)), *cells))
     stated = any(one.verdict for row in every for one in row)
     note = f"± is {COVERAGE:g} standard deviations. "
     if data.joint is not None:

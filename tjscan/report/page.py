@@ -13,7 +13,7 @@ from tjscan.report.charts import (
 )
 from tjscan.report.data import ReportData
 from tjscan.report.deviation import deviation_table_rows, draw_deviation_map
-from tjscan.report.drawings import draw_sections
+from tjscan.report.drawings import describe_drawings, draw_sections
 from tjscan.report.findings import report_findings
 from tjscan.report.fit_up import draw_fit_up
 from tjscan.report.fit_up_table import fit_up_table
@@ -35,13 +35,6 @@ from tjscan.report.tables import (
 from tjscan.report.template import load_template
 from tjscan.report.view3d import view_data
 from tjscan.result.directory import job_label_of_run
-
-DRAWN: Final = (
-    "Each looks along the groove, brace above and leg below, at the section nearest to a full hour "
-    "of the clock (12 at the crown, 3 at azimuth 90°): what the laser saw is blue, below each "
-    "dimension stands what is drawn. At the root stands its opening, or the face of the bead that "
-    "closes it."
-)
 
 ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
@@ -81,7 +74,7 @@ def render_report_page(data: ReportData) -> str:
         scene=view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
-        drawn_sections=DRAWN,
+        drawn_sections=describe_drawings(data),
         comparison=comparison,
         compared_with="" if comparison is None else name_of_reference(comparison),
         aligned_by=ALIGNED["none" if comparison is None else comparison.alignment.method],

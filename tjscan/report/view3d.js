@@ -232,7 +232,7 @@
         const at = end.map((v, i) => v + 11 * (v - near[i]) / off);
         if (taken.some(other => Math.hypot(other[0] - at[0], other[1] - at[1]) < 17)) continue;
         taken.push(at);
-        pen.fillText(section.name, ...at);
+        pen.fillText(section.label, ...at);
       }
       const last = sections[sections.length - 1].corners;
       pen.fillStyle = css(0.75);
@@ -303,7 +303,7 @@
       const section = sections[hovered];
       const values = scene.quantities.filter(one => one.values && one.values[hovered] !== null).map(one =>
         `${one.name} ${one.values[hovered].toFixed(2)}${one.sigmas ? ` ± ${(2 * one.sigmas[hovered]).toFixed(2)}` : ""} ${one.unit}`);
-      told.textContent = [`section ${section.name} ${section.where} ${section.station}`.trim(), ...values, ...section.conditions].join(", ");
+      told.textContent = [`section ${section.name} ${section.where}`.trim(), ...values, ...section.conditions].join(", ");
     } else told.textContent = told.dataset.hint;
   }
 

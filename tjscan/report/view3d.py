@@ -53,8 +53,8 @@ def view_data(data: ReportData) -> dict[str, Any]:
         "azimuth": round(float(middle), 3),
         "sections": [
             {
-                "name": str(section.index),
-                "station": section.station if data.stitching is not None else "",
+                "label": str(section.index),
+                "name": data.section_number(section),
                 "where": "" if azimuths is None else f"at {clock_text(azimuths[k])} o'clock",
                 "conditions": list(section.conditions),
                 "corners": _mm(corners[k], 3),
