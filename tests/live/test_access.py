@@ -67,3 +67,8 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     with Page([Setting("nothing")], PageAddress(port=0)):
         pass
     assert capfd.readouterr() == ("", "")
+
+
+def test_nobody_makes_it_public_through_a_relay(page: Page) -> None:
+    page.server.request_share_url()
+    assert page.server._share_tunnel is None

@@ -110,3 +110,4 @@ def test_a_directory_without_a_recording_is_refused(tmp_path: Path) -> None:
         read_recorded_show(tmp_path)
     assert tjscan("view", tmp_path, "--port", 0) == 2
     assert tjscan("view") == 2
+    assert tjscan("view", RUN, "--port", 65_536) == 2

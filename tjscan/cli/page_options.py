@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from cyclopts import Parameter
 
@@ -13,6 +13,9 @@ from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from tjscan.live.page import PageAddress
+
+
+MOST_PORTS: Final = 65_535
 
 
 @Parameter(name="*")
@@ -40,8 +43,10 @@ class PageOptions:
         Raises
         ------
         ConfigurationError
-            If it is not installed.
+            If it is not installed, or there is no such port.
         """
+        if not 0 <= self.port <= MOST_PORTS:
+            raise ConfigurationError(f"--port is 0 to {MOST_PORTS}")
         with explain_missing_viser():
             from tjscan.live.page import PageAddress
         return PageAddress(port=self.port, address=self.address)

@@ -33,6 +33,13 @@ ANSWER_TIMEOUT: Final = 5.0
 HttpAnswer = Callable[[ServerConnection, Request], Response | None]
 
 
+class UnsharedServer(viser.ViserServer):
+    """Server that never publishes the page through viser's relay, whoever asks for it."""
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Ask no relay for anything: no request leaves the machine."""
+
+
 def new_token() -> str:
     """Return a token that nobody guesses."""
     return secrets.token_urlsafe(18)
@@ -60,7 +67,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
     """
     _check_can_bind(address, port)
     with _guarded(token):
-        server = viser.ViserServer(host=address, port=port, label=label, verbose=False)
+        server = UnsharedServer(host=address, port=port, label=label, verbose=False)
     try:
         if port and server.get_port() != port:
             raise PageUnavailable(f"port {port} of {address} was taken meanwhile")
