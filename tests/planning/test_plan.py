@@ -171,6 +171,8 @@ def test_zones_of_a_groove_that_closes_are_not_cut_where_the_sections_begin() ->
         beads = [b for b in plan.beads if b.zone == number and b.layer == 1]
         ends = [(b.s[0], b.s[-1] - plan.wps.sequence.overlap) for b in beads]
         assert ends == [pytest.approx((zone.begin, zone.end))]
+    # The windows hold where beads lap over the zone that follows, too.
+    assert {f.key for f in plan.findings} <= {"sequence.positions", "sequence.start_spread_mm"}
 
 
 @pytest.mark.parametrize(

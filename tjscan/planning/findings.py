@@ -117,6 +117,8 @@ def findings_of_stops(
             if near < wps.sequence.stop_distance - NO_LENGTH:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
                 yield _finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
+            if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
+                continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.apart(at, other) for other in below), default=spread)
             if away < spread - NO_LENGTH:

@@ -193,12 +193,18 @@ def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[
 def _zones_from(
     begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
 ) -> tuple[PlannedZone, ...]:
-    s = begin + np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+    end = ceil(edges.length / LONGEST)
+    over = ceil(wps.sequence.overlap / edges.length * end)
+    count = end + 1 + over * edges.closed
+    s: Array = begin + edges.length / end * np.arange(count, dtype=np.float64)
     root_area = wps.root.penetration * edges.root_opening(s)
     stations = stations_at(edges, s)
     template = template_at(stations, wps.bead.cap_height, root_area)
 
     def fit(first: int, last: int) -> Arrangement:
+        # A bead laps over the zone that follows: it has to fit there, too.
+        if last < end or (edges.closed and first > 0):
+            last = min(last + over, len(s) - 1)
         root: RootKind = "welded" if after_pass else "closed"
         turns = (0.0, edges.length) if s[last] > edges.length else (0.0,)
         ends = [(s[first] - turn, s[last] - turn) for turn in turns]
@@ -207,7 +213,7 @@ def _zones_from(
         return arrange_beads(template.part(first, last), stations.part(first, last), wps, root)
 
     found: list[PlannedZone] = []
-    first, end = 0, len(s) - 1
+    first = 0
     while first < end:
         fits, fails = first, end + 1
         arrangement: Arrangement | None = None
