@@ -1,11 +1,17 @@
 """What a crawl records, read again."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.slip_model import STATES
-from tjscan.crawler.topics import SLIP
+from tjscan.crawler.topics import SLIP, read_crawl, record_crawl
+from tjscan.vehicle.vehicle import REST, VehicleState
 
 
 def test_slip_is_read_as_it_was_believed() -> None:
@@ -22,3 +28,25 @@ def test_slip_of_an_earlier_estimator_is_not_known() -> None:
 def test_slip_that_is_damaged_is_refused() -> None:
     with pytest.raises(ValueError, match="reshape"):
         SLIP.decode(SLIP.encode(SlipBelief(np.zeros(STATES), np.eye(8))))
+
+
+@pytest.mark.parametrize(
+    ("period", "struck_at", "known"),
+    [
+        (0.01, 3, 4),  # an arc that was struck is known at once
+        (0.3, None, 9),  # and of a slow machine's cycles no more than half a second is not
+        (0.01, None, 0),
+    ],
+)
+def test_a_killed_program_leaves_what_was_done_but_for_half_a_second(
+    tmp_path: Path, period: float, struck_at: int | None, known: int
+) -> None:
+    with record_crawl(tmp_path / "crawl.mcap") as journal:
+        for k in range(10):
+            arc = struck_at is not None and k >= struck_at
+            state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
+            journal.record_cycle(
+                CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, arc), None
+            )
+        assert len(list(read_crawl(tmp_path))) == known  # as it stands while the program runs
+    assert len(list(read_crawl(tmp_path))) == 10

@@ -54,7 +54,11 @@ WARNING: Final = "warning"
 """Name of an event that says what may go wrong."""
 
 CYCLES_TOGETHER: Final = 50
-"""Cycles that are written at once: half a second is lost at most where the program is killed."""
+"""Cycles that are written at once."""
+
+LONGEST_WAIT: Final = 500_000_000
+"""Nanoseconds that cycles wait: no more is lost where the program is killed, and of an arc that was
+struck never its first cycle, without which it would not be known that a pass was begun."""
 
 PROFILE_SPACING: Final = 1e-3
 """Metres of travel between two profiles that are recorded."""
@@ -200,6 +204,7 @@ class RecordingCrawlJournal:
         self._waiting: list[tuple[int, Topic[Any], Any]] = []
         self._cycles = 0
         self._profile_at: tuple[Phase, float] | None = None
+        self._arc = False
 
     def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
         """Write a cycle, and of its profiles one a millimetre."""
@@ -219,9 +224,11 @@ class RecordingCrawlJournal:
         if self._truth is not None and self._cycles % CYCLES_PER_TRUTH == 0:
             self._waiting.append((now, TRUTH, self._truth()))
         self._cycles += 1
-        if self._cycles % CYCLES_TOGETHER == 0:
-            if cycle.slip is not None:
-                self._waiting.append((now, SLIP, cycle.slip))
+        struck, self._arc = cycle.arc and not self._arc, cycle.arc
+        is_last = self._cycles % CYCLES_TOGETHER == 0
+        if is_last and cycle.slip is not None:
+            self._waiting.append((now, SLIP, cycle.slip))
+        if is_last or struck or now - self._waiting[0][0] >= LONGEST_WAIT:
             self.flush()
 
     def record_event(self, name: str, detail: str) -> None:
