@@ -76,6 +76,15 @@ def chain_hessian(
 
 
 @compiled
+def turned_way(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
+    """How the end of link k goes as joint i turns."""
+    if i > k:
+        return 0.0, 0.0
+    x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
+    return y - links[k, 1], links[k, 0] - x
+
+
+@compiled
 def wrapped(angle: float) -> float:
     """Angle between -π and π."""
     return angle - 2.0 * pi * floor(angle / (2.0 * pi) + 0.5)

@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
 from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, wrapped
 from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.linear import back_substitute, factorise_convex
+from tjscan.towing.linear import back_substitute, factorise_convex, largest_diagonal
 
 SLIDES = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
@@ -113,7 +113,7 @@ def newton_estimate(
         iteration += 1
         chain_gradient(joint, point, turn, links, length, gradient)
         chain_hessian(joint, point, turn, links, length, hessian)
-        shift = factorise_convex(hessian, shift, factor)
+        shift = factorise_convex(hessian, shift, factor, largest_diagonal(hessian))
         step[:] = -gradient
         back_substitute(factor, step)
         slope, longest = 0.0, 0.0

@@ -20,8 +20,10 @@ from tjscan.towing.linear import (
     add_squares,
     constrained_step,
     factorise_convex,
+    largest_diagonal,
     least_squares_multipliers,
 )
+from tjscan.towing.pull_rows import add_curvature, force_after, put_force
 from tjscan.towing.shape_problem import ShapeProblem, shape_terms
 
 BAND: Final = 0.05
@@ -122,7 +124,8 @@ def _assess(
 @compiled
 def _model(
     links: Array, joint: Array, point: Array, jacobian: Array, rows: Array, fixed: Indices,
-    root: Array, length: float, y: Array, z: Array, shift: float,
+    root: Array, length: float, moved: Indices, costs: Array, force: Array,
+    y: Array, z: Array, shift: float,
     gradient: Array, hessian: Array, factor: Array, gradients: Array,
 ) -> float:  # fmt: skip
     """Gradient, convex Hessian of the Lagrangian, its factor and shift; derivatives of rows."""
@@ -144,10 +147,13 @@ def _model(
                 if j >= 0:
                     point[j, 0] -= z[r] * rows[r, 1]
                     point[j, 1] -= z[r] * rows[r, 2]
+    put_force(moved, costs, links, force, point)
     square = np.empty((n, n))
     chain_hessian(joint, point, turn, links, length, square)
     add_squares(jacobian, square)
-    shift = factorise_convex(square, shift, factor)
+    level = largest_diagonal(square)
+    add_curvature(moved, costs, links, root, square)
+    shift = factorise_convex(square, shift, factor, level)
     for i in range(n):
         for j in range(i):
             hessian[i, j] = square[i, j]
@@ -223,21 +229,23 @@ def optimise_limited(
     fix, shift, band, iteration = 1.0, 0.0, BAND, 0
     gradient, hessian = np.full(n + 1, SLACK), np.zeros((n + 1, n + 1))
     hessian[n, n] = 1.0
-    factor = np.zeros((n, n))
+    factor, force = np.zeros((n, n)), np.zeros(2)
+    root, (moved, costs) = problem.root, problem.costs
     while iteration < most:
         iteration += 1
         rows = now.rows
         C = np.ones((len(rows), n + 1))
         shift = _model(
             now.links, now.joint, now.point, now.jacobian, rows, problem.fixed,
-            problem.root, problem.cable.link_length, y, z, shift, gradient, hessian,
-            factor, C,
+            root, problem.cable.link_length, moved, costs, force, y, z, shift,
+            gradient, hessian, factor, C,
         )  # fmt: skip
         step, z, left, reach = np.empty(n), np.empty(len(rows)), 0.0, 1.0
         if not _guess_active(factor, now.jacobian, now.c, C, rows, gradient, step, y, z):
             step, left, y, z, reach = _solve_program(gradient, hessian, now, C)
         if reach == 0.0:
             break
+        force_after(moved, costs, now.links, root, step, force)
         fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
         slope = float(gradient[:n] @ step) - fix * reach * now.off
         slope -= SLACK * max(now.worst - left, 0.0)

@@ -29,17 +29,23 @@ def factorise(matrix: Array, shift: float, factor: Array) -> bool:
 
 
 @compiled
-def factorise_convex(matrix: Array, shift: float, factor: Array) -> float:
-    """Factorise with the least shift of a few tried, and return it."""
+def factorise_convex(matrix: Array, shift: float, factor: Array, level: float) -> float:
+    """Factorise with the least shift of a few tried, from 1e-4 of a level on, and return it."""
     if factorise(matrix, 0.0, factor):
         return 0.0
-    largest = 0.0
-    for i in range(len(matrix)):
-        largest = max(largest, abs(matrix[i, i]))
-    shift = max(0.25 * shift, 1e-4 * largest)
+    shift = max(0.25 * shift, 1e-4 * level)
     while not factorise(matrix, shift, factor):
         shift *= 4.0
     return shift
+
+
+@compiled
+def largest_diagonal(matrix: Array) -> float:
+    """Largest of the diagonal's amounts."""
+    largest = 0.0
+    for i in range(len(matrix)):
+        largest = max(largest, abs(matrix[i, i]))
+    return largest
 
 
 @compiled

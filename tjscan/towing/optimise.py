@@ -16,8 +16,10 @@ from tjscan.towing.linear import (
     add_squares,
     constrained_step,
     factorise_convex,
+    largest_diagonal,
     least_squares_multipliers,
 )
+from tjscan.towing.pull_rows import add_curvature, force_after, put_force
 from tjscan.towing.shape_problem import shape_terms
 
 LONGEST = 0.5
@@ -76,7 +78,7 @@ def newton_shape(
     gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
     hessian, factor, rows = np.empty((n, n)), np.zeros((n, n)), np.zeros((m, n))
     c, after_c, y = np.zeros(m), np.zeros(m), np.zeros(m)
-    after_rows = np.zeros((m, n))
+    after_rows, force = np.zeros((m, n)), np.zeros(2)
     penalty, shift, residual, violation, iteration, done = 0.0, 0.0, 0.0, 0.0, 0, False
     place_links(angles, root, length, links)
     f = shape_terms(
@@ -94,10 +96,14 @@ def newton_shape(
         for e in range(len(fixed)):
             point[fixed[e], 0] += y[3 * e]
             point[fixed[e], 1] += y[3 * e + 1]
+        put_force(moved, costs, links, force, point)
         chain_hessian(joint, point, turn, links, length, hessian)
         weight = add_squares(rows, hessian)
-        shift = factorise_convex(hessian, shift, factor)
+        level = largest_diagonal(hessian)
+        add_curvature(moved, costs, links, root, hessian)
+        shift = factorise_convex(hessian, shift, factor, level)
         constrained_step(factor, rows, gradient, c, step, y)
+        force_after(moved, costs, links, root, step, force)
         off = np.abs(c).sum()
         if m > 0:
             penalty = max(penalty, 2.0 * np.abs(y - weight * c).max())

@@ -10,10 +10,10 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
-from tjscan.towing.chain import chain_hessian, place_links
+from tjscan.towing.chain import chain_hessian, place_links, turned_way
 from tjscan.towing.compiled import Indices, compiled
 from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_terms, friction_at_ends
-from tjscan.towing.linear import back_substitute, factorise_convex
+from tjscan.towing.linear import back_substitute, factorise_convex, largest_diagonal
 
 RELIEF: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
@@ -137,25 +137,16 @@ def _yielding(
     place_links(angles, root, length, links)
     estimate_terms(angles, links, held, poses, stiff, rest, slide, joint, point, turn)
     chain_hessian(joint, point, turn, links, length, hessian)
-    factorise_convex(hessian, 0.0, factor)
+    factorise_convex(hessian, 0.0, factor, largest_diagonal(hessian))
     yields, change = np.zeros((2, 2)), np.empty(n)
     before, tip = held[last - 1], held[last]
     for axis in range(2):
         for i in range(n):
-            way = _way(i, before, links, root)
+            way = turned_way(i, before, links, root)
             change[i] = stiff[last - 1, 0] * way[axis]
         back_substitute(factor, change)
         for i in range(n):
-            way = _way(i, tip, links, root)
+            way = turned_way(i, tip, links, root)
             yields[0, axis] += stiff[last, 0] * way[0] * change[i]
             yields[1, axis] += stiff[last, 0] * way[1] * change[i]
     return yields
-
-
-@compiled
-def _way(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
-    """How the end of link k goes as joint i turns."""
-    if i > k:
-        return 0.0, 0.0
-    x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
-    return y - links[k, 1], links[k, 0] - x
