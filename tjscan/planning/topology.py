@@ -289,11 +289,11 @@ def _arrange(
         expected = shares[name] * np.array((area.min(), area.max())) * laid_shares[name]
         choose_wire_feed(name, expected, wps, open_root=name == "root" and root == "open")
     wanted = area[:, None] * np.array([shares[name] for name in names])
+    below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
     try:
-        cells = template.cut_into_beads(counts, wanted)
+        heights = template.layer_heights(template.layer_lines(below))
     except ValueError as error:
         raise DoesNotFit("bead.cap_height_mm", str(error)) from None
-    heights = cells.layer_heights
     least, most = float(heights.min()), float(heights.max())
     low, high = wps.bead.layer_height
     if least < low * (1 - ROUNDING) or most > high * (1 + ROUNDING):
@@ -302,7 +302,7 @@ def _arrange(
             f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
             f"{1e3 * most:.2f} mm high",
         )
-    laid = bead_lines(stations, cells).areas
+    laid = bead_lines(stations, template.cut_into_beads(counts, wanted)).areas
     kinds = {}
     for name in KINDS:
         of_kind = laid[:, names == name] if name in names else laid
