@@ -21,7 +21,8 @@ check: $(READY)
 bench: $(READY)
 	@status=0; for file in $(filter-out bench/reliability.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
 
-# Some ten minutes: kills, cuts, full disks, bad sensors, bad files. See docs/reliability.md.
+# Half an hour on two idle cores: kills, cuts, full disks, bad sensors, bad files, spoilt runs.
+# See docs/reliability.md.
 soak: $(READY)
 	$(BIN)/python bench/reliability.py
 
