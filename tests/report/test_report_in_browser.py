@@ -1,12 +1,15 @@
 """A report in Chromium: it turns, tells, loads nothing, and stays readable without WebGL."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from _browser import changed_share, open_file, printed_pages, started_browser, why_no_browser
 
+from tjscan.core.frames import Array
 from tjscan.report.data import ReportData
 from tjscan.report.page import render_report_page
 
@@ -48,6 +51,44 @@ def test_the_groove_turns_and_comes_back(browser: "Browser", report: Path) -> No
     watched.page.get_by_label("colour").select_option("depth")
     assert changed_share(watched.picture(STAGE), before) > LEAST_COLOURED
     assert (watched.requests, watched.faults) == ([], [])
+
+
+def test_what_is_pointed_at_is_told_and_two_corners_are_measured(
+    browser: "Browser", report: Path, data: ReportData
+) -> None:
+    page = open_file(browser, report).page
+    told = page.locator("#view3d output")
+    page.locator(STAGE).scroll_into_view_if_needed()
+    box = page.locator(STAGE).bounding_box()
+    assert box is not None
+    ends = pixels_of_first_view(data, box["width"], box["height"])
+    ends += (box["x"], box["y"])
+    for section, end in zip(data.sections, ends, strict=True):
+        page.mouse.move(*end)
+        words = told.inner_text()
+        assert words.startswith(f"section {section.index} at ")
+        assert f"groove angle {np.degrees(section.measures[0]):.2f} ±" in words
+    for end in (ends[0], ends[-1]):
+        page.mouse.click(*end)
+    first, last = data.sections[0], data.sections[-1]
+    distance = 1e3 * np.linalg.norm(first.points[4] - last.points[4])
+    found = re.match(r"section (\d+) p5 to section (\d+) p5: ([\d.]+) mm", told.inner_text())
+    assert found is not None
+    assert [int(found[1]), int(found[2])] == [first.index, last.index]
+    assert float(found[3]) == pytest.approx(distance, abs=0.006)
+
+
+def pixels_of_first_view(data: ReportData, wide: float, tall: float) -> Array:
+    """Where p5 of each section stands in the view at first, (n, 2): to scale, all in 86 % of it."""
+    corners = 1e3 * np.array([section.points for section in data.sections])
+    turn, tilt = data.sections[len(data.sections) // 2].azimuth + 0.3, 0.3
+    eye = np.array((np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)))
+    right = np.array((-np.sin(turn), np.cos(turn), 0.0))
+    flat = corners.reshape(-1, 3)
+    middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
+    seen = (corners - middle) @ np.column_stack((right, np.cross(eye, right)))
+    scale = 0.43 * min((wide, tall) / np.abs(seen).max(axis=(0, 1)))
+    return np.asarray((wide / 2, tall / 2) + scale * seen[:, 4] * (1, -1))
 
 
 def test_a_finger_turns_it_and_two_fingers_zoom(browser: "Browser", report: Path) -> None:
