@@ -56,6 +56,23 @@ SOLID = {
 }
 
 
+def test_the_power_source_must_reach_what_an_open_root_is_welded_with(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"end to end of root\.wire_feed"):
+        read_wps(written(tmp_path, "root.wire_feed_m_min", [4.0, 8.0]))
+
+
+def test_a_detail_with_an_empty_window_is_refused(tmp_path: Path) -> None:
+    detail = {
+        "name": "side",
+        "dihedral_deg": [130.0, 50.0],
+        "groove_angle_deg": [40.0, 60.0],
+        "root_opening_mm": [2.0, 6.0],
+        "size_mm": [10.0, 60.0],
+    }
+    with pytest.raises(ConfigurationError, match="empty window"):
+        read_wps(written(tmp_path, "detail", [detail]))
+
+
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
@@ -72,6 +89,8 @@ SOLID = {
         ("torch.solid", 2 * [SOLID], "a name of its own"),
         ("sequence.positions", ["PZ"], "none of"),
         ("sequence.ends", "round", "none of"),
+        ("root.opening_mm", [6.0, 2.0], "empty window"),
+        ("root.tacks", "leave", "none of"),
     ],
 )
 def test_a_wps_that_can_t_be_is_refused_with_its_key(
