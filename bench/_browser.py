@@ -29,6 +29,9 @@ SOFTWARE_GL: Final = (
     "--ignore-gpu-blocklist",
 )
 
+SHADE: Final = 8.0
+"""Of 255: a translucent face that turns changes by less."""
+
 SETTLED: Final = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 """Waits until what was asked for is drawn."""
 
@@ -123,8 +126,8 @@ def open_file(
 
 
 def changed_share(one: Array, other: Array) -> float:
-    """Share of the pixels of two pictures that differ."""
-    return float((one != other).any(axis=2).mean())
+    """Share of the pixels of two pictures that differ by more than a shade."""
+    return float((np.abs(one - other).max(axis=2) > SHADE).mean())
 
 
 def printed_pages(page: Page) -> int:

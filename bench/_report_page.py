@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,7 +27,7 @@ def report_rows() -> Iterator[Row]:
     with TemporaryDirectory() as folder:
         run = Path(folder) / "paper"
         try:
-            with redirect_stdout(StringIO()):
+            with redirect_stderr(StringIO()):
                 tjscan(["scan", str(JOB), "--out", str(run)])
         except SystemExit as stop:
             if stop.code:
