@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
@@ -101,9 +102,9 @@ def traffic_rows(run: Path) -> Iterator[Row]:
     """What a recording's steps send to a browser, and how long the server takes for each."""
     show = read_recorded_show(run)
     sizes, seconds = [], []
+    gc.freeze()  # else a collection of all that the bench has loaded falls on one of the steps
     page = Page([show.setting], PageAddress(port=0))
     with page, page_client(page) as client:
-        page.show(show.steps[0])  # loads what colours need
         client.receive()
         for step in show.steps:
             begun = time.thread_time()

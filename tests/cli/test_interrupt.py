@@ -5,9 +5,10 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 
 import gated_scan
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from cells import FAULTLESS, PAPER, Notes, scan_example
 from command import tjscan
 
+from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.core.errors import ScanInterrupted
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
@@ -167,3 +169,19 @@ def test_a_request_stops_the_arm_of_the_scan_that_hears_it_and_no_other() -> Non
     assert not request.scan_is_running
     request.request_stop_now()
     assert stops == ["arm"]
+
+
+def press_and_wait(press: Callable[[], None]) -> None:
+    """Press in another thread, and wait for nothing but that."""
+    Thread(target=press).start()
+    Event().wait(30)
+
+
+def test_a_stop_on_a_page_is_heard_where_ctrl_c_is_not() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of a script's background process
+    try:
+        press = ctrl_c_presser()
+        with pytest.raises(KeyboardInterrupt):
+            press_and_wait(press)
+    finally:
+        signal.signal(signal.SIGINT, before)

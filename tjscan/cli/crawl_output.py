@@ -12,7 +12,7 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
-from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.page_options import LiveOptions
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
@@ -67,7 +67,7 @@ def watch_crawl(
         return
     from tjscan.runs.vehicle_pages import show_crawl
 
-    with show_crawl(job, file.stem, page.where, print_message, press_ctrl_c) as shown:
+    with show_crawl(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
         yield replace(context, journal=CombinedCrawlJournal((context.journal, shown)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
 from threading import Thread, main_thread
@@ -54,6 +54,13 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
         request.request_stop_now()
 
 
-def press_ctrl_c() -> None:
-    """Do what Ctrl-C does, from another thread."""
-    signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+def ctrl_c_presser() -> Callable[[], None]:
+    """Return what does the same as Ctrl-C from another thread, and let it be heard.
+
+    A program that a script started in the background hears no Ctrl-C; a Stop on its page must
+    stop it all the same.
+    """
+    if signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    main = main_thread().ident or 0
+    return lambda: signal.pthread_kill(main, signal.SIGINT)

@@ -12,7 +12,7 @@ import numpy as np
 
 from tjscan.calibration.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.console import print_message
-from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.page_options import LiveOptions
 from tjscan.core.errors import ConfigurationError
 
@@ -62,7 +62,9 @@ def chosen_operator(
     if page.live:
         from tjscan.runs.calibration_operator import operator_on_page
 
-        with operator_on_page(job, job_file, page.where, print_message, press_ctrl_c) as operator:
+        with operator_on_page(
+            job, job_file, page.where, print_message, ctrl_c_presser()
+        ) as operator:
             yield operator
     else:
         yield PrintOnlyOperator() if unattended else TerminalOperator()

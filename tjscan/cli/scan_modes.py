@@ -12,7 +12,7 @@ from pydantic_core import to_json
 
 from tjscan.calibration.operator import DefaultAnswerOperator
 from tjscan.cli.console import print_message
-from tjscan.cli.interrupt import INTERRUPTED, press_ctrl_c, stop_request_on_ctrl_c
+from tjscan.cli.interrupt import INTERRUPTED, ctrl_c_presser, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.page_options import LiveScanOptions
 from tjscan.cli.scan_output import print_scan_summary, scan_progress_bar
@@ -116,7 +116,7 @@ def _on_page(
 
     job = context.job.job_at_station()
     context_there = replace(context, job=job)
-    with show_scan(context_there, page.where, print_message, press_ctrl_c, resumed) as on_page:
+    with show_scan(context_there, page.where, print_message, ctrl_c_presser(), resumed) as on_page:
         if page.wait:
             on_page.run.wait_for_start()
         yield replace(context, journal=CombinedJournal(context.journal, on_page))

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from tjscan.cli.console import add_text_row, print_message, stderr
-from tjscan.cli.interrupt import press_ctrl_c
+from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.page_options import LiveOptions
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow_cell import make_planner
@@ -81,7 +81,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
             return
         from tjscan.runs.vehicle_pages import show_tow
 
-        with show_tow(job, file.stem, page.where, print_message, press_ctrl_c) as shown:
+        with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
             yield replace(context, journal=CombinedTowJournal((context.journal, shown)))
 
 

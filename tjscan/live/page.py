@@ -13,7 +13,7 @@ import viser
 
 from tjscan.core.frames import Array
 from tjscan.live.access import LOCAL, close_server, new_token, open_server
-from tjscan.live.colours import ColourScale
+from tjscan.live.colours import ColourScale, viridis
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.panel import Panel
 from tjscan.live.stage import Stage
@@ -124,6 +124,7 @@ class Page:
         buttons: Sequence[Button] = (),
     ) -> None:
         where, self.token = where or PageAddress(), new_token()
+        viridis()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
         self.url = f"http://{_bracketed(where.address)}:{self.server.get_port()}/{self.token}/"
         self._buttons: dict[str, Any] = {}
