@@ -11,7 +11,7 @@ import pytest
 from command import tjscan
 from ur_cell import address, output_is_on
 
-from tjscan.cli.interrupt import ctrl_c_presser
+from tjscan.cli.interrupt import press_ctrl_c
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.job import read_scan_job
@@ -189,7 +189,7 @@ def _interrupt_once_on(host: str) -> None:
     pause = threading.Event()
     while not output_is_on(host, OUTPUT):
         pause.wait(0.2)
-    ctrl_c_presser()()
+    press_ctrl_c()
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,11 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
         request.request_stop_now()
 
 
+def press_ctrl_c() -> None:
+    """Do what Ctrl-C does, from another thread."""
+    signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+
+
 def ctrl_c_presser() -> Callable[[], None]:
     """Return what does the same as Ctrl-C from another thread, and let it be heard.
 
@@ -62,5 +67,4 @@ def ctrl_c_presser() -> Callable[[], None]:
     """
     if signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    main = main_thread().ident or 0
-    return lambda: signal.pthread_kill(main, signal.SIGINT)
+    return press_ctrl_c
