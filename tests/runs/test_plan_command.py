@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command import tjscan
 
+from tjscan.core.manifest import MANIFEST, manifest_text
 from tjscan.planning.document import PlanDocument
 
 ROOT = Path(__file__).parent.parent.parent
@@ -52,6 +53,19 @@ def test_a_plan_leaves_files_that_agree(run: Path, capsys: pytest.CaptureFixture
     page = (run / "plan.html").read_text(encoding="utf-8")
     assert f"<b>{len(document.beads)} beads</b>" in page
     assert "http" not in page.split("</style>")[1]  # it loads nothing
+
+
+def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(run: Path) -> None:
+    """Its program would be of other beads, other speeds, or switch the arc."""
+    earlier = [run / name for name in ("plan.urscript", "plan-left.urscript", "plan-passes.toml")]
+    for file in earlier:
+        file.write_text("of an earlier plan", encoding="utf-8")
+    (run / MANIFEST).write_text(manifest_text(run, run), encoding="utf-8")
+    (run / "plan of mine.txt").touch()
+    assert planned(run) in (0, 3)
+    assert not [file for file in earlier if file.exists()]
+    assert "urscript" not in (run / MANIFEST).read_text(encoding="utf-8")
+    assert (run / "plan of mine.txt").is_file()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import fcntl
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -119,7 +119,7 @@ def lock_directory(directory: Path) -> Iterator[None]:
 
 @contextmanager
 def write_files_atomically(
-    directory: Path, *, last: str = "", listed: bool = False
+    directory: Path, *, last: str = "", listed: bool = False, instead_of: Sequence[str] = ()
 ) -> Iterator[Path]:
     """Give a draft folder whose files move into `directory`, all or none, after the block.
 
@@ -135,6 +135,9 @@ def write_files_atomically(
     listed : bool
         Whether a new directory gets a list of its files, see `tjscan.core.manifest`. One that is
         there is kept true in any case.
+    instead_of : sequence of str
+        Patterns of names whose files are removed where the draft holds none of that name: of an
+        earlier result, and no longer true beside this one.
 
     Raises
     ------
@@ -148,11 +151,15 @@ def write_files_atomically(
             draft = Path(name)
             yield draft
             is_new = all(file == draft for file in directory.iterdir())
+            earlier = {file for pattern in instead_of for file in directory.glob(pattern)}
+            gone = [file for file in earlier if not (draft / file.name).exists()]
             if (listed and is_new) or (directory / MANIFEST).is_file():
-                text = manifest_text(directory, draft)
+                text = manifest_text(directory, draft, gone)
                 (draft / MANIFEST).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
                 _bring_to_disk(file)
+            for file in gone:
+                file.unlink()
             for file in sorted(draft.iterdir(), key=lambda file: order.get(file.name, 0)):
                 file.replace(directory / file.name)
             _bring_to_disk(directory)

@@ -7,7 +7,7 @@ Recordings are not in it: they grow, and check themselves.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import file_digest
 from pathlib import Path
 from typing import Final
@@ -62,7 +62,7 @@ def changed_since_written(*files: Path) -> list[Path]:
         raise RecordingError(f"{error.filename}: can't be read: {error.strerror}") from error
 
 
-def manifest_text(directory: Path, written: Path) -> str:
+def manifest_text(directory: Path, written: Path, removed: Sequence[Path] = ()) -> str:
     """Text of a directory's list once the files in another folder have replaced those in it.
 
     Parameters
@@ -71,10 +71,14 @@ def manifest_text(directory: Path, written: Path) -> str:
         Its list is kept for what is not replaced.
     written : Path
         Folder of the new files.
+    removed : sequence of Path
+        Files that are removed from it.
     """
-    listed = _read(directory / MANIFEST) if (directory / MANIFEST).is_file() else {}
+    kept = dict(_read(directory / MANIFEST)) if (directory / MANIFEST).is_file() else {}
+    for file in removed:
+        kept.pop(file.name, None)
     new = {file.name: _sha256(file) for file in written.iterdir() if file.is_file()}
-    return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted({**listed, **new}.items()))
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted({**kept, **new}.items()))
 
 
 def _is_changed(file: Path) -> bool:

@@ -25,7 +25,7 @@ from tjscan.result.shapes import read_finished_summary
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.plan_details import details_of_run
-from tjscan.runs.plan_files import PLAN, add_file_of_key, write_plan_files
+from tjscan.runs.plan_files import EARLIER, PLAN, add_file_of_key, write_plan_files
 from tjscan.runs.plan_programs import PartedPlan, part_plan
 from tjscan.runs.welding_station import WeldingStation, welding_stations
 
@@ -139,7 +139,7 @@ def plan_run(
         plan, provenance, directory.resolve().name, label, details, parted.stations, without
     )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN) as draft:
+    with write_files_atomically(folder, last=PLAN, instead_of=EARLIER) as draft:
         lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
         for name, way in parted.ways.items():
             script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)

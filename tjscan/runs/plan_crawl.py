@@ -32,10 +32,7 @@ from tjscan.planning.wps import M_MIN
 from tjscan.result.directory import JOB, job_label_of_run
 from tjscan.runs.crawl_results import read_recorded_crawl
 from tjscan.runs.plan import WrittenPlan
-from tjscan.runs.plan_files import PLAN, add_file_of_key, write_plan_files
-
-CRAWL_PASSES: Final = "plan-passes.toml"
-"""Tables that a crawl job takes."""
+from tjscan.runs.plan_files import CRAWL_PASSES, EARLIER, PLAN, add_file_of_key, write_plan_files
 
 STATION: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
@@ -99,7 +96,7 @@ def plan_crawl_run(
         without_stations=f"a crawl job takes {CRAWL_PASSES}",
     )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN) as draft:
+    with write_files_atomically(folder, last=PLAN, instead_of=EARLIER) as draft:
         begin, end = 1e3 * start, 1e3 * (start + edges.length)
         text = (
             provenance.comment_lines("#")

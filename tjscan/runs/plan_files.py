@@ -20,6 +20,11 @@ PLAN: Final = "plan.json"
 BEADS: Final = "beads.csv"
 PICTURE: Final = "plan.png"
 WELDX: Final = "plan.weldx"
+CRAWL_PASSES: Final = "plan-passes.toml"
+"""Tables that a crawl job takes."""
+
+EARLIER: Final = ("plan.urscript", "plan-*.urscript", CRAWL_PASSES, WELDX, "plan.html")
+"""Not every plan has them: those of an earlier one do not stay beside a new one."""
 
 
 def write_plan_files(
