@@ -39,7 +39,7 @@ SETTLED: Final = "new Promise(done => requestAnimationFrame(() => requestAnimati
 def why_no_browser() -> str:
     """Why no browser can be driven here; empty where one can."""
     if find_spec("playwright") is None:
-        return "playwright is not installed: pip install -e '.[dev]'"
+        return "playwright is not installed: pip install -e '.[browser]'"
     return "" if CHROMIUM.is_file() else f"there is no {CHROMIUM}: apt-get install chromium"
 
 

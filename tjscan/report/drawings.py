@@ -175,7 +175,7 @@ def _drawing(
     """Draw a section; `bore` is where the brace's inner wall is drawn, `half` its half height."""
     p, s = plane.p, plane.size
     by_name = {one.name: one for one in dimensions}
-    left = min(p[2, 0], p[3, 0], bore or 0.0) - 1.1 * s
+    left = min(p[2, 0], p[3, 0], bore or 0.0) - 1.4 * s
     y = (p[1, 1] + p[3, 1]) / 2
     low, high = np.array((left, y - half)), np.array((p[1, 0] + 1.45 * s, y + half))
     dots = plane.flat(cloud)
@@ -235,7 +235,7 @@ def _angle(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     apex, reach = plane.apex, float(np.linalg.norm(plane.p[1] - plane.apex))
     r = 0.7 * reach
     start, end = apex + r * plane.bevel, apex + r * plane.leg
-    thin = _path(plane.p[2], apex, plane.p[3]) + _path(plane.p[3], apex + 1.2 * r * plane.leg)
+    thin = _path(plane.p[1], apex, plane.p[3]) + _path(plane.p[3], apex + 1.2 * r * plane.leg)
     arc = f"M{_xy(start)}A{r:.2f} {r:.2f} 0 0 1 {_xy(end)}"
     at = apex + 1.02 * reach * unit_vector(plane.bevel + plane.leg)
     return thin, arc, _label(at, "start", dimension)
@@ -247,7 +247,7 @@ def _root(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     away = np.array((-along[1], along[0]))
     away *= -np.sign(away[0] or 1.0)
     a, b = p3 + 0.3 * s * away, p4 + 0.3 * s * away
-    at = (a + b) / 2 + 0.1 * s * away
+    at = np.array((min(a[0], b[0]) - 0.08 * s, p4[1] + 0.1 * s))
     return (
         _path(p3, a + 0.05 * s * away) + _path(p4, b + 0.05 * s * away),
         _path(a, b),
@@ -267,7 +267,8 @@ def _depth(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
 def _root_face(plane: _Plane, dimension: Dimension, bore: float) -> tuple[str, str, DrawnLabel]:
     """From the brace's bore to p3."""
     p3, s = plane.p[2], plane.size
-    a, b = np.array((bore, p3[1] - 0.3 * s)), np.array((p3[0], p3[1] - 0.3 * s))
+    y = (plane.p[1, 1] + p3[1]) / 2  # away from the root's own dimension
+    a, b = np.array((bore, y)), np.array((p3[0], y))
     thin = _path(p3, b - (0, 0.05 * s))
     return thin, _path(a, b), _label(a - (0.08 * s, 0.05 * s), "end", dimension)
 
