@@ -10,6 +10,11 @@ scan: $(READY)
 	$(BIN)/tjscan scan examples/paper.toml
 
 test: $(READY)
+	@# Tests of vehicles want a broker, those of pages a browser; they are skipped without.
+	@command -v mosquitto >/dev/null || test -x /usr/sbin/mosquitto \
+		|| { apt-get update -qq && apt-get install -y -qq mosquitto; } >/dev/null 2>&1 || true
+	@command -v chromium >/dev/null \
+		|| { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } >/dev/null 2>&1 || true
 	$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
 check: $(READY)
@@ -47,12 +52,6 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null \
 		|| { apt-get update -qq && apt-get install -y -qq libusb-1.0-0; } >/dev/null 2>&1 \
 		|| { echo "open3d needs a system library: sudo apt-get install libusb-1.0-0"; exit 1; }
-	@# Tests of vehicles want a broker, and are skipped without.
-	@command -v mosquitto >/dev/null || test -x /usr/sbin/mosquitto \
-		|| { apt-get update -qq && apt-get install -y -qq mosquitto; } >/dev/null 2>&1 || true
-	@# Tests of the page want a browser, and are skipped without.
-	@command -v chromium >/dev/null \
-		|| { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } >/dev/null 2>&1 || true
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"
