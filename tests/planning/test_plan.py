@@ -106,6 +106,25 @@ def test_torch_frames_are_right_handed_and_point_into_the_groove(plan: WeldPlan)
         assert (R[:, 2, 2] < 0).all()  # the groove opens upwards
 
 
+def test_the_torch_leans_by_its_travel_angle_however_the_section_changes() -> None:
+    lean = np.radians(5.0)
+    for reverse in (False, True):
+        procedure = wps(torch={"travel_angle": lean}, sequence={"reverse": reverse})
+        for bead in plan_weld(edges_of(ring(0.4)), procedure, DOWN).beads:
+            travel = np.gradient(bead.points, axis=0)[1:-1]
+            travel /= np.linalg.norm(travel, axis=1, keepdims=True)
+            leans = np.arcsin(np.sum(travel * bead.T_r_torch[1:-1, :3, 2], axis=1))
+            np.testing.assert_allclose(leans, lean, atol=1e-3)
+
+
+def test_how_the_torch_is_held_is_not_in_which_position_is_welded(plan: WeldPlan) -> None:
+    """Slope and rotation of ISO 6947 are those of the weld, not of the torch."""
+    held = plan_weld(edges_of(ring()), wps(torch={"work_angle": 0.6, "travel_angle": 0.4}), DOWN)
+    for one, other in zip(plan.beads, held.beads, strict=True):
+        np.testing.assert_allclose(other.rotation, one.rotation, atol=1e-12)
+        assert other.positions == one.positions
+
+
 def test_a_groove_that_is_scaled_takes_speeds_by_the_inverse_square() -> None:
     scale = 1.3
 

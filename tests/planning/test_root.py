@@ -10,11 +10,16 @@ from ringed_grooves import edges_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.job.wps import read_wps
+from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.path import LONGEST
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.root import root_of_sections
+from tjscan.planning.tables import beads_to_csv, read_beads_csv
+from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
@@ -84,9 +89,26 @@ def test_tacks_are_fused_or_skipped_as_the_wps_says() -> None:
     assert [bead.number for bead in skipped.beads][:3] == [1, 1, 2]
 
 
-def test_a_tack_shorter_than_two_overlaps_is_fused() -> None:
-    found = plan_weld(plate(tacked=(4,)), wps(tacks="skip", tack_length=20e-3), UP)
-    assert [bead.kind for bead in found.beads].count("root") == 1
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Path) -> None:
+    """The example's tack of 40 mm leaves 10 mm without arc: no further than points may stand."""
+    plan = plan_weld(plate(tacked=(4,)), wps(tacks="skip"), UP)
+    first, second = plan.beads[:2]
+    assert [(b.number, b.part) for b in (first, second)] == [(1, 1), (1, 2)]
+    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST)
+    provenance = Provenance.for_file_written_now("job", "j", "mm")
+    file = tmp_path / "beads.csv"
+    file.write_text(beads_to_csv(plan, provenance), encoding="utf-8")
+    read = read_beads_csv(file)
+    assert [(c.number, len(c.s)) for c in read] == [(b.number, len(b.s)) for b in plan.beads]
+    weldx = pytest.importorskip("weldx", reason="the extra tjscan[weldx] is not installed")
+    document = plan_document(plan, provenance, "run", plan.wps.name)
+    write_plan_as_weldx(tmp_path / "plan.weldx", plan, document, "joint")
+    with weldx.WeldxFile(tmp_path / "plan.weldx", mode="r") as made:
+        names = made["coordinate_systems"].coordinate_system_names
+        assert len(names) == 1 + len(plan.beads)
+        assert {"torch, bead 1", "torch, bead 1, part 2"} <= set(names)
 
 
 def test_after_a_pass_beads_go_on_without_a_root_bead() -> None:

@@ -56,6 +56,17 @@ SOLID = {
 }
 
 
+def test_tacks_of_which_nothing_would_be_skipped_are_refused(tmp_path: Path) -> None:
+    file = written(tmp_path, "root.tacks", "skip")
+    assert read_wps(file).root.tacks == "skip"
+    text = file.read_text(encoding="utf-8").replace(
+        "tack_length_mm = 40.0", "tack_length_mm = 30.0"
+    )
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"twice sequence\.overlap_mm, 30,"):
+        read_wps(file)
+
+
 def test_the_power_source_must_reach_what_an_open_root_is_welded_with(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"end to end of root\.wire_feed"):
         read_wps(written(tmp_path, "root.wire_feed_m_min", [4.0, 8.0]))

@@ -61,6 +61,8 @@ class PlannedBead:
         That welds it, or this part of it; empty where none is told.
     open_root : bool
         Whether it is the root bead over an opening.
+    part : int
+        Of the bead, from 1: where tacks or stations part it, the arc is off between two parts.
     """
 
     number: int
@@ -82,6 +84,7 @@ class PlannedBead:
     relative_sigma: Array
     station: str = ""
     open_root: bool = False
+    part: int = 1
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -97,9 +100,9 @@ class PlannedBead:
             for a, b in spans
         )
 
-    def numbered(self, number: int, zone: int, station: str) -> PlannedBead:
-        """The same bead with its number in the order of welding, its zone's, and its station."""
-        return replace(self, number=number, zone=zone, station=station)
+    def numbered(self, number: int, part: int, zone: int, station: str) -> PlannedBead:
+        """The same bead with its number and part, its zone's number, and its station."""
+        return replace(self, number=number, part=part, zone=zone, station=station)
 
     @property
     def points(self) -> Array:

@@ -40,6 +40,7 @@ class BeadEntry(StrictFileModel):
     """A bead, or a station's part of it; its points stand in ``beads.csv``."""
 
     number: int
+    part: Annotated[int, Field(description="of the bead, from 1; the arc is off between two parts")]
     zone: int
     layer: int
     place: Annotated[int, Field(description="in its layer, from the bevel")]
@@ -220,6 +221,7 @@ def plan_document(
         beads=tuple(
             BeadEntry(
                 number=bead.number,
+                part=bead.part,
                 zone=bead.zone,
                 layer=bead.layer,
                 place=bead.place,

@@ -113,8 +113,11 @@ def lay_layer(
     s = np.union1d(s, stops)
     stations, cells = cut_groove(edges, s, arrangement, wps)
     lines = bead_lines(stations, cells)
-    middles = free_angle_middles(cells, layer) - wps.torch.work_angle
-    outward = stations.vectors_to_space(np.stack((np.sin(middles), np.cos(middles)), axis=2))
+    middles = free_angle_middles(cells, layer)
+    face, outward = (
+        stations.vectors_to_space(np.stack((np.sin(angle), np.cos(angle)), axis=2))
+        for angle in (middles, middles - wps.torch.work_angle)
+    )
     quads = cells.quadrilaterals(layer)
     sides = 0.5 * (quads[:, :, :2] + quads[:, :, :1:-1])
     widths = np.linalg.norm(sides[:, :, 1] - sides[:, :, 0], axis=2)
@@ -127,7 +130,7 @@ def lay_layer(
         area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
         if wps.sequence.reverse:
             travel = -travel
-        slope, rotation = slope_and_rotation(outward[:, place], travel, gravity)
+        slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
         speed = wps.deposition_rate(np.array(kind.feed)) / area
         T = np.tile(np.eye(4), (len(s), 1, 1))
         T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)

@@ -162,10 +162,14 @@ def plan_weld(
                 laid.append([without_spans(bead, skipped) for bead in done])
             for parts in zip(*laid, strict=True):
                 last += 1
-                beads.extend(
-                    piece.numbered(last, number, span.station)
+                whose = [
+                    (piece, span.station)
                     for pieces, span in zip(parts, spans, strict=True)
                     for piece in pieces
+                ]
+                beads.extend(
+                    piece.numbered(last, part, number, station)
+                    for part, (piece, station) in enumerate(whose, start=1)
                 )
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),

@@ -21,7 +21,21 @@ from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 
 COLUMNS: Final = (
-    *("bead", "zone", "layer", "place", "kind", "s_mm", "x_mm", "y_mm", "z_mm", "rx", "ry", "rz"),
+    *(
+        "bead",
+        "part",
+        "zone",
+        "layer",
+        "place",
+        "kind",
+        "s_mm",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "rx",
+        "ry",
+        "rz",
+    ),
     *("speed_mm_min", "sigma_speed_mm_min", "feed_m_min", "area_mm2", "sigma_area_mm2"),
     *("width_mm", "heat_kJ_mm", "slope_deg", "rotation_deg", "position", "station"),
 )
@@ -33,7 +47,7 @@ MOST_BYTES: Final = 200_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadCourse:
-    """How a bead, or a station's part of it, goes along the groove, in the units of ``beads.csv``.
+    """How a bead, or a part of it, goes along the groove, in the units of ``beads.csv``.
 
     Parameters
     ----------
@@ -69,7 +83,7 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         rows = list(csv.DictReader(lines, strict=True))
         return tuple(
             _course(int(number), list(of_part))
-            for (number, _), of_part in groupby(rows, lambda row: (row["bead"], row["station"]))
+            for (number, _), of_part in groupby(rows, lambda row: (row["bead"], row["part"]))
         )
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
@@ -123,7 +137,7 @@ def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
                 bead.rotation / DEG.factor,
             )
         )
-        names = (bead.number, bead.zone, bead.layer, bead.place, bead.kind)
+        names = (bead.number, bead.part, bead.zone, bead.layer, bead.place, bead.kind)
         for row, position in zip(numbers, bead.positions, strict=True):
             writer.writerow((*names, *(f"{value:.6f}" for value in row), position, bead.station))
     return stream.getvalue()

@@ -76,7 +76,7 @@ def torch_rotations(outward: Array, travel: Array, travel_angle: float) -> Array
     Parameters
     ----------
     outward : ndarray, shape (m, 3)
-        Unit vectors out of the work, about square to the travel.
+        Unit vectors out of the work; what of them is along the travel does not count.
     travel : ndarray, shape (m, 3)
         Unit vectors along the bead.
     travel_angle : float
@@ -86,9 +86,8 @@ def torch_rotations(outward: Array, travel: Array, travel_angle: float) -> Array
     -------
     ndarray, shape (m, 3, 3)
     """
-    z = -outward
-    x = travel - np.sum(travel * z, axis=1, keepdims=True) * z
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    x, z = travel, np.sum(outward * travel, axis=1, keepdims=True) * travel - outward
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
     c, s = np.cos(travel_angle), np.sin(travel_angle)
     return np.stack((c * x - s * z, cross(z, x), c * z + s * x), axis=2)
 

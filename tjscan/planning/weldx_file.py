@@ -25,8 +25,9 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     """Write a plan as a weldx file.
 
     Every bead is a frame ``torch, bead N`` below the root that moves with time from the bead's
-    start, z along the wire. They stand under ``coordinate_systems``; wire feed, travel speed, heat
-    input and power of each bead under ``beads``; the document of ``plan.json`` under ``plan``.
+    start, z along the wire; further parts of it are ``torch, bead N, part 2`` and so on. They stand
+    under ``coordinate_systems``; wire feed, travel speed, heat input and power of each under
+    ``beads``; the document of ``plan.json`` under ``plan``.
 
     Parameters
     ----------
@@ -42,7 +43,8 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     weldx: Any = import_module("weldx")
     frames = weldx.CoordinateSystemManager(root, "weld plan")
     for bead in plan.beads:
-        frames.add_cs(f"torch, bead {bead.number}", root, _moving_frame(weldx, bead))
+        part = f", part {bead.part}" if bead.part > 1 else ""
+        frames.add_cs(f"torch, bead {bead.number}{part}", root, _moving_frame(weldx, bead))
     tree = {
         "plan": document.model_dump(mode="json"),
         "coordinate_systems": frames,
@@ -63,6 +65,7 @@ def _settings(weldx: Any, bead: PlannedBead) -> dict[str, Any]:
 
     return {
         "bead": bead.number,
+        "part": bead.part,
         "kind": bead.kind,
         "wire_feed": weldx.Q_(bead.feed / M_MIN.factor, "m/min"),
         "power": weldx.Q_(bead.power, "W"),

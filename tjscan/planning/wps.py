@@ -275,6 +275,16 @@ class WeldingProcedure(StrictFileModel):
             raise ValueError("arc.power must reach from end to end of root.wire_feed_m_min")
         return self
 
+    @model_validator(mode="after")
+    def _check_length_of_tacks(self) -> Self:
+        least = 2 * self.sequence.overlap
+        if self.root.tacks == "skip" and self.root.tack_length <= least:
+            raise ValueError(
+                f"root.tack_length_mm must be more than twice sequence.overlap_mm, {1e3 * least:g},"
+                ' or nothing of a tack is skipped: fuse them (root.tacks = "fuse"), or overlap less'
+            )
+        return self
+
     def limits(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, that holds the windows of a bead's feed, speed and heat input.
 

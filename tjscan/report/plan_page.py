@@ -12,7 +12,6 @@ import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
-from tjscan.planning.path import LONGEST
 from tjscan.planning.tables import BeadCourse, read_beads_csv
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
 from tjscan.report.template import load_template
@@ -69,7 +68,7 @@ def write_plan_page(directory: Path) -> Path:
 
 def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     """Draw in which welding position each bead is laid, along the groove."""
-    figure = new_figure(12, 1.6 + 0.24 * len(courses))
+    figure = new_figure(12, 1.6 + 0.24 * len({bead.number for bead in courses}))
     axes = figure.add_subplot()
     seen: set[str] = set()
     for bead in courses:
@@ -93,14 +92,11 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
 
 
 def _runs(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
-    """Positions, with the lengths from where to where each stays the same, part by part."""
-    parts = np.concatenate(((0,), np.cumsum(np.abs(np.diff(bead.s)) > 1e3 * LONGEST * 1.01)))
-    marks = list(zip(bead.positions, parts.tolist(), strict=True))
+    """Positions, with the lengths from where to where each stays the same."""
     first = 0
-    for (name, part), group in groupby(marks):
+    for name, group in groupby(bead.positions):
         end = first + len(list(group))
-        goes_on = end < len(marks) and marks[end][1] == part
-        yield name, float(bead.s[first]), float(bead.s[end if goes_on else end - 1])
+        yield name, float(bead.s[first]), float(bead.s[min(end, len(bead.s) - 1)])
         first = end
 
 
