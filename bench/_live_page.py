@@ -30,7 +30,7 @@ from tjscan.live.colours import ARM, viridis
 from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.event import RecordedEvent
-from tjscan.runs.view import read_recorded_show
+from tjscan.runs.live.view import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from tjscan.live.access import LOCAL
 from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step
 from tjscan.runs.calibrate import start_calibration
-from tjscan.runs.calibration_live import CalibrationShow
-from tjscan.runs.calibration_operator import PageOperator
-from tjscan.runs.view import read_recorded_show
+from tjscan.runs.live.calibration import CalibrationShow
+from tjscan.runs.live.calibration_operator import PageOperator
+from tjscan.runs.live.view import read_recorded_show
 
 JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}

@@ -17,9 +17,9 @@ from tjscan.live.drawables import Lines, MeasuredPiece, Placement
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import STATE, Setting
-from tjscan.runs.crawl_live import DEVIATION, CrawlEntry, CrawlShow
-from tjscan.runs.tow_live import CLEARANCE, TowShow, clearance
-from tjscan.runs.vehicle_pages import CrawlPageJournal, stop_button
+from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
+from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance
+from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.vehicle import REST, VehicleState

@@ -12,5 +12,5 @@ TASK: Final = TaskPlugin(
     recording="measured.mcap",
     result="calibration.toml",
     page="tjscan.runs.calibration_page:calibration_page",
-    live="tjscan.runs.calibration_live:read_calibration_show",
+    live="tjscan.runs.live.calibration:read_calibration_show",
 )

@@ -65,7 +65,7 @@ def watch_crawl(
     if page is None or not page.live:
         yield context
         return
-    from tjscan.runs.vehicle_pages import show_crawl
+    from tjscan.runs.live.vehicle_pages import show_crawl
 
     with show_crawl(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
         yield replace(context, journal=CombinedCrawlJournal((context.journal, shown)))

@@ -112,7 +112,7 @@ def _on_page(
     if not page.live:
         yield context
         return
-    from tjscan.runs.scan_page import show_scan
+    from tjscan.runs.live.scan_page import show_scan
 
     job = context.job.job_at_station()
     context_there = replace(context, job=job)

@@ -11,5 +11,5 @@ TASK: Final = TaskPlugin(
     report="tjscan.runs.crawl_report:crawl_chapter",
     study="tjscan.runs.crawl_study.backend:CRAWL_STUDY",
     recording="crawl.mcap",
-    live="tjscan.runs.crawl_live:read_crawl_show",
+    live="tjscan.runs.live.crawl:read_crawl_show",
 )

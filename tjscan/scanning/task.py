@@ -10,5 +10,5 @@ TASK: Final = TaskPlugin(
     "scan",
     report="tjscan.runs.scan_report:scan_chapter",
     study="tjscan.runs.scan_study.backend:SCAN_STUDY",
-    live="tjscan.runs.scan_live:read_recorded_scan_show",
+    live="tjscan.runs.live.scan:read_recorded_scan_show",
 )

@@ -11,5 +11,5 @@ TASK: Final = TaskPlugin(
     report="tjscan.runs.tow_report:tow_chapter",
     study="tjscan.runs.tow_study.backend:TOW_STUDY",
     recording="tow.mcap",
-    live="tjscan.runs.tow_live:read_tow_show",
+    live="tjscan.runs.live.tow:read_tow_show",
 )

@@ -14,8 +14,8 @@ from tjscan.laser.profile import Profile
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import Button, PageAddress
-from tjscan.runs.crawl_live import CrawlEntry, CrawlShow
-from tjscan.runs.tow_live import TowEntry, TowShow
+from tjscan.runs.live.crawl import CrawlEntry, CrawlShow
+from tjscan.runs.live.tow import TowEntry, TowShow
 from tjscan.towing.journal import TowCycle
 
 EVERY: Final = 0.05

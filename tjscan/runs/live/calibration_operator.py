@@ -18,7 +18,7 @@ from tjscan.laser.profile import Profile
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import Button, PageAddress, Tone
 from tjscan.live.step import PRESS, STATE, Step
-from tjscan.runs.calibration_live import CalibrationNews, CalibrationShow, plane_curve
+from tjscan.runs.live.calibration import CalibrationNews, CalibrationShow, plane_curve
 
 LOOK_EVERY: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""

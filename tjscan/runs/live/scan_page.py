@@ -16,7 +16,7 @@ from tjscan.live.page import Button, PageAddress
 from tjscan.live.step import Step
 from tjscan.result.directory import RECORDING
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan_live import ScanEntry, ScanShow, recorded_entries
+from tjscan.runs.live.scan import ScanEntry, ScanShow, recorded_entries
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.stopping import StopRequest
 

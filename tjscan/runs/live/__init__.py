@@ -1,0 +1,1 @@
+"""What each task shows on the live page."""
