@@ -198,6 +198,7 @@ def _interrupt_once_on(host: str) -> None:
         ('driver = "ur"', 'driver = "simulated"', "arm.driver: a program goes to a real arm"),
         ('model = "ur10e"', 'model = "ur5e"', "arm.model: is a ur5e"),
         ('file = "joint.toml"', 'file = "other.toml"', "joint.file: is another joint"),
+        ("522.0", "542.0", "joint: the arm stands elsewhere by the joint"),
     ],
 )
 def test_a_program_goes_to_no_other_arm_and_joint(

@@ -61,7 +61,7 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
     Raises
     ------
     ConfigurationError
-        If it is no real arm of Universal Robots, or another arm or joint than the run's.
+        If it is no real arm of Universal Robots, another arm or joint than the run's, or elsewhere.
     """
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
@@ -87,7 +87,27 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
                     "is another joint than the run's: plan a run of this joint, or name its job",
                     key="joint.file",
                 )
+            _check_place(job, scanned.job, station)
     return ArmForProgram(job, settings)
+
+
+def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
+    """Refuse a job whose arm stands elsewhere by the joint than it did for the run."""
+    if job.joint is None or scanned.joint is None:
+        return
+    name = station or next(iter(job.station_names), None)
+    at = scanned.job_at_station(name) if scanned.station else scanned
+    T_j_b, T_j_b_scanned = (
+        inverse_pose(table.T_w_j) @ T_w_b
+        for table, T_w_b in ((job.joint, job.T_w_b), (scanned.joint, at.T_w_b))
+    )
+    if not np.allclose(T_j_b, T_j_b_scanned, atol=1e-6):
+        away = 1e3 * np.linalg.norm((T_j_b - T_j_b_scanned)[:3, 3])
+        raise ConfigurationError(
+            f"the arm stands elsewhere by the joint than in the run's own job, {away:.1f} mm away "
+            "and perhaps turned: the program would weld beside the groove. Scan it from there",
+            key="joint",
+        )
 
 
 def way_of_station(ways: Mapping[str, StationWay], station: str | None) -> StationWay:
