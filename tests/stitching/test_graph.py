@@ -27,7 +27,7 @@ def registration(first: int, second: int, T: Array, sigma: float) -> StationRegi
         flags,
         flags,
         np.zeros(1, dtype=np.intp),
-        np.zeros((1, 6, 6)),
+        np.zeros((1, 6, 11, 3)),
     )
 
 

@@ -12,11 +12,16 @@ from free_stations import joint_named
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.core.pose_vector import pose_to_vector
+from tjscan.laser.model import LaserModel
+from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.settings import StitchSettings
-from tjscan.stitching.stations import Station
+from tjscan.stitching.sides import moves_of_walls
+from tjscan.stitching.stations import Station, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.uncertainty.causes import HAND_EYE, ViewCause, hand_eye_cause, motion_cause
+from tjscan.uncertainty.laser_causes import LINEARITY, linearity_cause
 
 T_F_S = inverse_pose(pose(p=(0.1, 0.0, -0.15)))
 """How `exact_stations` mounts its sensor."""
@@ -78,6 +83,79 @@ def test_a_wrong_calibration_moves_stitched_sections_as_stated(axis: int) -> Non
     for one, other in zip(stated.stations, found.stations, strict=True):
         turned = other.T_j_b @ inverse_pose(one.T_j_b)
         assert np.linalg.norm(turned[:3, 3]) > 0
+
+
+LENS = LaserModel(near=0.15, far=0.31)
+"""Its window holds all that `exact_stations` see."""
+
+BEND = 3e-5
+"""Metres that it bends by somewhere in its window."""
+
+
+def lens(station: Station) -> ViewCause:
+    return linearity_cause(station.sections, BEND, LENS, "stated")
+
+
+def bent(station: Station, draw: int) -> Station:
+    """A station whose laser bends all profiles, and what is read in them, as one draw does."""
+    bend = lens(station).bend
+    assert bend is not None
+
+    def bent_points(points_s: Array) -> Array:
+        xz = points_s[:, [0, 2]]
+        return points_s + np.insert(bend(xz, np.zeros_like(xz))[..., draw], 1, 0.0, axis=1)
+
+    sections = []
+    for one in station.sections:
+        seen = bent_points(one.view.profile.points_s)
+        groove = replace(one.groove, points_s=bent_points(one.groove.points_s))
+        view = replace(one.view, profile=Profile(seen[:, 0], seen[:, 2]))
+        sections.append(replace(one, view=view, groove=groove))
+    return replace(station, sections=tuple(sections), all_sections=tuple(sections))
+
+
+def drawn_alone(cause: ViewCause, draw: int) -> ViewCause:
+    """The cause with one of its draws."""
+    one = slice(draw, draw + 1)
+    bend = cause.bend
+    assert bend is not None
+    return replace(
+        cause,
+        twists=cause.twists[..., one],
+        points=cause.points[..., one],
+        measures=cause.measures[..., one],
+        bend=lambda xz, tangents: bend(xz, tangents)[..., one],
+    )
+
+
+@pytest.mark.parametrize("draw", range(18))
+def test_a_bent_lens_moves_fitted_tubes_as_stated(draw: int) -> None:
+    """Frame j and the tubes' dimensions, against fitting what the bent laser sees."""
+    station = two()[0]
+    (fit,), (found,) = (fit_tubes_to_stations([s], SMALL) for s in (station, bent(station, draw)))
+    moved = moves_of_walls(fit.walls, station.all_sections, lens(station))[..., draw]
+    stated = np.einsum("nik,nk->i", fit.frame.by_points, moved)
+    off = np.concatenate(
+        (
+            pose_to_vector(inverse_pose(fit.frame.T) @ found.frame.T),
+            found.frame.shape.as_array - fit.frame.shape.as_array,
+        )
+    )
+    size = np.linalg.norm(off)
+    assert np.linalg.norm(stated - off) < LINEAR * size + 1e-7
+    assert size > 1e-6
+
+
+@pytest.mark.parametrize("draw", [2, 9, 15])
+def test_a_bent_lens_moves_stitched_sections_as_stated(draw: int) -> None:
+    """Corners bend by themselves, and move with stations that are placed by bent walls."""
+    stations = [with_cause(s, lambda s: drawn_alone(lens(s), draw)) for s in two()]
+    stated = stitch_stations(stations, SMALL)
+    found = stitch_stations([bent(s, draw) for s in stations], SMALL)
+    off = np.array([section.points for section in found.sections])
+    off = (off - [section.points for section in stated.sections])[:, 1:4]
+    (by,) = np.moveaxis(component_of(stated, LINEARITY)[:, 1:4], -1, 0)
+    assert np.linalg.norm(off - by) < LINEAR * np.linalg.norm(off)
 
 
 def test_an_error_that_moves_all_views_alike_is_taken_up_by_the_stations_place() -> None:

@@ -14,13 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import pose_vector
 from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.sides import NODES, moves_of_walls
 from tjscan.stitching.stations import StationTubeFit
 from tjscan.uncertainty.budget import (
+    CORNERS,
     BudgetComponent,
     UncertaintyBudget,
     covariance_factor,
@@ -114,22 +115,41 @@ def _errors(
 ) -> StationErrors:
     """Errors of all that is fitted, by one cause."""
     m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
-    frames, twists = np.zeros((len(fits), 10, m)), []
+    frames, moves = np.zeros((len(fits), 10, m)), []
     for i, (fit, cause) in enumerate(zip(fits, causes, strict=True)):
-        in_b = np.zeros((len(fit.station.all_sections), 6, m)) if cause is None else cause.twists
-        frames[i] = np.einsum("vij,vjm->im", fit.frame.by_view, in_b)
+        walls = np.zeros((len(fit.walls), 3, m))
+        corners = np.zeros((len(fit.station.all_sections), 3, 3, m))
+        if cause is not None:
+            walls = moves_of_walls(fit.walls, fit.station.all_sections, cause)
+            corners = cause.points[:, CORNERS]
+        frames[i] = np.einsum("nik,nkm->im", fit.frame.by_points, walls)
         # Seen in the station's own j, which moves with what the station saw.
-        twists.append(pose_vector.adjoint(inverse_pose(fit.frame.T)) @ in_b - frames[i, :6])
+        T = inverse_pose(fit.frame.T)
+        at = [section.points_b[CORNERS] for section in fit.station.all_sections]
+        places = transform_points(T, _by_view(fit, np.array(at), fit.walls.points))
+        in_j = np.einsum("ij,vkjm->vkim", T[:3, :3], _by_view(fit, corners, walls))
+        moves.append(in_j - points_moved_by_twist(places, frames[i, :6]))
     overlaps = np.zeros((len(registrations), 6, m))
     for i, edge in enumerate(registrations):
-        first, second = twists[edge.overlap.first], twists[edge.overlap.second]
-        in_first = np.where(
-            edge.of_second[:, None, None],
-            pose_vector.adjoint(edge.T) @ second[np.where(edge.of_second, edge.number, 0)],
-            first[np.where(edge.of_second, 0, edge.number)],
-        )
-        overlaps[i] = np.einsum("vij,vjm->im", edge.by_view, in_first)
+        for is_second, k in enumerate((edge.overlap.first, edge.overlap.second)):
+            by_points = edge.by_points[edge.of_second == is_second]
+            if is_second:  # both are compared in the frame of the first
+                by_points = by_points @ edge.T[:3, :3]
+            numbers = edge.number[edge.of_second == is_second]
+            overlaps[i] += np.einsum("nikc,nkcm->im", by_points, moves[k][numbers])
     return StationErrors(frames, overlaps)
+
+
+def _by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
+    """What a registration's views are made of, shape (n, 3 + k, ...): corners, then wall points.
+
+    Views that lack a wall, and take no part, have zeros there.
+    """
+    nodes = np.zeros((len(corners), 2 * NODES, *corners.shape[2:]))
+    for chosen in fit.walls.indices_by_view():
+        if len(chosen) == 2 * NODES:
+            nodes[fit.walls.view[chosen[0]]] = walls[chosen]
+    return np.concatenate((corners, nodes), axis=1)
 
 
 def stitching_budget(

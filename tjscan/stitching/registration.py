@@ -69,9 +69,9 @@ class StationRegistration:
         Which views are the second station's, and to which the robust kernel gave weight.
     number : ndarray, shape (n,)
         Which of its station's views each is.
-    by_view : ndarray, shape (n, 6, 6)
-        How `T` changes with a motion of each view: translation and rotation vector in the first
-        station's j, about its origin.
+    by_points : ndarray, shape (n, 6, k, 3)
+        How `T` changes as each of the points moves that a view's values are made of, see
+        `UnrolledViews`, in the first station's j: translation and rotation vector about its origin.
     """
 
     overlap: StationOverlap
@@ -85,10 +85,10 @@ class StationRegistration:
     of_second: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     number: NDArray[np.intp]
-    by_view: Array
+    by_points: Array
 
     def __post_init__(self) -> None:
-        for name in ("T", "covariance", "centre", "along", "azimuth", "residual", "by_view"):
+        for name in ("T", "covariance", "centre", "along", "azimuth", "residual", "by_points"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
@@ -153,13 +153,14 @@ def align_second_to_first(
     shape = value.shape
     difference = azimuth[:, None] - azimuth
     kernel, slope_kernel = SECTION(difference), SECTION.derivative(difference)
+    by_pose, azimuth_by_pose = views.by_pose, views.azimuth_by_pose
     weights, slope, motion = np.ones(len(value)), np.zeros(shape), np.zeros(6)
     residual = np.zeros(shape)
     for _ in range(ROUNDS):
         noise = views.covariance / weights[:, None, None]
         factor = cho_factor(_total(kernel, noise), lower=True)
         # Moved points are compared with the groove at their new azimuth.
-        by_motion = views.by_pose - slope[:, :, None] * views.azimuth_by_pose
+        by_motion = by_pose - slope[:, :, None] * azimuth_by_pose
         design = (by_motion * of_second[:, None, None]).reshape(-1, 6)
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
@@ -192,7 +193,11 @@ def align_second_to_first(
         counted,
         views.number.astype(np.intp),
         # Values count from their mean over the views.
-        (by_value - by_value.mean(axis=0)) @ by_motion,
+        np.einsum(
+            "niv,nvkc->nikc",
+            by_value - by_value.mean(axis=0),
+            views.by_points - slope[:, :, None, None] * views.azimuth_by_points,
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 from tjscan.core.frames import Array, transform_points
 from tjscan.joint.tubes.walls import WallPoints
 from tjscan.scanning.section import ScannedSection
+from tjscan.uncertainty.causes import ViewCause
 
 NODES: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side shows."""
@@ -65,6 +66,32 @@ def wall_points_of_views(sections: Sequence[ScannedSection]) -> WallPoints:
         np.concatenate(view),
         np.array([section.view.T_b_f[:3, 3] for section in sections]),
     )
+
+
+def moves_of_walls(
+    walls: WallPoints, sections: Sequence[ScannedSection], cause: ViewCause
+) -> Array:
+    """How wall points move with a cause of error, in the station's base frame.
+
+    Parameters
+    ----------
+    walls : WallPoints
+        As `wall_points_of_views` gives them.
+    sections : sequence of ScannedSection
+        That they were seen in.
+    cause : ViewCause
+        Of these views.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, m)
+        Metres, by each draw of the cause.
+    """
+    T_b_s = np.array([section.view.T_b_s for section in sections])[walls.view]
+    in_s = np.einsum("kji,kj->ki", T_b_s[:, :3, :3], walls.points - T_b_s[:, :3, 3])
+    along = np.gradient(in_s.reshape(-1, NODES, 3), axis=1, edge_order=2).reshape(-1, 3)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return cause.moves_of_points(walls.view, T_b_s, in_s, along)
 
 
 def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

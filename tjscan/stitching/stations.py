@@ -15,10 +15,11 @@ from tjscan.joint.tubes.cylinder import Cylinder
 from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
 from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
+from tjscan.joint.tubes.walls import WallPoints
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.stitching.settings import StitchSettings
-from tjscan.stitching.sides import wall_points_of_views
+from tjscan.stitching.sides import moves_of_walls, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
@@ -117,6 +118,8 @@ class StationTubeFit:
     ----------
     station : Station
         Which one.
+    walls : WallPoints
+        What it saw of the tubes' walls, in its base frame.
     tubes : FittedTubes
         Leg and brace, in its base frame.
     frame : JointFrame
@@ -124,6 +127,7 @@ class StationTubeFit:
     """
 
     station: Station
+    walls: WallPoints
     tubes: FittedTubes
     frame: JointFrame
 
@@ -151,7 +155,9 @@ def fit_tubes_to_stations(
         try:
             brace, leg = _start(station)
             walls = wall_points_of_views(station.all_sections)
-            shared = [cause.twists for cause in station.causes]
+            shared = [
+                moves_of_walls(walls, station.all_sections, cause) for cause in station.causes
+            ]
             tubes = fit_tubes_to_walls(
                 walls,
                 settings.repeatability,
@@ -165,7 +171,7 @@ def fit_tubes_to_stations(
                 "joint not found",
                 f"station {station.name}, {len(station.sections)} sections: {error}",
             ) from None
-        fits.append(StationTubeFit(station, tubes, found))
+        fits.append(StationTubeFit(station, walls, tubes, found))
         if len(fits) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
         _check_nominal(fits[0], fits[-1])

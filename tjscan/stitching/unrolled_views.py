@@ -23,6 +23,7 @@ from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
+from tjscan.uncertainty.budget import points_moved_by_twist
 
 VALUES: Final = 10
 LEVER: Final = 0.02
@@ -44,11 +45,11 @@ class UnrolledViews:
     azimuth, value : ndarray, shape (n, 10)
         Radians, and metres: distance from the brace's axis and height over the leg of p2, p3 and
         p4; offset and tilt of the brace's wall, and of the leg's.
-    by_pose : ndarray, shape (n, 10, 6)
-        How each value changes, at its azimuth, with a motion of all points: translation and
-        rotation vector in j.
-    azimuth_by_pose : ndarray, shape (n, 10, 6)
-        How its azimuth does.
+    points : ndarray, shape (n, k, 3)
+        What values are made of: p2, p3 and p4, then the nodes of the brace's wall and of the
+        leg's, in j, metres.
+    by_points, azimuth_by_points : ndarray, shape (n, 10, k, 3)
+        How each value, at its azimuth, and this azimuth change as each of these points moves.
     covariance : ndarray, shape (n, 10, 10)
         Of the values: the arm's error, common to all of a view, and the laser's.
     place : ndarray, shape (n,)
@@ -61,8 +62,9 @@ class UnrolledViews:
 
     azimuth: Array
     value: Array
-    by_pose: Array
-    azimuth_by_pose: Array
+    points: Array
+    by_points: Array
+    azimuth_by_points: Array
     covariance: Array
     place: Array
     middle: Array
@@ -71,6 +73,19 @@ class UnrolledViews:
     def __post_init__(self) -> None:
         for name in self.__slots__:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
+
+    @property
+    def by_pose(self) -> Array:
+        """How each value changes with a motion of all points, shape (n, 10, 6).
+
+        Translation and rotation vector in j.
+        """
+        return _by_pose(self.by_points, self.points)
+
+    @property
+    def azimuth_by_pose(self) -> Array:
+        """How its azimuth does, shape (n, 10, 6)."""
+        return _by_pose(self.azimuth_by_points, self.points)
 
     def __len__(self) -> int:
         return len(self.place)
@@ -120,7 +135,7 @@ def unroll_views(
 
 def _unroll(
     section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
-) -> tuple[Array, Array, Array, Array, Array, float, Array] | None:
+) -> tuple[Array, Array, Array, Array, Array, Array, float, Array] | None:
     """The attributes of `UnrolledViews` but the number; None where a wall shows too little."""
     sides = side_nodes(section)
     if min(len(sigma) for _, sigma in sides) < 2:
@@ -128,64 +143,76 @@ def _unroll(
     (brace, brace_sigma), (leg, leg_sigma) = sides
     T_j_s = T_j_b @ section.view.T_b_s
     points = transform_points(T_j_s, np.concatenate((section.groove.points_s[1:4], brace, leg)))
-    split = (3, 3 + len(brace))
-    step = 1e-6  # deep in the linear range
-    moves = np.array(
-        [np.eye(4)]
-        + [
-            pose_vector.pose_from_vector(sign * step * np.eye(6)[k])
-            for sign in (1, -1)
-            for k in range(6)
-        ]
-    )
-    moved = points @ np.swapaxes(moves[:, :3, :3], 1, 2) + moves[:, None, :3, 3]
-    azimuth, value, walls = _unrolled(moved, split, shape)
-    by_pose = (value[1:7] - value[7:]).T / (2 * step)
-    slope = (azimuth[1:7] - azimuth[7:]).T / (2 * step)
+    azimuth, value, azimuth_by_points, by_points, walls = _unrolled(points, len(brace), shape)
 
     # The arm's error turns the view about its flange.
     lever = transform_points(T_j_b, section.view.T_b_f[:3, 3])
-    arm = by_pose @ pose_vector.adjoint(pose(p=lever))
+    arm = _by_pose(by_points, points) @ pose_vector.adjoint(pose(p=lever))
     covariance = arm @ repeatability.covariance @ arm.T
     covariance[:6, :6] += _corner_covariance(section, T_j_s, points[:3], shape)
     for at, response, sigma in ((6, walls[0], brace_sigma), (8, walls[1], leg_sigma)):
         covariance[at : at + 2, at : at + 2] += (response * sigma**2) @ response.T
-    place = float(azimuth[0, 2])
+    place = float(azimuth[2])
     middle = points[1:3].mean(axis=0)
-    return azimuth[0], value[0], by_pose, slope, covariance, place, middle
+    return azimuth, value, points, by_points, azimuth_by_points, covariance, place, middle
+
+
+def _by_pose(by_points: Array, points: Array) -> Array:
+    """Change with a motion of all points (..., k, 3), of what changes by (..., 10, k, 3)."""
+    moved = points_moved_by_twist(points, np.eye(6))
+    return np.asarray(np.einsum("...vki,...kij->...vj", by_points, moved))
 
 
 def _unrolled(
-    points: Array, split: tuple[int, int], shape: TubeDimensions
-) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Azimuths and values, each (k, 10), of k poses of a view's points (k, m, 3).
+    points: Array, on_brace: int, shape: TubeDimensions
+) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
+    """Azimuths and values (10,) of a view's points (k, 3), and how both change with these.
 
-    Also how offset and tilt of each wall answer to its nodes, (2, nodes) each.
+    The first three are corners, then come those on the brace, then those on the leg. Changes have
+    shape (10, k, 3). Also how offset and tilt of each wall answer to its nodes, (2, nodes) each.
     """
     surface = LegSurface(shape.leg_radius, shape.angle)
-    x, y = points[..., 0], points[..., 1]
+    step = 1e-6  # deep in the linear range
+    shifts = step * np.concatenate((np.zeros((1, 3)), np.eye(3), -np.eye(3)))
+    shifted = points + shifts[:, None]
+    x, y, z = np.moveaxis(shifted, -1, 0)
     phi, rho = np.arctan2(y, x), np.hypot(x, y)
     phi = phi[0, 2] + np.angle(np.exp(1j * (phi - phi[0, 2])))  # no jump within a view
-    reach = WIDEST * shape.leg_radius
-    height = points[..., 2] - surface.height(phi, np.minimum(rho, reach))
+    height = z - surface.height(phi, np.minimum(rho, WIDEST * shape.leg_radius))
+    off = np.concatenate(
+        (
+            rho[:, : 3 + on_brace] - shape.brace_radius,
+            surface.signed_distances(shifted[:, 3 + on_brace :]),
+        ),
+        axis=1,
+    )
+    # What values and azimuths add up of each point: (10, k) by distance, height and azimuth.
     k = len(points)
-    value, azimuth = np.empty((k, VALUES)), np.empty((k, VALUES))
-    value[:, :CORNER_VALUES] = np.stack((rho[:, :3], height[:, :3]), axis=2).reshape(k, -1)
-    azimuth[:, :CORNER_VALUES] = np.repeat(phi[:, :3], 2, axis=1)
-    on_brace, on_leg = slice(split[0], split[1]), slice(split[1], None)
+    by_off, by_height, by_phi = np.zeros((3, VALUES, k))
+    for i in range(3):
+        by_off[2 * i, i] = by_height[2 * i + 1, i] = 1.0
+        by_phi[2 * i : 2 * i + 2, i] = 1.0
     walls = []
-    for column, (chosen, off, along) in (
-        (6, (on_brace, rho[:, on_brace] - shape.brace_radius, height[0, on_brace])),
-        (8, (on_leg, surface.signed_distances(points[:, on_leg]), rho[0, on_leg])),
+    for row, chosen, along in (
+        (6, slice(3, 3 + on_brace), height[0]),
+        (8, slice(3 + on_brace, k), rho[0]),
     ):
-        centred = along - along.mean()
+        centred = along[chosen] - along[chosen].mean()
         response = np.stack(
             (np.full(len(centred), 1 / len(centred)), LEVER * centred / (centred @ centred))
         )
-        value[:, column : column + 2] = off @ response.T
-        azimuth[:, column : column + 2] = phi[:, chosen].mean(axis=1)[:, None]
+        by_off[row : row + 2, chosen] = response
+        by_phi[row : row + 2, chosen] = 1 / len(centred)
         walls.append(response)
-    return azimuth, value, (walls[0], walls[1])
+
+    def gradient(of: Array) -> Array:
+        return np.asarray((of[1:4] - of[4:]).T / (2 * step))  # (k, 3)
+
+    value = by_off @ off[0] + by_height @ height[0]
+    value[0:CORNER_VALUES:2] += shape.brace_radius  # counted from the axis
+    by_points = by_off[..., None] * gradient(off) + by_height[..., None] * gradient(height)
+    azimuth_by_points = by_phi[..., None] * gradient(phi)
+    return by_phi @ phi[0], value, azimuth_by_points, by_points, (walls[0], walls[1])
 
 
 def _corner_covariance(

@@ -7,11 +7,12 @@ with the laser bends the profile in its own plane instead (`tjscan.uncertainty.l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, pose, readonly_copy
@@ -30,6 +31,9 @@ GEOMETRY: Final = "arm's geometry"
 CALIBRATED: Final = "laser on the hand and arm's geometry"
 REPEATABILITY: Final = "arm's repeatability"
 
+ProfileBend = Callable[[Array, Array], Array]
+"""How points of a profile move by places and tangents, see `bend` of `ViewCause`."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewCause:
@@ -40,12 +44,16 @@ class ViewCause:
     name, evidence, is_shared
         As of `BudgetComponent`.
     twists : ndarray, shape (n, 6, m)
-        How each view moves in b: translation of what lies at b's origin, metres, and rotation
-        vector, radians. Of a cause that bends profiles it is the motion that comes nearest.
+        How each view moves as a whole in b: translation of what lies at b's origin, metres, and
+        rotation vector, radians.
     points : ndarray, shape (n, 5, 3, m)
         How its p1 to p5 move in b, metres.
     measures : ndarray, shape (n, 4, m)
         How its measures change.
+    bend : callable, optional
+        How any point of a profile moves besides in the plane of the laser, which all profiles do
+        alike: gets places, metres, and unit tangents of the steel there, both in x and z of s,
+        shape (k, 2), and gives shape (k, 2, m), metres. None where views move as a whole alone.
     """
 
     name: str
@@ -54,6 +62,7 @@ class ViewCause:
     twists: Array
     points: Array
     measures: Array
+    bend: ProfileBend | None = None
 
     def __post_init__(self) -> None:
         for name in ("twists", "points", "measures"):
@@ -72,6 +81,28 @@ class ViewCause:
         points = np.array([section.points_b for section in sections])
         moved = self.points + points_moved_by_twist(points, twists)
         return replace(self, twists=self.twists + twists, points=moved)
+
+    def moves_of_points(
+        self, view: NDArray[np.intp], T_b_s: Array, points: Array, tangents: Array
+    ) -> Array:
+        """How points of profiles move in b, shape (k, 3, m), metres.
+
+        Parameters
+        ----------
+        view : ndarray of int, shape (k,)
+            Which view each was seen in.
+        T_b_s : ndarray, shape (k, 4, 4)
+            Where the sensor stood then.
+        points, tangents : ndarray, shape (k, 3)
+            Places, metres, and unit tangents of the steel in the plane of the laser; in s.
+        """
+        R = T_b_s[:, :3, :3]
+        in_b = np.einsum("kij,kj->ki", R, points) + T_b_s[:, :3, 3]
+        moved = points_moved_by_twist(in_b[:, None], self.twists[view])[:, 0]
+        if self.bend is not None:
+            bent = self.bend(points[:, [0, 2]], tangents[:, [0, 2]])
+            moved = moved + R[:, :, [0, 2]] @ bent
+        return moved
 
     def component(self, R_r_b: Array, count: int) -> BudgetComponent:
         """Component of the budget of the first sections, in the frame of the result.

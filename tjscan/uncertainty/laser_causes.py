@@ -7,13 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.groove.measures import measure_groove
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.section import ScannedSection
-from tjscan.uncertainty.causes import ViewCause
+from tjscan.uncertainty.causes import ProfileBend, ViewCause
 
 LINEARITY: Final = "laser's linearity"
 RANGE_BIAS: Final = "range bias at steep incidence"
@@ -51,6 +50,10 @@ def linearity_cause(
         apex_z=model.emitter_z,
         half_angle=model.half_angle,
     )
+
+    def bend(xz: Array, _tangents: Array) -> Array:
+        return field.at(xz)
+
     moves, measures = [], []
     for section in sections:
         xz, tangents = _in_plane(section)
@@ -62,7 +65,7 @@ def linearity_cause(
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         moves.append(points)
         measures.append(_measures(section, points, np.array(turns)))
-    return _bending_cause(LINEARITY, evidence, sections, moves, measures)
+    return _bending_cause(LINEARITY, evidence, sections, bend, moves, measures)
 
 
 def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: str) -> ViewCause:
@@ -80,17 +83,21 @@ def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: 
     evidence : str
         As of `BudgetComponent`.
     """
+
+    def bend(xz: Array, tangents: Array) -> Array:
+        ray = xz / np.linalg.norm(xz, axis=1, keepdims=True)
+        along = np.abs(np.sum(ray * tangents, axis=1))
+        square = np.abs(ray[:, 0] * tangents[:, 1] - ray[:, 1] * tangents[:, 0])
+        tangent = np.minimum(along / np.maximum(square, 1e-9), MOST_TANGENT)
+        return np.asarray((bias * tangent[:, None] * ray)[..., None])
+
     moves, measures = [], []
     for section in sections:
         xz, tangents = _in_plane(section)
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
         for k, side in enumerate(SIDES):
-            for end, i in enumerate(side):
-                ray = xz[i] / np.linalg.norm(xz[i])
-                square, along = abs(normals[k] @ ray), abs(tangents[k] @ ray)
-                tangent = min(along / max(square, 1e-9), MOST_TANGENT)
-                offsets[k, end] = bias * tangent * (normals[k] @ ray)
+            offsets[k] = bend(xz[list(side)], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
         points = np.zeros((5, 2))
         points[0], points[4] = normals[0] * offsets[0, 0], normals[3] * offsets[3, 1]
         for i in (1, 2, 3):
@@ -101,7 +108,7 @@ def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: 
         turns = np.array((offsets[0, 0] - offsets[0, 1], offsets[3, 0] - offsets[3, 1])) / lengths
         moves.append(points[:, :, None])
         measures.append(_measures(section, points[:, :, None], turns[:, None]))
-    return _bending_cause(RANGE_BIAS, evidence, sections, moves, measures)
+    return _bending_cause(RANGE_BIAS, evidence, sections, bend, moves, measures)
 
 
 def _in_plane(section: ScannedSection) -> tuple[Array, Array]:
@@ -127,23 +134,14 @@ def _bending_cause(
     name: str,
     evidence: str,
     sections: Sequence[ScannedSection],
+    bend: ProfileBend,
     moves: Sequence[Array],
     measures: Sequence[Array],
 ) -> ViewCause:
     """Cause of the points' moves in x and z of s, (5, 2, m) each, and the measures' changes."""
-    points, twists = [], []
-    for section, moved in zip(sections, moves, strict=True):
-        R_b_s, p_s = section.view.T_b_s[:3, :3], section.groove.points_s
-        points.append(R_b_s[:, [0, 2]] @ moved)
-        # The motion in the plane that moves both outer sides across themselves as the bending does.
-        _, tangents = _in_plane(section)
-        n = np.column_stack((tangents[:, 1], -tangents[:, 0]))[[0, 0, 3, 3]]
-        ends = p_s[[0, 1, 3, 4]][:, [0, 2]]
-        by_turn = n[:, 0] * ends[:, 1] - n[:, 1] * ends[:, 0]  # a turn about y moves x by z
-        design = np.column_stack((n, by_turn))
-        across = np.einsum("ki,kim->km", n, moved[[0, 1, 3, 4]])
-        x, z, turn = np.linalg.lstsq(design, across, rcond=None)[0]
-        zero = np.zeros_like(x)
-        in_s = np.array((x, zero, z, zero, turn, zero))
-        twists.append(pose_vector.adjoint(section.view.T_b_s) @ in_s)
-    return ViewCause(name, evidence, True, np.array(twists), np.array(points), np.array(measures))
+    points = [
+        section.view.T_b_s[:3, [0, 2]] @ moved
+        for section, moved in zip(sections, moves, strict=True)
+    ]
+    unmoved = np.zeros((len(points), 6, points[0].shape[-1]))  # bent, and not moved as a whole
+    return ViewCause(name, evidence, True, unmoved, np.array(points), np.array(measures), bend)

@@ -43,9 +43,8 @@ class FittedTubes:
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
-    by_view : ndarray, shape (m, 10, 6)
-        How these numbers change with a motion of all points of each view: translation and
-        rotation vector about the origin of their frame. Empty where points have no views.
+    by_points : ndarray, shape (n, 10, 3)
+        How these numbers change as each wall point moves. Empty where points have no views.
     """
 
     brace: Cylinder
@@ -53,10 +52,10 @@ class FittedTubes:
     covariance: Array
     reduced_chi2: float
     rms: float
-    by_view: Array = field(default_factory=lambda: np.zeros((0, 10, 6)))
+    by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
 
     def __post_init__(self) -> None:
-        for name in ("covariance", "by_view"):
+        for name in ("covariance", "by_points"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
@@ -65,7 +64,7 @@ def fit_tubes_to_walls(
     repeatability: ArmRepeatability,
     brace: Cylinder,
     leg: Cylinder,
-    shared_twists: Array | None = None,
+    shared_moves: Array | None = None,
 ) -> FittedTubes:
     """Fit leg and brace to wall points; Gauss–Newton, reweighted with Tukey's kernel.
 
@@ -77,10 +76,10 @@ def fit_tubes_to_walls(
         Of the arm that carried the laser.
     brace, leg : Cylinder
         Where to start.
-    shared_twists : ndarray, shape (m, 6, k), optional
-        Motions of each view, about the origin, by k standard normal draws that all views share:
-        residuals may be larger by these before they widen the covariance, which does not hold
-        them otherwise.
+    shared_moves : ndarray, shape (n, 3, k), optional
+        How each point moves, metres, by k standard normal draws that all views share: residuals
+        may be larger by these before they widen the covariance, which does not hold them
+        otherwise.
 
     Raises
     ------
@@ -116,23 +115,21 @@ def fit_tubes_to_walls(
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
     spread = np.asarray(np.linalg.inv(white[:, :-1].T @ white[:, :-1]), dtype=float)
     rms = float(np.sqrt(np.mean(residuals[counted] ** 2)))
-    # A motion about the frame's origin, of which `shared` has that about the flange.
-    normals = shared[:, :3]
-    by_motion = np.column_stack((normals, np.cross(walls.points, normals)))
-    answers = _whitened(by_motion, shared, own_variance, common, views)
-    by_view = np.zeros((len(walls.pivots), 10, 6))
+    # Twice whitened: by the inverse of the covariance, as normal equations weigh residuals.
+    normals, A = shared[:, :3], white[:, :-1]
+    weighed = np.empty_like(jacobian)
     for chosen in views:
-        by_view[walls.view[chosen[0]]] = -spread @ white[chosen, :-1].T @ answers[chosen]
+        factor = _factor(shared[chosen], own_variance[chosen], common)
+        weighed[chosen] = np.linalg.solve(factor.T, A[chosen])
+    by_points = (-weighed @ spread)[:, :, None] * normals[:, None]
     expected = 1.0
-    if shared_twists is not None:
-        moved = np.zeros((len(walls), shared_twists.shape[-1]))
-        for chosen in views:
-            moved[chosen] = answers[chosen] @ shared_twists[walls.view[chosen[0]]]
-        A = white[:, :-1]
+    if shared_moves is not None:
+        across = np.einsum("ni,nik->nk", normals, shared_moves)
+        moved = _whitened(across, shared, own_variance, common, views)
         left = (moved - A @ (spread @ (A.T @ moved)))[counted]
         expected += float(np.sum(left**2)) / max(int(counted.sum()) - 10, 1)
     reduced_chi2 /= expected
-    return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms, by_view)
+    return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms, by_points)
 
 
 def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:
@@ -156,9 +153,13 @@ def _whitened(
     """Rows (n, k) made independent and of unit variance, view by view."""
     white = np.empty_like(rows)
     for chosen in views:
-        S = shared[chosen] @ common @ shared[chosen].T + np.diag(own[chosen])
-        white[chosen] = np.linalg.solve(np.linalg.cholesky(S), rows[chosen])
+        white[chosen] = np.linalg.solve(_factor(shared[chosen], own[chosen], common), rows[chosen])
     return white
+
+
+def _factor(shared: Array, own: Array, common: Array) -> Array:
+    """Cholesky factor of the covariance of a view's residuals."""
+    return np.asarray(np.linalg.cholesky(shared @ common @ shared.T + np.diag(own)))
 
 
 def _robust_weights(standardised: Array) -> Array:

@@ -59,17 +59,17 @@ class JointFrame:
     covariance : ndarray, shape (10, 10)
         Of the pose, as translation and rotation vector in j (metres, radians), then of the
         shape's four numbers.
-    by_view : ndarray, shape (m, 10, 6)
-        How these change with a motion of all points of each of m views, see `FittedTubes`.
+    by_points : ndarray, shape (n, 10, 3)
+        How these change as each wall point moves in the frame of the tubes, see `FittedTubes`.
     """
 
     T: Array
     shape: TubeDimensions
     covariance: Array
-    by_view: Array = field(default_factory=lambda: np.zeros((0, 10, 6)))
+    by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
 
     def __post_init__(self) -> None:
-        for name in ("T", "covariance", "by_view"):
+        for name in ("T", "covariance", "by_points"):
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
@@ -103,7 +103,8 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
         )
 
     jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
-    return JointFrame(T, shape, jacobian @ tubes.covariance @ jacobian.T, jacobian @ tubes.by_view)
+    covariance = jacobian @ tubes.covariance @ jacobian.T
+    return JointFrame(T, shape, covariance, jacobian @ tubes.by_points)
 
 
 def joint_pose_from_cylinders(
