@@ -15,7 +15,7 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.job.wps import read_wps
 from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import LONGEST
+from tjscan.planning.path import KINK, LONGEST
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.root import root_of_sections
 from tjscan.planning.tables import beads_to_csv, read_beads_csv
@@ -109,6 +109,22 @@ def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Pa
         names = made["coordinate_systems"].coordinate_system_names
         assert len(names) == 1 + len(plan.beads)
         assert {"torch, bead 1", "torch, bead 1, part 2"} <= set(names)
+
+
+def test_where_an_opening_ends_no_bead_has_a_corner() -> None:
+    """One that no sampling makes smaller: a plan would look for its step for ever."""
+    edges = plate(is_open=True)
+    openness = (np.arange(COUNT) < COUNT // 2).astype(float)
+    root = replace(edges.root, openness=openness)
+    np.testing.assert_array_equal(root.openness_at(root.s), openness)
+    slopes = [(root.openness_at(root.s + h) - openness) / h for h in (-1e-6, 1e-6)]
+    np.testing.assert_allclose(slopes[0], slopes[1], atol=0.05)
+    plan = plan_weld(replace(edges, root=root), wps(), UP)
+    for bead in plan.beads:
+        chords = np.diff(bead.points, axis=0)
+        chords /= np.linalg.norm(chords, axis=1, keepdims=True)
+        kinks = np.arccos(np.clip(np.sum(chords[1:] * chords[:-1], axis=1), -1, 1))
+        assert kinks.max() <= 1.02 * KINK
 
 
 def test_after_a_pass_beads_go_on_without_a_root_bead() -> None:

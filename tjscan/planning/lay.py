@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.deposit import bead_lines
@@ -37,6 +38,9 @@ from tjscan.planning.wps import WeldingProcedure
 FINER: Final = 0.8
 """What a step that is too long is multiplied by."""
 
+SHORTEST: Final = 0.2e-3
+"""Metres: no groove bends so sharply that beads need a shorter step."""
+
 
 def sampling_step(
     edges: GrooveEdges,
@@ -62,9 +66,14 @@ def sampling_step(
     -------
     float
         Metres along the groove.
+
+    Raises
+    ------
+    ConfigurationError
+        If the beads bend too sharply for any.
     """
     step = LONGEST
-    while True:
+    while step >= SHORTEST:
         count = ceil((end - begin) / step)
         stations, cells = cut_groove(
             edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps
@@ -74,6 +83,11 @@ def sampling_step(
         if error <= CHORD_ERROR and kink <= KINK:
             return step
         step *= FINER
+    raise ConfigurationError(
+        f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm the beads would bend by more than "
+        f"{np.degrees(KINK):g}° within {1e3 * SHORTEST:g} mm: corners of the sections jump there",
+        key="sections",
+    )
 
 
 def lay_layer(

@@ -52,9 +52,13 @@ class RootAlongGroove:
     closed: bool
 
     def openness_at(self, s: Array) -> Array:
-        """The same at lengths (m,), linear between sections."""
+        """The same at lengths (m,), changing smoothly between sections.
+
+        A corner in it would be one in the beads' paths, which no finer sampling would straighten.
+        """
         period = self.length if self.closed else None
-        return np.asarray(np.interp(s, self.s, self.openness, period=period))
+        linear = np.interp(s, self.s, self.openness, period=period)
+        return np.asarray(linear**2 * (3 - 2 * linear))
 
     def is_open_between(self, begin: float, end: float) -> bool:
         """Whether the root is open anywhere between two lengths."""
