@@ -134,6 +134,13 @@ def test_after_a_pass_beads_go_on_without_a_root_bead() -> None:
     assert found.volume == pytest.approx(plan_weld(plate(), wps(), UP).volume, rel=1e-6)
 
 
+def test_after_a_pass_no_tack_is_fused_or_skipped() -> None:
+    """There is no root bead that could: what stands out there is another thing."""
+    plan = plan_weld(plate(tacked=(4,)), wps(), UP, after_pass=2)
+    provenance = Provenance.for_file_written_now("job", "j", "mm")
+    assert plan_document(plan, provenance, "run", plan.wps.name).root.tack_spans_mm == ()
+
+
 def test_after_a_pass_a_shallow_rest_is_capped_in_one_layer() -> None:
     flat = np.array([(-12e-3, 0.0), (9e-3, 0.0), (9e-3, 3e-3), (-15e-3, 3e-3)])
     x = np.linspace(0, LENGTH, COUNT)

@@ -270,13 +270,12 @@ def plan_document(
 def _root(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
     opening = plan.edges.root_opening(root.s)[root.openness == 1]
+    tacks = () if plan.after_pass else root.tack_spans(settings.tack_length)  # under a pass: none
     return RootEntry(
         opening_mm=_range(opening, MM.factor) if len(opening) else None,
         backing=settings.backing,
         tacks=settings.tacks,
-        tack_spans_mm=tuple(
-            _range(np.array(span), MM.factor) for span in root.tack_spans(settings.tack_length)
-        ),
+        tack_spans_mm=tuple(_range(np.array(span), MM.factor) for span in tacks),
     )
 
 

@@ -82,6 +82,11 @@ def plan_crawl_run(
     """
     wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
     seen = _profiles(directory, job, after_pass)
+    if after_pass and not seen:
+        raise ConfigurationError(
+            f"the crawl saw nothing on its way back from pass {after_pass}: did it weld so many?",
+            key="--after-pass",
+        )
     with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
