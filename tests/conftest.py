@@ -4,8 +4,20 @@ A file run by itself draws the first 25 examples of each law, so that it answers
 ``make test`` and CI draw 100, by ``--hypothesis-profile thorough``.
 """
 
+import signal
+from collections.abc import Iterator
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("thorough", derandomize=True, deadline=None)
 settings.register_profile("quick", parent=settings.get_profile("thorough"), max_examples=25)
 settings.load_profile("quick")
+
+
+@pytest.fixture
+def ctrl_c_is_heard() -> Iterator[None]:
+    """Let SIGINT interrupt also where a shell started the tests in the background, without it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

@@ -166,6 +166,7 @@ def job_of_real_arm(run: Path, host: str) -> Path:
     return file
 
 
+@pytest.mark.usefixtures("ctrl_c_is_heard")
 def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
     planned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

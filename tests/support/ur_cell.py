@@ -30,9 +30,9 @@ SLOWLY = MotionLimits(tcp_speed=0.03)
 """Three decimetres take ten seconds: what is to happen on the way does, on a busy machine too."""
 
 
-def arm_at(host: str, model: Kinematics = KINEMATICS) -> UrArm:
-    """The driver for a controller."""
-    return UrArm(model, UrSettings(host))
+def arm_at(host: str, model: Kinematics = KINEMATICS, *, silence: float = 1.0) -> UrArm:
+    """The driver for a controller, which may be silent for some seconds."""
+    return UrArm(model, UrSettings(host, silence_limit=silence))
 
 
 def slow_arm_at(host: str) -> UrArm:
