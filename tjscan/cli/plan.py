@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tjscan.runs.plan import WrittenPlan
-    from tjscan.runs.plan_send import ArmForProgram
+    from tjscan.runs.plan.run import WrittenPlan
+    from tjscan.runs.plan.send import ArmForProgram
 
 OUT_OF_WPS = 3
 """Exit code where something of the plan is out of the WPS or reached by no station."""
@@ -66,15 +66,15 @@ def plan(
         raise ConfigurationError("says where the arm of --send-to stands", key="--station")
     arm = None
     if send_to is not None:
-        from tjscan.runs.plan_send import arm_for_program
+        from tjscan.runs.plan.send import arm_for_program
 
         arm = arm_for_program(send_to, station, run)
     with show_phase("planning the beads"):
         import numpy as np
 
         from tjscan.report.plan_page import write_plan_page
-        from tjscan.runs.plan import ArcSwitch, plan_run
-        from tjscan.runs.plan_crawl import is_crawl, plan_crawl_run
+        from tjscan.runs.plan.crawl import is_crawl, plan_crawl_run
+        from tjscan.runs.plan.run import ArcSwitch, plan_run
 
         down = np.array(gravity)
         if is_crawl(run):
@@ -98,7 +98,7 @@ def _send(
     done: WrittenPlan, arm: ArmForProgram, station: str | None, output: int, *, arc: bool
 ) -> None:
     from tjscan.cli.console import print_message
-    from tjscan.runs.plan_send import send_program, way_of_station
+    from tjscan.runs.plan.send import send_program, way_of_station
 
     way, torch = way_of_station(done.ways, station), done.plan.wps.torch
     switched = f"output {output} switches the arc" if arc else "the arc stays off"

@@ -24,10 +24,10 @@ from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.plan_details import details_of_run
-from tjscan.runs.plan_files import EARLIER, PLAN, add_file_of_key, write_plan_files
-from tjscan.runs.plan_programs import PartedPlan, part_plan
-from tjscan.runs.welding_station import WeldingStation, welding_stations
+from tjscan.runs.plan.details import details_of_run
+from tjscan.runs.plan.files import EARLIER, PLAN, add_file_of_key, write_plan_files
+from tjscan.runs.plan.programs import PartedPlan, part_plan
+from tjscan.runs.plan.welding_station import WeldingStation, welding_stations
 
 
 @dataclass(frozen=True, slots=True)

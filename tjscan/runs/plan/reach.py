@@ -18,7 +18,7 @@ from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadWay, StationWay
 from tjscan.robot.path import JUMP, linear_waypoints
 from tjscan.robot.tool_reach import SINGULAR, Hindrance, ToolHolds, find_tool_holds
-from tjscan.runs.welding_station import WeldingStation
+from tjscan.runs.plan.welding_station import WeldingStation
 
 STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""

@@ -16,8 +16,8 @@ from tjscan.planning.document import LengthEntry, StationEntry
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import StationWay
-from tjscan.runs.plan_reach import StationReach, find_station_reach, groove_surface
-from tjscan.runs.welding_station import ARM, WeldingStation
+from tjscan.runs.plan.reach import StationReach, find_station_reach, groove_surface
+from tjscan.runs.plan.welding_station import ARM, WeldingStation
 
 Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
 

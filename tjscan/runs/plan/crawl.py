@@ -31,8 +31,14 @@ from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN
 from tjscan.result.directory import JOB, job_label_of_run
 from tjscan.runs.crawl_results import read_recorded_crawl
-from tjscan.runs.plan import WrittenPlan
-from tjscan.runs.plan_files import CRAWL_PASSES, EARLIER, PLAN, add_file_of_key, write_plan_files
+from tjscan.runs.plan.files import (
+    CRAWL_PASSES,
+    EARLIER,
+    PLAN,
+    add_file_of_key,
+    write_plan_files,
+)
+from tjscan.runs.plan.run import WrittenPlan
 
 STATION: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
