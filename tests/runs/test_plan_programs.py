@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import threading
 from pathlib import Path
@@ -184,6 +185,19 @@ def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
         stopper.join()
         assert f"run on {host}, output {OUTPUT} switches the arc" in capsys.readouterr().err
         assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_no_arc_is_struck_after_a_plan_that_is_out_of_the_wps(
+    planned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, wps = planned, tmp_path / "cold.toml"
+    text = WPS.read_text(encoding="utf-8")
+    cold = re.sub(r"heat_input_kJ_mm = \[.*?\]", "heat_input_kJ_mm = [0.01, 0.02]", text)
+    wps.write_text(cold, encoding="utf-8")
+    job = job_of_real_arm(run, address())  # where nobody listens
+    options = ("--gravity", 0, 0, -1, "--arc", "--out", run / "cold", "--send-to", job)
+    assert tjscan("plan", run, "--wps", wps, *options) == 3
+    assert "nothing was sent" in " ".join(capsys.readouterr().err.split())
 
 
 def _interrupt_once_on(host: str) -> None:

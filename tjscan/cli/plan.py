@@ -55,7 +55,7 @@ def plan(
     json
         Print the plan as JSON on stdout.
     """
-    from tjscan.cli.console import show_phase
+    from tjscan.cli.console import print_message, show_phase
     from tjscan.core.errors import ConfigurationError
 
     if not 0 <= output <= 7:
@@ -87,10 +87,17 @@ def plan(
         print(done.document.model_dump_json(indent=1))
     else:
         _print_plan(done, page)
-    if arm is not None:
-        _send(done, arm, station, output, arc=arc)
     wanting = bool(done.plan.findings or done.nobody_s)
-    if wanting or any(one.out_of_table for one in done.document.details):
+    wanting |= any(one.out_of_table for one in done.document.details)
+    if arm is not None:
+        if wanting and arc:
+            print_message(
+                "nothing was sent to the arm: the plan is out of the WPS, as said above; it runs "
+                "without --arc only"
+            )
+            raise SystemExit(OUT_OF_WPS)
+        _send(done, arm, station, output, arc=arc)
+    if wanting:
         raise SystemExit(OUT_OF_WPS)
 
 
