@@ -93,9 +93,10 @@ class MistakeMaker:
     def poses(self, rng: np.random.Generator, target: str) -> Array:
         """Poses within reach, 15 of them, shape (15, 4, 4)."""
         drawn = self.hand.poses(rng, 60, target)
-        return np.stack([T for T in drawn if self._reaches(T)][:15])
+        return np.stack([T for T in drawn if self.reaches(T)][:15])
 
-    def _reaches(self, T_b_f: Array) -> bool:
+    def reaches(self, T_b_f: Array) -> bool:
+        """Whether the nominal arm reaches a pose."""
         try:
             self.nominal.inverse(T_b_f, WELL)
         except PoseUnreachable:
@@ -167,13 +168,15 @@ def _swapped(rng: np.random.Generator, T: Array) -> tuple[int, int]:
 
 def _misread(rng: np.random.Generator, T: Array) -> Array:
     """The same numbers under another maker's meaning."""
-    meant, read = (list(WRITTEN)[k] for k in rng.choice(len(WRITTEN), 2, replace=False))
-    numbers = WRITTEN[meant][0](Rotation.from_matrix(T[:, :3, :3]))
-    # What a maker calls x y z may be listed backwards by another.
-    if rng.random() < 0.5:
-        numbers = numbers[:, ::-1]
-    R = WRITTEN[read][1](numbers).as_matrix()
-    return np.stack([pose(one, p) for one, p in zip(R, T[:, :3, 3], strict=True)])
+    while True:
+        meant, read = (list(WRITTEN)[k] for k in rng.choice(len(WRITTEN), 2, replace=False))
+        numbers = WRITTEN[meant][0](Rotation.from_matrix(T[:, :3, :3]))
+        # What a maker calls x y z may be listed backwards by another.
+        if rng.random() < 0.5:
+            numbers = numbers[:, ::-1]
+        R = WRITTEN[read][1](numbers).as_matrix()
+        if not np.allclose(R, T[:, :3, :3]):  # some makers mean the same, listed backwards
+            return np.stack([pose(one, p) for one, p in zip(R, T[:, :3, 3], strict=True)])
 
 
 def _turned_about(T: Array, turns: Array) -> Array:
@@ -188,7 +191,9 @@ def _turned_about(T: Array, turns: Array) -> Array:
 
 
 def _translations(maker: MistakeMaker, rng: np.random.Generator, T: Array) -> Array:
-    return np.stack([pose(None, 0.006 * rng.uniform(-1, 1, 3)) @ T[0] for _ in T])
+    shifts = [pose(None, 0.006 * rng.uniform(-1, 1, 3)) for _ in T]
+    sets = (np.stack([shift @ first for shift in shifts]) for first in T)
+    return next(found for found in sets if all(map(maker.reaches, found)))
 
 
 def _one_axis(maker: MistakeMaker, rng: np.random.Generator, T: Array) -> Array:
