@@ -131,7 +131,8 @@ class MistakeMaker:
         T, off = self.poses(rng, target), 0.0
         told, named = T, ""
         if kind in DEGENERATE:
-            T = told = DEGENERATE[kind](self, rng, T)
+            sets = (DEGENERATE[kind](rng, first, len(T)) for first in T)
+            T = told = next(found for found in sets if all(map(self.reaches, found)))
         elif kind == "two swapped":
             i, j = _swapped(rng, T)
             told = T.copy()
@@ -179,10 +180,9 @@ def _misread(rng: np.random.Generator, T: Array) -> Array:
             return np.stack([pose(one, p) for one, p in zip(R, T[:, :3, 3], strict=True)])
 
 
-def _turned_about(T: Array, turns: Array) -> Array:
-    """Poses that see what the first one sees, turned about the sensor's point of view."""
+def _turned_about(first: Array, turns: Array) -> Array:
+    """Poses that see what a first one sees, turned about the sensor's point of view."""
     depth = np.array((0.0, 0.0, 0.24))
-    first = T[0]
     found = []
     for turn in turns:
         R = Rotation.from_rotvec(turn).as_matrix()
@@ -190,19 +190,18 @@ def _turned_about(T: Array, turns: Array) -> Array:
     return np.stack(found)
 
 
-def _translations(maker: MistakeMaker, rng: np.random.Generator, T: Array) -> Array:
-    shifts = [pose(None, 0.006 * rng.uniform(-1, 1, 3)) for _ in T]
-    sets = (np.stack([shift @ first for shift in shifts]) for first in T)
-    return next(found for found in sets if all(map(maker.reaches, found)))
+def _translations(rng: np.random.Generator, first: Array, count: int) -> Array:
+    return np.stack([pose(None, 0.006 * rng.uniform(-1, 1, 3)) @ first for _ in range(count)])
 
 
-def _one_axis(maker: MistakeMaker, rng: np.random.Generator, T: Array) -> Array:
+def _one_axis(rng: np.random.Generator, first: Array, count: int) -> Array:
     axis = rng.standard_normal(3)
-    return _turned_about(T, np.outer(rng.uniform(-0.15, 0.15, len(T)), axis / np.linalg.norm(axis)))
+    turns = np.outer(rng.uniform(-0.15, 0.15, count), axis / np.linalg.norm(axis))
+    return _turned_about(first, turns)
 
 
-def _hardly_tilted(maker: MistakeMaker, rng: np.random.Generator, T: Array) -> Array:
-    return _turned_about(T, np.radians(1.0) * rng.uniform(-1, 1, (len(T), 3)))
+def _hardly_tilted(rng: np.random.Generator, first: Array, count: int) -> Array:
+    return _turned_about(first, np.radians(1.0) * rng.uniform(-1, 1, (count, 3)))
 
 
 DEGENERATE: Final = {
