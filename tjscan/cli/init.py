@@ -32,11 +32,11 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
         return
     folder = Path() if out is None else out
     texts = files_of_example(example)
-    for name, text in list(texts.items()):
-        kind = kind_of_other_file(tomllib.loads(text), ())
+    kinds = {name: kind_of_other_file(tomllib.loads(text), ()) for name, text in texts.items()}
+    for name, kind in kinds.items():
         if kind is not None:
             schema = f"{kind.word}.schema.json"
-            texts[name] = f"#:schema ./{schema}\n\n{text}"
+            texts[name] = f"#:schema ./{schema}\n\n{texts[name]}"
             texts[schema] = dumps(kind.json_schema(), indent=1)
     there = [name for name in texts if (folder / name).exists()]
     if there:
@@ -48,8 +48,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
     with write_files_atomically(folder) as draft:
         for name, text in texts.items():
             (draft / name).write_text(text, encoding="utf-8")
-    job = folder / f"{example}.toml"
-    use = kind_of_other_file(tomllib.loads(texts[job.name]), ())
     print_message(f"wrote {', '.join(sorted(texts))}")
-    if use is not None:
-        print_message(f"{job}: {use.use}")
+    job = folder / f"{example}.toml"
+    if (kind := kinds[job.name]) is not None:
+        print_message(f"{job}: {kind.use}")

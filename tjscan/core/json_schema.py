@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from docstring_parser import Docstring, DocstringStyle, parse
@@ -34,7 +34,7 @@ def describe_table(
     schema: dict[str, Any],
     table: type[Any],
     keys: Mapping[str, str],
-    units: Mapping[str, Any] | None = None,
+    to_file: Mapping[str, Callable[[Any], Any]] | None = None,
 ) -> None:
     """Make the schema of a class that of its table in a file, explained by the docstrings.
 
@@ -46,8 +46,8 @@ def describe_table(
         The class; its docstring and those of its bases are numpydoc.
     keys : mapping of str to str
         Key in the file of each field; others stand in no file.
-    units : mapping, optional
-        The `tjscan.core.units.FileUnit` of a key's value, for its default; or another mark.
+    to_file : mapping, optional
+        What brings a key's default into the unit of the file, for keys that have one.
     """
     properties = schema["properties"]
     for hidden in properties.keys() - set(keys.values()):
@@ -55,8 +55,8 @@ def describe_table(
     for key, value in properties.items():
         if isinstance(value.get("default"), dict):
             del value["default"]  # a table's keys have their own
-        elif "default" in value and units and hasattr(units.get(key), "to_file"):
-            value["default"] = units[key].to_file(value["default"])
+        elif "default" in value and to_file and key in to_file:
+            value["default"] = to_file[key](value["default"])
     if said := _parsed(table).description:
         schema["description"] = said.strip()
     for entry in (entry for base in reversed(table.__mro__) for entry in _parsed(base).params):

@@ -207,8 +207,9 @@ class SettingsTable:
         schema = handler(core_schema)
         types = cls._types_in_file()
         keys = {name: _key(name, hint) for name, hint in types.items()}
-        units = {key: _mark(types[name]) for name, key in keys.items()}
-        describe_table(handler.resolve_ref_schema(schema), cls, keys, units)
+        marks = {key: _mark(types[name]) for name, key in keys.items()}
+        to_file = {key: mark.to_file for key, mark in marks.items() if isinstance(mark, FileUnit)}
+        describe_table(handler.resolve_ref_schema(schema), cls, keys, to_file)
         return schema
 
 

@@ -7,12 +7,9 @@ import tomllib
 from collections.abc import Iterator
 from importlib.metadata import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-
-FOLDERS: Final = ("examples", "cad")
-"""Where they are in a checkout; an installed package has them in ``share/tjscan``."""
 
 
 def examples() -> dict[str, str]:
@@ -54,7 +51,7 @@ def files_of_example(name: str) -> dict[str, str]:
 
 
 def _folder(name: str) -> Path:
-    """Where the installed package has its examples, or the checkout that it is imported from."""
+    """The examples: in ``share/tjscan`` of an installed package, else in the checkout."""
     for file in files("tjscan") or ():
         if file.parts[-3:-1] == ("tjscan", name) and file.suffix == ".toml":
             return Path(str(file.locate())).resolve().parent
