@@ -47,7 +47,7 @@ def test_a_sound_cell_has_a_line_for_everything(
         (("--simulation.arm.home_deg", "[0, 0]"), "cell", "6 joints", 2),
         (("--scan.first.position_mm", "[5000, 0, 0]"), "first pose", "out of reach", 4),
         (("--scan.second.position_mm", "[522, 903, 300]"), "second pose", "run into", 4),
-        (("--clearance.margin_mm", "200"), "second pose", "where 200 mm are asked for", 4),
+        (("--clearance.margin_mm", "100"), "second pose", "where 100 mm are asked for", 4),
     ],
 )
 def test_what_is_wrong_is_named_with_its_remedy(
