@@ -13,8 +13,8 @@ from tjscan.calibration.arm.design import BallPlan, PlannedView, plan_views
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.arm.result import calibrate_arm
 from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.frames import Array, pose
 from tjscan.robot.deviations import with_deviations

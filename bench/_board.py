@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, transform_plane
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import LineSample
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise

@@ -19,11 +19,11 @@ from tjscan.calibration.file import (
     read_calibration,
     write_calibration,
 )
-from tjscan.calibration.logbook import Logbook
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.fits.recorded import read_flange_poses, read_points_in_base_frame
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import read_flange_poses, read_points_in_base_frame
-from tjscan.calibration.topics import (
+from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.topics import (
     BoardTouch,
     LaserLineTaken,
     SkippedPose,

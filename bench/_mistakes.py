@@ -10,11 +10,11 @@ import numpy as np
 from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.fits.samples import ArcSample, RoofSample
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import ArcSample, RoofSample
-from tjscan.calibration.seen import SeenBall, SeenRoof
+from tjscan.calibration.solve.seen import SeenBall, SeenRoof
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between

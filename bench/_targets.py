@@ -9,12 +9,12 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.circle_fit import fit_dominant_circle
+from tjscan.calibration.fits.circle import fit_dominant_circle
+from tjscan.calibration.fits.roof import fit_roof
+from tjscan.calibration.fits.samples import ArcSample, RoofSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
-from tjscan.calibration.roof_fit import fit_roof
-from tjscan.calibration.samples import ArcSample, RoofSample
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise

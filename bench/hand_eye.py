@@ -18,31 +18,32 @@ from _table import Row, main
 from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.advice import BoardRectangle
-from tjscan.calibration.circle_fit import fit_dominant_circle
-from tjscan.calibration.closed_form import solve_closed_form, stack_lines
-from tjscan.calibration.design import HandEyeUncertainty, predict_uncertainty
 from tjscan.calibration.file import read_calibration
+from tjscan.calibration.fits.circle import fit_dominant_circle
+from tjscan.calibration.fits.line import fit_line
+from tjscan.calibration.fits.line_bundle import stack_lines
+from tjscan.calibration.fits.posed_profile import PosedProfile, fit_arc_samples, fit_roof_samples
+from tjscan.calibration.fits.recorded import pair_profiles_with_poses, read_flange_poses
+from tjscan.calibration.fits.samples import ArcSample, LineSample, RoofSample
 from tjscan.calibration.hand_eye import (
     calibrate_on_plane,
     calibrate_on_sphere,
     calibrate_on_targets,
 )
-from tjscan.calibration.line_fit import fit_line
-from tjscan.calibration.logbook import MeasurementsSoFar
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.operator import DefaultAnswerOperator
-from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
-from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples, fit_roof_samples
-from tjscan.calibration.recorded import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
-from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof
-from tjscan.calibration.session import current_progress, suggest_next_line_pose
+from tjscan.calibration.solve.closed_form import solve_closed_form
+from tjscan.calibration.solve.design import HandEyeUncertainty, predict_uncertainty
+from tjscan.calibration.solve.seen import SeenBall, SeenBoard, SeenRoof
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
-from tjscan.calibration.topics import LaserLineTaken
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import MeasurementsSoFar
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.session import current_progress, suggest_next_line_pose
+from tjscan.calibration.wizard.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus

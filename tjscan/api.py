@@ -223,9 +223,9 @@ def calibrate(
     ValueError
         If the arguments do not fit together.
     """
+    from tjscan.calibration.fits.posed_profile import PosedProfile
     from tjscan.calibration.noise import NoiseModel
     from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-    from tjscan.calibration.posed_profile import PosedProfile
     from tjscan.calibration.targets import (
         PlaneTarget,
         SphereTarget,

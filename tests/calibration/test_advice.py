@@ -20,19 +20,20 @@ from calibration_stage import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.advice import (
+from tjscan.calibration.checks.motion import check_rotation_condition
+from tjscan.calibration.fits.line_bundle import stack_lines
+from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.measuring_range import visible_lines_on_plane
+from tjscan.calibration.plucker import transform_plane
+from tjscan.calibration.solve.closed_form import rotation_equations, solve_closed_form
+from tjscan.calibration.solve.design import ReachabilityCheck, predict_lines, predict_uncertainty
+from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,
     candidate_poses,
     suggest_pose,
 )
-from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
-from tjscan.calibration.design import ReachabilityCheck, predict_lines, predict_uncertainty
-from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.measuring_range import visible_lines_on_plane
-from tjscan.calibration.motion import check_rotation_condition
-from tjscan.calibration.plucker import transform_plane
-from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, transform_points
 

@@ -13,9 +13,9 @@ from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.estimate import estimate_deviations
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
-from tjscan.calibration.closed_form import LineBundle
+from tjscan.calibration.fits.line_bundle import LineBundle
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.plane_model import PlaneModel
+from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable

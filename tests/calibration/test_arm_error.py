@@ -21,12 +21,12 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.geometry import ArmGeometry
 from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
+from tjscan.calibration.checks.verify import verify_with_fresh_line
+from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.samples import LineSample
-from tjscan.calibration.seen import SeenBoard
+from tjscan.calibration.solve.seen import SeenBoard
 from tjscan.calibration.targets import fit_plane
-from tjscan.calibration.verify import verify_with_fresh_line
 from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations

@@ -10,7 +10,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.operator import DefaultAnswerOperator, Question
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics

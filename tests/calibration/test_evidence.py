@@ -6,10 +6,10 @@ from _targets import TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.fits.samples import ArcSample
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import ArcSample
-from tjscan.calibration.seen import SeenBall
+from tjscan.calibration.solve.seen import SeenBall
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose

@@ -6,8 +6,8 @@ from calibration_stage import NOISE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.circle_fit import fit_dominant_circle
-from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.fits.circle import fit_dominant_circle
+from tjscan.calibration.fits.line import fit_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array

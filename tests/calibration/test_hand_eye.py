@@ -27,17 +27,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.closed_form import solve_closed_form, stack_lines
-from tjscan.calibration.combined import CombinedModel
+from tjscan.calibration.checks.verify import verify_with_fresh_line
+from tjscan.calibration.fits.line_bundle import stack_lines
+from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.models.combined import CombinedModel
+from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plane_model import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transform_line
-from tjscan.calibration.refine import leave_one_out_changes, refine_by_least_squares
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.samples import LineSample
-from tjscan.calibration.seen import SeenBoard
-from tjscan.calibration.verify import verify_with_fresh_line
+from tjscan.calibration.solve.closed_form import solve_closed_form
+from tjscan.calibration.solve.refine import leave_one_out_changes, refine_by_least_squares
+from tjscan.calibration.solve.seen import SeenBoard
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
 from tjscan.core.pose_vector import boxplus

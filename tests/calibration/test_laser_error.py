@@ -13,11 +13,11 @@ from calibration_stage import (
     target,
 )
 
-from tjscan.calibration.circle_fit import fit_dominant_circle
+from tjscan.calibration.fits.circle import fit_dominant_circle
+from tjscan.calibration.fits.laser_error import circle_by_laser, line_by_laser
+from tjscan.calibration.fits.line import fit_line
+from tjscan.calibration.fits.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.laser_error import circle_by_laser, line_by_laser
-from tjscan.calibration.line_fit import fit_line
-from tjscan.calibration.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import boxminus

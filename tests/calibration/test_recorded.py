@@ -7,10 +7,10 @@ import pytest
 from _board import points_rms
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.fits.line import fit_line
+from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.line_fit import fit_line
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.samples import LineSample
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import pose
 from tjscan.laser.profile import Profile

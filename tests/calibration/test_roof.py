@@ -6,13 +6,13 @@ from _targets import EDGE_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.combined import CombinedModel
-from tjscan.calibration.fixed_sensor import inverse_pose_errors
+from tjscan.calibration.fits.roof import fit_roof
+from tjscan.calibration.fits.samples import ArcSample, RoofSample
 from tjscan.calibration.hand_eye import calibrate_on_roof, calibrate_on_targets
-from tjscan.calibration.roof_fit import fit_roof
-from tjscan.calibration.roof_model import RoofModel
-from tjscan.calibration.samples import ArcSample, RoofSample
-from tjscan.calibration.seen import SeenBall, SeenRoof
+from tjscan.calibration.models.combined import CombinedModel
+from tjscan.calibration.models.fixed_sensor import inverse_pose_errors
+from tjscan.calibration.models.roof import RoofModel
+from tjscan.calibration.solve.seen import SeenBall, SeenRoof
 from tjscan.calibration.targets import PlaneTarget, RoofTarget, SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import inverse_pose, pose

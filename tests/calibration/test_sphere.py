@@ -5,9 +5,9 @@ import pytest
 from _targets import BALL_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 
+from tjscan.calibration.fits.samples import ArcSample
 from tjscan.calibration.hand_eye import calibrate_on_sphere
-from tjscan.calibration.samples import ArcSample
-from tjscan.calibration.sphere_model import SphereModel
+from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.pose_vector import boxplus

@@ -24,14 +24,14 @@ from scipy.spatial.transform import Rotation
 from written import content
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.logbook import Logbook, MeasurementsSoFar
-from tjscan.calibration.operator import Question
-from tjscan.calibration.plan import CalibrationPlan
-from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.probe import JoggedProbe
-from tjscan.calibration.session import CalibrationProgress, planned_touch_points
-from tjscan.calibration.simulated import SimulatedTouchProbe
-from tjscan.calibration.topics import (
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
+from tjscan.calibration.wizard.operator import Question
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.probe import JoggedProbe
+from tjscan.calibration.wizard.session import CalibrationProgress, planned_touch_points
+from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
+from tjscan.calibration.wizard.topics import (
     CALIBRATION_RECORDING,
     PROFILE_TOPIC,
     TRANSFORMS_TOPIC,
@@ -43,7 +43,7 @@ from tjscan.calibration.topics import (
     messages_of_entry,
     read_calibration_entries,
 )
-from tjscan.calibration.wizard import (
+from tjscan.calibration.wizard.wizard import (
     MAX_RETOUCHES,
     MAX_SKIPPED_IN_A_ROW,
     CalibrationWizard,

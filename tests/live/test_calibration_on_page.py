@@ -10,7 +10,7 @@ import pytest
 from cells import EXAMPLES
 from command import tjscan
 
-from tjscan.calibration.operator import DefaultAnswerOperator, Question
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job import CalibrationJob, read_calibration_job
 from tjscan.live.access import LOCAL
 from tjscan.live.listening import RunOnPage

@@ -17,7 +17,7 @@ from command import tjscan
 from station_jobs import QUICK, WHOLE, data_of, written
 from written import content
 
-from tjscan.calibration.operator import Question
+from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import ScanJob, read_scan_job

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
+from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rot_z, transform_points

@@ -8,11 +8,11 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.line_fit import fit_line
+from tjscan.calibration.fits.line import fit_line
+from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through_point
-from tjscan.calibration.samples import LineSample
 from tjscan.calibration.targets import PlaneTarget, fit_plane
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile

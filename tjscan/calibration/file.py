@@ -23,8 +23,8 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
+    from tjscan.calibration.checks.verify import Verification
     from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius, SampleResidual
-    from tjscan.calibration.verify import Verification
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
@@ -51,7 +51,7 @@ class ResidualEntry(StrictFileModel):
 
 
 class VerificationEntry(StrictFileModel):
-    """Result of the fresh line in the file; see `tjscan.calibration.verify.Verification`."""
+    """Result of the fresh line in the file; see `tjscan.calibration.checks.verify.Verification`."""
 
     offset_mm: float
     sigma_offset_mm: float

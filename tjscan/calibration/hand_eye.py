@@ -9,24 +9,29 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtri
 
-from tjscan.calibration.acceptance import (
+from tjscan.calibration.checks.acceptance import (
     check_certainty,
     check_scaled_condition,
     residual_excess,
     sample_residuals,
 )
-from tjscan.calibration.closed_form import rotation_equations, solve_closed_form, stack_lines
-from tjscan.calibration.evidence import check_pairing, check_pose_convention, swapped_pairs
-from tjscan.calibration.laser_error import estimate_by_laser
-from tjscan.calibration.motion import check_motion, check_rotation_condition, check_tilts_vary
+from tjscan.calibration.checks.evidence import check_pairing, check_pose_convention, swapped_pairs
+from tjscan.calibration.checks.motion import (
+    check_motion,
+    check_rotation_condition,
+    check_tilts_vary,
+)
+from tjscan.calibration.fits.laser_error import estimate_by_laser
+from tjscan.calibration.fits.line_bundle import stack_lines
+from tjscan.calibration.fits.samples import ArcSample, LineSample, RoofSample
+from tjscan.calibration.models.plane import PlaneModel
+from tjscan.calibration.models.roof import RoofModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plane_model import PlaneModel
-from tjscan.calibration.refine import RefinedEstimate
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
-from tjscan.calibration.roof_model import RoofModel
-from tjscan.calibration.samples import ArcSample, LineSample, RoofSample
-from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof, SeenTarget
-from tjscan.calibration.solving import Solution, solve_targets, stack_poses, with_poses
+from tjscan.calibration.solve.closed_form import rotation_equations, solve_closed_form
+from tjscan.calibration.solve.refine import RefinedEstimate
+from tjscan.calibration.solve.seen import SeenBall, SeenBoard, SeenRoof, SeenTarget
+from tjscan.calibration.solve.solution import Solution, solve_targets, stack_poses, with_poses
 from tjscan.calibration.targets import PlaneTarget, RoofTarget, SphereTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, readonly_copy

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tjscan.calibration.hand_eye import calibrate_on_targets
-from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.posed_profile import (
+from tjscan.calibration.fits.posed_profile import (
     PosedProfile,
     fit_arc_samples,
     fit_line_samples,
     fit_roof_samples,
 )
+from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.seen import SeenBall, SeenBoard, SeenRoof
+from tjscan.calibration.solve.seen import SeenBall, SeenBoard, SeenRoof
 from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof
 from tjscan.core.errors import CalibrationRefused
 

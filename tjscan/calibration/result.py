@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.closed_form import ClosedFormSolution
-from tjscan.calibration.design import HandEyeUncertainty
+from tjscan.calibration.solve.closed_form import ClosedFormSolution
+from tjscan.calibration.solve.design import HandEyeUncertainty
 from tjscan.calibration.targets import PlaneTarget, RoofTarget
 from tjscan.core.frames import Array, readonly_copy
 

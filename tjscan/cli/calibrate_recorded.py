@@ -11,13 +11,13 @@ from typing import Final
 from tjscan.calibration.arm.recorded import calibrate_recorded_arm, joint_angles_by_name
 from tjscan.calibration.basis import BasisEntry, views_of_poses
 from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
-from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import (
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.fits.recorded import (
     pair_profiles_with_poses,
     read_flange_poses,
 )
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
 from tjscan.cli.calibration_output import finish_calibration
 from tjscan.cli.console import print_message
 from tjscan.cli.recorded_options import RecordedProfileOptions

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.operator import DefaultAnswerOperator, Operator, Question
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.page_options import LiveOptions
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from tjscan.calibration.session import CalibrationProgress
+    from tjscan.calibration.wizard.session import CalibrationProgress
     from tjscan.job import CalibrationJob
 
 

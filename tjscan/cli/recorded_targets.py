@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.fits.recorded import read_points_in_base_frame
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import RecordedTarget
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.recorded import read_points_in_base_frame
 from tjscan.calibration.targets import (
     SphereTarget,
     UnknownRoof,

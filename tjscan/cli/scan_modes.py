@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
-from tjscan.calibration.operator import DefaultAnswerOperator
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, ctrl_c_presser, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator

@@ -15,16 +15,16 @@ from tjscan.calibration.file import (
     to_calibration_file,
     write_calibration,
 )
-from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.operator import Operator, Question
-from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.plucker import plane_through_point
-from tjscan.calibration.probe import JoggedProbe, TouchProbe
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.simulated import SimulatedTouchProbe
-from tjscan.calibration.topics import CALIBRATION_RECORDING
-from tjscan.calibration.wizard import CalibrationWizard
+from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.operator import Operator, Question
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
+from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
+from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
+from tjscan.calibration.wizard.wizard import CalibrationWizard
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.files import lock_and_clean_directory

@@ -11,10 +11,10 @@ from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.kept import as_hand_eye_calibration, kinematics_entry
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.file import CalibrationFile, to_calibration_file
-from tjscan.calibration.logbook import Logbook
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.operator import Operator
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.operator import Operator
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job import CalibrationJob

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.logbook import MeasurementsSoFar
-from tjscan.calibration.plan import CalibrationPlan
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.session import current_progress, fit_touched_board
 from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.wizard.logbook import MeasurementsSoFar
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.session import current_progress, fit_touched_board
 
 
 def basis_of_lines(

@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
-from tjscan.calibration.operator import Question
+from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.sphere_model import SphereModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, rot_z, transform_points

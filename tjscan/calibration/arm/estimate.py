@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from tjscan.calibration.arm.model import ArmModel, StackedProfiles
-from tjscan.calibration.refine import covariance_from_information
+from tjscan.calibration.solve.refine import covariance_from_information
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.pose_vector import boxplus, left_jacobian
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tjscan.calibration.model import MovableTargetModel
+from tjscan.calibration.models.linearised import MovableTargetModel
 from tjscan.core.frames import Array, inverse_pose, readonly_copy, skew_matrix
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics

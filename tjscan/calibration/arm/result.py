@@ -16,7 +16,7 @@ from tjscan.calibration.arm.estimate import (
 )
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
-from tjscan.calibration.laser_error import estimate_by_laser
+from tjscan.calibration.fits.laser_error import estimate_by_laser
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.tolerance import PlacementTolerance

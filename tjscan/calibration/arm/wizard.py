@@ -10,13 +10,13 @@ import numpy as np
 from tjscan.calibration.arm.design import BallPlan, PlannedView
 from tjscan.calibration.arm.model import ArmModel, SeenTarget
 from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
-from tjscan.calibration.logbook import Logbook
-from tjscan.calibration.operator import Operator, Question
-from tjscan.calibration.posed_profile import PosedProfile, fit_arc_samples
-from tjscan.calibration.samples import ArcSample
-from tjscan.calibration.seen import SeenBall
+from tjscan.calibration.fits.posed_profile import PosedProfile, fit_arc_samples
+from tjscan.calibration.fits.samples import ArcSample
+from tjscan.calibration.solve.seen import SeenBall
 from tjscan.calibration.targets import SphereTarget
-from tjscan.calibration.topics import ArmPoseTaken
+from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.operator import Operator, Question
+from tjscan.calibration.wizard.topics import ArmPoseTaken
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.laser.line_laser import LineLaser

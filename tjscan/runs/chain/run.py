@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.calibration.file import CalibrationFile
-from tjscan.calibration.operator import DefaultAnswerOperator, Operator
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator
 from tjscan.comparison.alignment import Alignment, align_icp, nearest_point_finder_on_mesh
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance

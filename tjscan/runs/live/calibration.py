@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.posed_profile import PosedProfile
-from tjscan.calibration.session import CalibrationProgress
-from tjscan.calibration.topics import (
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.wizard.session import CalibrationProgress
+from tjscan.calibration.wizard.topics import (
     CALIBRATION_RECORDING,
     ArmPoseTaken,
     BoardTouch,

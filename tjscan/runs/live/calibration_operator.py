@@ -8,9 +8,9 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Final
 
-from tjscan.calibration.operator import Answer, Question
-from tjscan.calibration.session import CalibrationProgress
-from tjscan.calibration.topics import CalibrationEntry
+from tjscan.calibration.wizard.operator import Answer, Question
+from tjscan.calibration.wizard.session import CalibrationProgress
+from tjscan.calibration.wizard.topics import CalibrationEntry
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.job import CalibrationJob

@@ -1,0 +1,1 @@
+"""Whether a calibration can be relied on; if not, why not."""

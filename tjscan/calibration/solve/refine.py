@@ -1,0 +1,331 @@
+"""Maximum-likelihood refinement: a profile weighs as much as its and the arm's errors allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+
+from tjscan.calibration.models.combined import CombinedModel, StackedResiduals
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.pose_vector import boxplus, left_jacobian
+
+MAX_REWEIGHTINGS: Final = 4
+"""Weights depend on the geometry only weakly; they settle in two or three rounds."""
+MAX_EVALUATIONS: Final = 60
+"""Of each round, for the estimate that is kept."""
+ROUGH_EVALUATIONS: Final = 15
+"""Of each round, to compare starts or accounts: those that lead anywhere get there in ten."""
+CONVERGENCE_SIGMAS: Final = 1e-3
+"""A round that moves nothing by more than so many standard deviations is the last."""
+MIN_REDUNDANCY: Final = 1e-6
+"""A profile that leaves itself less than this share of dof can't be checked by the others."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefinedEstimate:
+    """Least-squares estimate of sensor and targets, with its fit and information.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange.
+    target : ndarray, shape (m,)
+        The targets' parameters.
+    covariance : ndarray, shape (6 + m, 6 + m)
+        Of translation (metres), small rotation (radians), both in the axes of f, and targets.
+    chi2 : float
+        Weighted sum of squares that is left, the targets' prior included.
+    dof : int
+        Its expectation if the noise model is right.
+    stacked : StackedResiduals
+        Of all profiles, the unused ones too, at this estimate.
+    used : ndarray of bool, shape (n,)
+        Which profiles it rests on.
+    geometry : float
+        Standard deviation of the arm's geometry error that it allows for, metres.
+    prior_information : ndarray, shape (m, m)
+        Of the targets' parameters.
+    """
+
+    T_f_s: Array
+    target: Array
+    covariance: Array
+    chi2: float
+    dof: int
+    stacked: StackedResiduals
+    used: Mask
+    geometry: float
+    prior_information: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
+        object.__setattr__(self, "target", readonly_copy(self.target))
+        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
+        self.used.flags.writeable = False
+
+    @property
+    def rows_used(self) -> Mask:
+        """Which residuals belong to profiles in use, shape (N,)."""
+        return np.asarray(self.used[self.stacked.profile])
+
+    @property
+    def residuals_per_profile(self) -> NDArray[np.intp]:
+        """How many residuals each profile has, shape (n,)."""
+        return np.bincount(self.stacked.profile)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaveOneOutChanges:
+    """How fit and T_f_s would change if single profiles were left out, to first order.
+
+    Parameters
+    ----------
+    chi2 : ndarray, shape (n,)
+        By how much the weighted sum of squares would fall; for an unused profile, by how much
+        it misses what the others predict. Chi-square with as many degrees of freedom as the
+        profile has residuals, if it is as good as stated; zero where the others can't check it.
+    step : ndarray, shape (n, 6)
+        How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
+    """
+
+    chi2: Array
+    step: Array
+
+
+def refine_by_least_squares(
+    model: CombinedModel,
+    T_f_s: Array,
+    target: Array,
+    used: Mask,
+    rounds: int = MAX_REWEIGHTINGS,
+    evaluations: int = MAX_EVALUATIONS,
+) -> RefinedEstimate:
+    """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
+
+    The weights are the inverse covariance of the residuals at the current estimate; the
+    targets' prior counts as further residuals.
+
+    Parameters
+    ----------
+    model : CombinedModel
+        The profiles.
+    T_f_s : ndarray, shape (4, 4)
+        Start for the sensor on the flange.
+    target : ndarray, shape (m,)
+        Start for the targets' parameters.
+    used : ndarray of bool, shape (n,)
+        Which profiles count.
+    rounds : int
+        How often to weigh anew at most.
+    evaluations : int
+        Of the residuals in each round, at most.
+    """
+    prior = _root(model.prior_information)
+    base, start = T_f_s, np.concatenate((np.zeros(6), target))
+    for _ in range(rounds):
+        first = model.linearise(base, start[6:])
+        rows = used[first.profile]
+        L = _lower_root(first.covariance[np.ix_(rows, rows)])
+
+        fit = _LastFit(model, base)
+
+        def residuals(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
+            found, _ = fit.at(theta)
+            return np.concatenate((_whiten(L, found[rows]), prior @ theta[6:]))
+
+        def jacobian(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
+            J = fit.at(theta)[1][rows]
+            # From a small turn on top of theta's rotation to a change of the rotation vector.
+            J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
+            return _with_prior(_whiten(L, J), prior)
+
+        found = least_squares(
+            residuals,
+            start,
+            jacobian,
+            method="lm",
+            x_scale="jac",
+            xtol=1e-12,
+            ftol=1e-14,
+            max_nfev=evaluations,
+        )
+        moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
+        base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
+        if moved < CONVERGENCE_SIGMAS:
+            break
+    return _estimate(model, base, start[6:], used)
+
+
+class _LastFit:
+    """Residuals and derivatives, which the solver asks for one after the other, found once."""
+
+    def __init__(self, model: CombinedModel, base: Array) -> None:
+        self._model, self._base = model, base
+        self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """At a step of the sensor from its base and the targets' parameters, shape (6 + m,)."""
+        if not np.array_equal(theta, self._at):
+            T_f_s = boxplus(self._base, theta[:6])
+            self._at, self._found = theta.copy(), self._model.first_order(T_f_s, theta[6:])
+        return self._found
+
+
+def _estimate(model: CombinedModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
+    stacked = model.linearise(T_f_s, target)
+    information = model.prior_information
+    rows, prior = used[stacked.profile], _root(information)
+    L = _lower_root(stacked.covariance[np.ix_(rows, rows)])
+    J = _with_prior(_whiten(L, stacked.jacobian[rows]), prior)
+    r = np.concatenate((_whiten(L, stacked.residuals[rows]), prior @ target))
+    return RefinedEstimate(
+        T_f_s,
+        target,
+        covariance_from_information(J.T @ J),
+        float(r @ r),
+        len(r) - J.shape[1],
+        stacked,
+        used,
+        model.geometry,
+        information,
+    )
+
+
+def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
+    """Move the targets to where the used profiles show them, the sensor left where it is.
+
+    What the arm is off by at all poses alike can't be told from a target that lies elsewhere. A
+    target that is used or looked at with the same arm belongs where that arm sees it.
+
+    Parameters
+    ----------
+    model : CombinedModel
+        The profiles.
+    estimate : RefinedEstimate
+        From them.
+    """
+    plain = model.with_geometry(0.0)
+    rows, prior = estimate.rows_used, estimate.prior_information
+    target = estimate.target
+    for _ in range(2):
+        found = plain.linearise(estimate.T_f_s, target)
+        L = _lower_root(found.covariance[np.ix_(rows, rows)])
+        J, r = _whiten(L, found.jacobian[rows, 6:]), _whiten(L, found.residuals[rows])
+        target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
+    return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
+
+
+def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
+    """What the residuals of the used profiles weigh after the fit, and their weighted sums.
+
+    Parameters
+    ----------
+    estimate : RefinedEstimate
+        Of U residuals in use.
+
+    Returns
+    -------
+    M : ndarray, shape (U, U)
+        ``W - W J (Jᵀ W J + prior)⁻¹ Jᵀ W`` with W the inverse covariance of the residuals.
+    weighted : ndarray, shape (U,)
+        W times the residuals: M times the observations, less what the prior pulls.
+    """
+    rows = estimate.rows_used
+    W = np.linalg.inv(estimate.stacked.covariance[np.ix_(rows, rows)])
+    WJ = W @ estimate.stacked.jacobian[rows]
+    return W - WJ @ estimate.covariance @ WJ.T, W @ estimate.stacked.residuals[rows]
+
+
+def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
+    """Changes if each profile in turn were left out, without solving again."""
+    stacked, rows = estimate.stacked, estimate.rows_used
+    M, weighted = residual_information(estimate)
+    covariance = stacked.covariance[np.ix_(rows, rows)]
+    W_J = np.linalg.solve(covariance, stacked.jacobian[rows])
+    at = stacked.profile[rows]
+    n = len(estimate.used)
+    chi2, step = np.zeros(n), np.zeros((n, 6))
+    for i in range(n):
+        if estimate.used[i]:
+            own = np.flatnonzero(at == i)
+            # A profile that is off by delta as a whole: its most likely delta, and what it costs.
+            C = covariance[np.ix_(own, own)]
+            delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
+            step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
+        else:
+            r, C = predicted_residuals(estimate, i)
+            chi2[i] = r @ np.linalg.solve(C, r)
+    return LeaveOneOutChanges(chi2, step)
+
+
+def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:
+    """What a profile that is not in use misses of what the others predict, and what it may miss.
+
+    Parameters
+    ----------
+    estimate : RefinedEstimate
+        That does without the profile.
+    profile : int
+        Which one.
+
+    Returns
+    -------
+    residuals : ndarray, shape (k,)
+        In metres and radians.
+    covariance : ndarray, shape (k, k)
+        Of its own errors and of the estimate's, which have arm and laser in common.
+    """
+    stacked, used = estimate.stacked, estimate.rows_used
+    own = stacked.profile == profile
+    J, C = stacked.jacobian[own], stacked.covariance
+    W_J = np.linalg.solve(C[np.ix_(used, used)], stacked.jacobian[used])
+    shared = J @ estimate.covariance @ W_J.T @ C[np.ix_(used, own)]
+    covariance = C[np.ix_(own, own)] + J @ estimate.covariance @ J.T - shared - shared.T
+    return stacked.residuals[own], np.asarray(covariance)
+
+
+def _solve_checked(M: Array, b: Array, C: Array) -> tuple[Array, float]:
+    """M⁻¹ b and bᵀ M⁻¹ b along the directions that the other profiles check."""
+    L = np.linalg.cholesky(C)
+    values, vectors = np.linalg.eigh(L.T @ M @ L)
+    kept = values > MIN_REDUNDANCY
+    along = vectors[:, kept].T @ (L.T @ b)
+    return L @ vectors[:, kept] @ (along / values[kept]), float(along @ (along / values[kept]))
+
+
+def covariance_from_information(information: Array) -> Array:
+    """Covariance from an information matrix of mixed units; huge where nothing is known."""
+    scale = np.sqrt(np.diag(information))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    values = np.maximum(values, 1e-15)
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+
+def _root(information: Array) -> Array:
+    """Rows that square to the information: as many as it has rank, shape (r, m)."""
+    values, vectors = np.linalg.eigh(information)
+    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
+    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
+
+
+def _lower_root(covariance: Array) -> Array:
+    return np.asarray(np.linalg.cholesky(covariance), dtype=float)
+
+
+def _whiten(L: Array, v: Array) -> Array:
+    """Independent residuals of variance one, from those with covariance L Lᵀ."""
+    return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
+
+
+def _with_prior(J: Array, prior: Array) -> Array:
+    return np.concatenate(
+        (J, np.hstack((np.zeros((len(prior), J.shape[1] - prior.shape[1])), prior)))
+    )

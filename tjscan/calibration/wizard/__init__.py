@@ -1,0 +1,1 @@
+"""The calibration as an operator goes through it, with arm and laser."""

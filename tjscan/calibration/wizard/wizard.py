@@ -1,0 +1,313 @@
+"""The calibration as an operator goes through it: touch, take lines, verify."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.checks.verify import Verification, verify_with_fresh_line
+from tjscan.calibration.fits.posed_profile import PosedProfile, fit_line_samples
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.solve.seen import SeenBoard
+from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
+from tjscan.calibration.wizard.operator import Operator, Question
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.probe import TouchProbe
+from tjscan.calibration.wizard.session import (
+    CalibrationProgress,
+    current_progress,
+    fit_touched_board,
+    line_samples,
+    planned_touch_points,
+    start_poses_over_board,
+    suggest_next_line_pose,
+    worst_touch_number,
+)
+from tjscan.calibration.wizard.topics import BoardTouch, LaserLineTaken, SkippedPose
+from tjscan.core.errors import CalibrationRefused, PoseUnreachable
+from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.laser.line_laser import LineLaser
+from tjscan.robot.arm import Arm
+
+MAX_RETOUCHES: Final = 3
+"""Touches that are taken again before a board counts as not flat."""
+MAX_SKIPPED_IN_A_ROW: Final = 5
+"""Poses in a row that may see no line before the calibration gives up."""
+MAX_LINES_RATIO: Final = 2
+"""Times the lines asked for: more lines than that cure nothing."""
+POSE_REACHED_TOLERANCE: Final = 1e-4
+"""Metres and radians from a pose within which the arm stands there."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedCalibration:
+    """A calibration and the result of its verification with a fresh line.
+
+    Parameters
+    ----------
+    result : HandEyeCalibration
+        The calibration.
+    verification : Verification
+        What the fresh line says.
+    """
+
+    result: HandEyeCalibration
+    verification: Verification
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationWizard:
+    """Leads an operator and an arm through a calibration; resumes where its logbook ends.
+
+    Parameters
+    ----------
+    task : CalibrationPlan
+        What is to be done.
+    arm, laser, probe
+        The devices, connected.
+    operator : Operator
+        Is asked before every move.
+    logbook : Logbook
+        Gets every measurement at once; what it holds already is not measured again.
+    """
+
+    task: CalibrationPlan
+    arm: Arm
+    laser: LineLaser
+    probe: TouchProbe
+    operator: Operator
+    logbook: Logbook
+
+    @property
+    def measurements(self) -> MeasurementsSoFar:
+        """All touches and lines measured so far."""
+        return self.logbook.measured
+
+    def run(self) -> VerifiedCalibration:
+        """Run the calibration: touch the board, take lines, verify with a fresh one.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the result could not be trusted; what was measured stays in the logbook.
+        TjscanError
+            If a device fails.
+        """
+        target, board = self.touch_board()
+        result = self.take_lines(target, board)
+        return VerifiedCalibration(result, self.verify(result, target, board))
+
+    def touch_board(self) -> tuple[PlaneTarget, BoardRectangle]:
+        """Touch every place that was not touched yet, and those again that don't fit a plane.
+
+        Raises
+        ------
+        CalibrationRefused
+            As `fit_plane` does.
+        """
+        places = planned_touch_points(self.task)
+        for k in range(len(places)):
+            if k not in self.measurements.touches:
+                self._touch(k, places[k])
+        for _ in range(MAX_RETOUCHES):
+            try:
+                return self._board()
+            except CalibrationRefused as refusal:
+                if refusal.reason != NOT_FLAT:
+                    raise
+                self.operator.report(str(refusal))
+                k = worst_touch_number(self.task, self.measurements)
+                question = Question(f"Touch place {k + 1} again?", True, yes="Redo", no="Finish")
+                if not self.operator.confirm(question):
+                    raise
+                self._touch(k, places[k])
+        return self._board()
+
+    def take_lines(self, target: PlaneTarget, board: BoardRectangle) -> HandEyeCalibration:
+        """Take the lines that are still to be taken, and more where they are wanted.
+
+        Parameters
+        ----------
+        target : PlaneTarget
+            The board as touched.
+        board : BoardRectangle
+            Its extent.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the lines give nothing to trust, or too few poses see the board.
+        """
+        shown = -1
+        while True:
+            progress = current_progress(self.task, self.measurements, target)
+            if len(progress.samples) != shown:
+                shown = len(progress.samples)
+                self.operator.show_uncertainty(progress)
+            if self.measurements.verification_profile is not None or not self._wants_more(progress):
+                if progress.result is None:
+                    raise progress.refusal or CalibrationRefused("no lines", "none were taken")
+                return progress.result
+            self._take(target, board, progress, fresh=False)
+
+    def verify(
+        self, result: HandEyeCalibration, target: PlaneTarget, board: BoardRectangle
+    ) -> Verification:
+        """Compare the calibration with one more line, taken now unless one was recorded.
+
+        Parameters
+        ----------
+        result : HandEyeCalibration
+            The calibration to verify.
+        target : PlaneTarget
+            The board as touched.
+        board : BoardRectangle
+            Its extent.
+
+        Raises
+        ------
+        CalibrationRefused
+            If the line contradicts the result, and the operator does not insist.
+        """
+        while self.measurements.verification_profile is None:
+            progress = current_progress(self.task, self.measurements, target)
+            self._take(target, board, progress, fresh=True)
+        (fresh,) = line_samples(self.task, [self.measurements.verification_profile])
+        lines = line_samples(self.task, self.measurements.line_profiles)
+        found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
+        said = (
+            f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
+            f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
+        )
+        self.operator.report(said)
+        if not found.agrees and not self.operator.confirm(
+            Question(
+                "It contradicts the calibration. Keep that all the same?",
+                False,
+                yes="Finish",
+                no="Redo",
+            )
+        ):
+            raise CalibrationRefused(
+                "a fresh line contradicts it",
+                f"{said}; see that board and sensor sit tight, then calibrate again",
+            )
+        return found
+
+    def _board(self) -> tuple[PlaneTarget, BoardRectangle]:
+        target, board = fit_touched_board(self.task, self.measurements)
+        off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
+        self.operator.report(
+            f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
+        )
+        return target, board
+
+    def _touch(self, k: int, place_b: Array) -> None:
+        x, y, z = 1e3 * place_b
+        question = f"{self.probe.touch_question}: place {k + 1} of {self.task.touches}, about "
+        touched = BoardTouch(k, None)
+        if self.operator.confirm(
+            Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)
+        ):
+            try:
+                state = self.probe.touch(place_b)
+                touched = BoardTouch(k, state.T_b_f, state.q)
+            except PoseUnreachable as error:
+                self.operator.report(f"place {k + 1} is passed over: {error}")
+        self.logbook.record_entry(touched)
+
+    def _wants_more(self, progress: CalibrationProgress) -> bool:
+        count, wanted = len(progress.samples), progress.wanted
+        if count < wanted:
+            return True
+        if progress.result is not None:
+            return self.operator.confirm(Question("Take one more line?", False, no="Finish"))
+        if count >= MAX_LINES_RATIO * wanted or progress.refusal is None:
+            return False
+        self.operator.report(str(progress.refusal))
+        return self.operator.confirm(Question("Take one more line?", True, no="Finish"))
+
+    def _take(
+        self,
+        target: PlaneTarget,
+        board: BoardRectangle,
+        progress: CalibrationProgress,
+        *,
+        fresh: bool,
+    ) -> None:
+        """Take the line of the pose with most information; pass over a pose that shows none."""
+        if self.measurements.skipped_in_a_row >= MAX_SKIPPED_IN_A_ROW:
+            raise CalibrationRefused(
+                "no line to be had",
+                f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
+                f"{self.measurements.skipped_poses[-1].reason}. Check where the job says that the "
+                "board is, and how the laser sits on the flange",
+            )
+        ready = self._get_ready()
+        reachable = partial(self._reaches, ready)
+        there = suggest_next_line_pose(
+            self.task, self.measurements, target, board, progress, reachable
+        )
+        what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
+        way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
+        turn = np.degrees(rotation_angle_between(ready, there.T_b_f))
+        hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
+        question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
+        if not self.operator.confirm(self._move(question, there.T_b_f)):
+            self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
+            return
+        reached = self.arm.move_linear(there.T_b_f)
+        shot = PosedProfile(what, reached.T_b_f, self.laser.capture(), reached.q)
+        samples, refused = fit_line_samples([shot], self.task.noise)
+        if samples:
+            self.logbook.record_entry(LaserLineTaken(shot, fresh))
+        else:
+            reason = refused[what].evidence
+            self.operator.report(f"no line there: {reason}")
+            self.logbook.record_entry(SkippedPose(there.T_b_f, reason))
+        self.arm.move_linear(ready)
+
+    def _get_ready(self) -> Array:
+        """Where every line begins and ends: square over the board, clear of it.
+
+        All other poses are reached from here on a straight line that was checked from here.
+        """
+        state = self.arm.state().T_b_f
+        ready = start_poses_over_board(self.task, state)
+        if _same(state, ready[0]):
+            return state
+        question = "Move to where the sensor stands square over the board?"
+        if not self.operator.confirm(replace(self._move(question, ready[0]), no="Finish")):
+            raise CalibrationRefused(
+                "the arm may not move", "every line begins square over the board; go on later"
+            )
+        for T_b_f in ready[:-1]:
+            try:
+                return self.arm.move_joint_to_pose(T_b_f).T_b_f
+            except PoseUnreachable:
+                continue
+        return self.arm.move_joint_to_pose(ready[-1]).T_b_f
+
+    def _move(self, text: str, T_b_f: Array) -> Question:
+        """Question whether the arm may move to a flange pose."""
+        return Question(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
+
+    def _reaches(self, ready: Array, T_b_f: Array) -> bool:
+        """Whether the arm gets from `ready` to a pose, and back, on a straight line."""
+        try:
+            self.arm.check_moves(ready, T_b_f, ready)
+        except PoseUnreachable:
+            return False
+        return True
+
+
+def _same(T_1: Array, T_2: Array) -> bool:
+    shift = float(np.linalg.norm(T_1[:3, 3] - T_2[:3, 3]))
+    return (
+        shift < POSE_REACHED_TOLERANCE and rotation_angle_between(T_1, T_2) < POSE_REACHED_TOLERANCE
+    )
