@@ -29,7 +29,7 @@ from tjscan.calibration.wizard.topics import (
     SkippedPose,
     read_calibration_entries,
 )
-from tjscan.cli.overrides import parse_overrides
+from tjscan.cli.options.overrides import parse_overrides
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tjscan.cli.overrides import parse_overrides
+from tjscan.cli.options.overrides import parse_overrides
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import DEFAULT
 from tjscan.job import ScanJob, read_scan_job

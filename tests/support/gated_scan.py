@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from tjscan.cli import main, scan_output
+from tjscan.cli import main
+from tjscan.cli.output import scan
 from tjscan.scanning.section import ProfileView, Substep
 
 UNDER_WAY = "a section is under way"
@@ -12,7 +13,7 @@ HELD = 4
 """Index of the section; a scan that has more behind it goes on there."""
 
 
-class GatedJournal(scan_output.ProgressJournal):
+class GatedJournal(scan.ProgressJournal):
     held = False
 
     def record_view(self, view: ProfileView) -> None:
@@ -24,5 +25,5 @@ class GatedJournal(scan_output.ProgressJournal):
 
 
 if __name__ == "__main__":
-    scan_output.ProgressJournal = GatedJournal  # type: ignore[misc]
+    scan.ProgressJournal = GatedJournal  # type: ignore[misc]
     main()

@@ -37,15 +37,15 @@ COMMANDS: Final = (
     (app, "chain", "compare", "export", "plan", "report", "view", "joint", "study"),
     (app, "init", "schema"),
     (app, "ur_loopback", "laser_loopback", "vehicle_loopback"),
-    (crawl, "crawl_run", "crawl_size", "crawl_calibrate", "crawl_compare", "crawl_replay"),
-    (tow, "tow_run", "tow_replay"),
+    (crawl, "run", "size", "calibrate", "compare", "replay"),
+    (tow, "run", "replay"),
 )
 """Commands by group, each a function in a module of its name; its docstring is its help."""
 
 for group, *functions in COMMANDS:
+    folder = "tjscan.cli" if group is app else f"tjscan.cli.{group.name[0]}"
     for function in functions:
-        name = function if group is app else function.removeprefix(f"{group.name[0]}_")
-        group.command(f"tjscan.cli.{function}:{function}", name=name.replace("_", "-"))
+        group.command(f"{folder}.{function}:{function}", name=function.replace("_", "-"))
 app.register_install_completion_command()
 
 EXIT_CODES: dict[type[TjscanError], int] = {

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.page_options import LiveOptions
-from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
+from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.recorded import RecordedProfileOptions, comma_separated_options
 from tjscan.core.errors import ConfigurationError
 
 
@@ -86,7 +86,7 @@ def _start(
     json: bool,
 ) -> None:
     """Calibrate the cell of a job."""
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_calibration_job
 
@@ -94,8 +94,8 @@ def _start(
     with add_file_to_errors(file):
         job = read_calibration_job(file, keys).job_at_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.calibration_output import finish_calibration
     from tjscan.cli.operators import chosen_operator
+    from tjscan.cli.output.calibration import finish_calibration
     from tjscan.runs.calibrate import start_calibration
     from tjscan.runs.directory import default_run_directory
 
@@ -107,8 +107,8 @@ def _start(
 
 def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool) -> None:
     """Go on with an interrupted calibration."""
-    from tjscan.cli.calibration_output import finish_calibration
     from tjscan.cli.operators import chosen_operator
+    from tjscan.cli.output.calibration import finish_calibration
     from tjscan.job import read_calibration_job
     from tjscan.result.directory import JOB
     from tjscan.runs.calibrate import resume_calibration

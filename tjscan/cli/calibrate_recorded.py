@@ -18,10 +18,10 @@ from tjscan.calibration.fits.recorded import (
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-from tjscan.cli.calibration_output import finish_calibration
-from tjscan.cli.console import print_message
-from tjscan.cli.recorded_options import RecordedProfileOptions
-from tjscan.cli.recorded_targets import read_target, target_words
+from tjscan.cli.options.recorded import RecordedProfileOptions
+from tjscan.cli.options.recorded_targets import read_target, target_words
+from tjscan.cli.output.calibration import finish_calibration
+from tjscan.cli.output.console import print_message
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance

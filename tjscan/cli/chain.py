@@ -28,8 +28,8 @@ def chain(
     json
         Print the table as JSON on stdout.
     """
-    from tjscan.cli.chain_output import one_line, print_sources
-    from tjscan.cli.console import print_message
+    from tjscan.cli.output.chain import one_line, print_sources
+    from tjscan.cli.output.console import print_message
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION
     from tjscan.runs.chain.run import CALIBRATION_RUN

@@ -46,8 +46,8 @@ def compare(
     json
         Print the comparison as JSON on stdout.
     """
-    from tjscan.cli.comparison_output import print_comparison
-    from tjscan.cli.console import print_message, show_phase
+    from tjscan.cli.output.comparison import print_comparison
+    from tjscan.cli.output.console import print_message, show_phase
     from tjscan.comparison.compare import compare_shapes as compare_shapes
     from tjscan.comparison.maps import check_map_file, write_deviation_map
     from tjscan.comparison.sidecar import StatedUnitAndFrame

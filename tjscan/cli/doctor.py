@@ -28,7 +28,7 @@ def doctor(
     from json import dumps
 
     from tjscan.cli import exit_code_of_error
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.runs.doctor import check_job_and_cell
 
     findings = []

@@ -26,7 +26,7 @@ def export(
     units
         Unit of its lengths.
     """
-    from tjscan.cli.console import print_message
+    from tjscan.cli.output.console import print_message
     from tjscan.result.export import export_run as export_run
 
     print_message(f"written to {export_run(run, to, units, out)}")

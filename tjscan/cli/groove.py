@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from tjscan.cli.groove_options import GrooveReadingOptions, ProfileFileOptions
+from tjscan.cli.options.groove import GrooveReadingOptions, ProfileFileOptions
+
+if TYPE_CHECKING:
+    from tjscan.laser.files import FileProfiles
 
 
 def groove(
@@ -35,11 +39,11 @@ def groove(
     json
         Print the readings as JSON on stdout.
     """
-    from tjscan.cli.console import show_phase
+    from tjscan.cli.output.console import show_phase
 
     with show_phase("reading the groove"):
-        from tjscan.cli.groove_options import groove_settings_for_file, read_profiles_of_file
-        from tjscan.cli.groove_output import (
+        from tjscan.cli.options.groove import groove_settings_for_file
+        from tjscan.cli.output.groove import (
             check_plot_path,
             draw_readings_png,
             print_readings,
@@ -49,7 +53,7 @@ def groove(
 
         check_plot_path(plot)
         settings = groove_settings_for_file(file, reading)
-        table = read_profiles_of_file(file, form)
+        table = _read_profiles(file, form)
         readings = list(measure_grooves(table.profiles, settings))
     print_readings(readings, table.bad, corners=corners, json=json)
     if plot is not None:
@@ -58,3 +62,29 @@ def groove(
     if all(reading.refusal is not None for reading in readings):
         suggest_height_sign(table.profiles, settings)
         raise SystemExit(1)
+
+
+def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfiles:
+    """Read the profiles of a file, folder or run directory; prints what of it can't be read.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are none.
+    """
+    from tjscan.cli.output.console import print_message
+    from tjscan.cli.output.groove import print_bad_rows
+    from tjscan.core.errors import ConfigurationError
+    from tjscan.laser.files import FileProfiles, read_profiles
+    from tjscan.result.directory import JOB
+    from tjscan.scanning.reader import load_profiles_of_run as read_recorded
+
+    o = options or ProfileFileOptions()
+    is_run = (file / JOB).is_file()
+    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.profile_format)
+    print_bad_rows(file, table.bad)
+    for note in table.notes:
+        print_message(f"{file}: {note}")
+    if not table.profiles:
+        raise ConfigurationError("holds no profile that can be read", file=file)
+    return table

@@ -21,7 +21,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
     import tomllib
     from json import dumps
 
-    from tjscan.cli.console import print_message, print_table
+    from tjscan.cli.output.console import print_message, print_table
     from tjscan.core.errors import ConfigurationError
     from tjscan.core.files import write_files_atomically
     from tjscan.job.examples import examples, files_of_example

@@ -10,7 +10,7 @@ from threading import Thread, main_thread
 from types import FrameType
 from typing import Final
 
-from tjscan.cli.console import print_message
+from tjscan.cli.output.console import print_message
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPTED: Final = 130

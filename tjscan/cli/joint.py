@@ -17,7 +17,7 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
     json
         Print what was built as JSON on stdout.
     """
-    from tjscan.cli.console import print_message
+    from tjscan.cli.output.console import print_message
     from tjscan.joint.export import build_and_write_joint
     from tjscan.joint.file import read_joint
 

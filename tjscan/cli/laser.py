@@ -35,8 +35,8 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.laser_output import LiveProfiles, print_description
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.output.laser import LiveProfiles, print_description
     from tjscan.runs.laser import ProfileFile, open_laser_of_job, read_live_profiles
 
     with ExitStack() as stack:

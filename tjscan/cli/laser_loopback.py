@@ -41,7 +41,7 @@ def laser_loopback(
     attached
         End when stdin ends.
     """
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.runs.laser_loopback import run_loopback_laser
 
     run_loopback_laser(

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
-from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.output.console import print_message
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ def plan(
     json
         Print the plan as JSON on stdout.
     """
-    from tjscan.cli.console import print_message, show_phase
+    from tjscan.cli.output.console import print_message, show_phase
     from tjscan.core.errors import ConfigurationError
 
     if not 0 <= output <= 7:
@@ -104,7 +104,7 @@ def plan(
 def _send(
     done: WrittenPlan, arm: ArmForProgram, station: str | None, output: int, *, arc: bool
 ) -> None:
-    from tjscan.cli.console import print_message
+    from tjscan.cli.output.console import print_message
     from tjscan.runs.plan.send import send_program, way_of_station
 
     way, torch = way_of_station(done.ways, station), done.plan.wps.torch
@@ -119,7 +119,7 @@ def _send(
 
 
 def _print_plan(done: WrittenPlan, page: Path) -> None:
-    from tjscan.cli.console import print_message, print_table
+    from tjscan.cli.output.console import print_message, print_table
 
     found = done.document
     head = (

@@ -31,7 +31,7 @@ def report(
     frame
         Frame of a reference that states none: j for the joint's own, or any name.
     """
-    from tjscan.cli.console import print_message, show_phase
+    from tjscan.cli.output.console import print_message, show_phase
 
     with show_phase("writing the report"):
         from tjscan.comparison.sidecar import StatedUnitAndFrame

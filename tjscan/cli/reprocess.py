@@ -28,13 +28,13 @@ def reprocess(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.console import print_message, show_phase
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.output.console import print_message, show_phase
 
     keys = parse_overrides(overrides)
     with show_phase("reading the profiles again"):
-        from tjscan.cli.scan_output import print_scan_summary
-        from tjscan.cli.stitching_output import print_stitched_groove
+        from tjscan.cli.output.scan import print_scan_summary
+        from tjscan.cli.output.stitching import print_stitched_groove
         from tjscan.report.write import write_run_report
         from tjscan.runs.reprocess import reprocess_run as read_again
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.page_options import LiveScanOptions
+from tjscan.cli.options.page import LiveScanOptions
 
 
 def scan(
@@ -59,7 +59,7 @@ def scan(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_scan_job
 
@@ -69,7 +69,7 @@ def scan(
     page = page or LiveScanOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.console import show_phase
+    from tjscan.cli.output.console import show_phase
 
     with show_phase("loading arm and laser"):
         from tjscan.cli.scan_modes import check_job_only, resume_interrupted_scan, start_new_scan

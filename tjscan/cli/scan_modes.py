@@ -11,12 +11,12 @@ from typing import Any
 from pydantic_core import to_json
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
-from tjscan.cli.console import print_message
 from tjscan.cli.interrupt import INTERRUPTED, ctrl_c_presser, stop_request_on_ctrl_c
 from tjscan.cli.operators import TerminalOperator
-from tjscan.cli.page_options import LiveScanOptions
-from tjscan.cli.scan_output import print_scan_summary, scan_progress_bar
-from tjscan.cli.stitching_output import print_stitched_groove
+from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.output.console import print_message
+from tjscan.cli.output.scan import print_scan_summary, scan_progress_bar
+from tjscan.cli.output.stitching import print_stitched_groove
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob

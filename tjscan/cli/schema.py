@@ -16,7 +16,7 @@ def schema(kind: str | None = None) -> None:
     """
     from json import dumps
 
-    from tjscan.cli.console import print_table
+    from tjscan.cli.output.console import print_table
     from tjscan.core.errors import ConfigurationError, nearest_word
     from tjscan.job.kinds import FILE_KINDS
 

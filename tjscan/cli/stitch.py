@@ -39,11 +39,11 @@ def stitch(
     json
         Print the summary and the stations as JSON on stdout.
     """
-    from tjscan.cli.console import show_phase
+    from tjscan.cli.output.console import show_phase
     from tjscan.core.errors import ConfigurationError
 
     with show_phase("loading what stitches"):
-        from tjscan.cli.stitching_output import print_stitched_groove
+        from tjscan.cli.output.stitching import print_stitched_groove
         from tjscan.report.write import write_run_report
         from tjscan.runs.directory import default_run_directory
         from tjscan.runs.stitch import stitch_run_directories

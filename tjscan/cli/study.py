@@ -36,8 +36,8 @@ def study(
     """
     import os
 
-    from tjscan.cli.console import print_message
-    from tjscan.cli.study_output import print_study_outcome, study_progress_bar
+    from tjscan.cli.output.console import print_message
+    from tjscan.cli.output.study import print_study_outcome, study_progress_bar
     from tjscan.core.errors import ConfigurationError
     from tjscan.runs.directory import default_run_directory
     from tjscan.study.file import read_study_file

@@ -35,8 +35,8 @@ def teach(
     json
         Print the pose as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.teach_output import print_taught_pose
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.output.teach import print_taught_pose
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
     from tjscan.runs.teach import teach_pose

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tjscan.cli.page_options import PageOptions
+from tjscan.cli.options.page import PageOptions
 
 
 def view(*runs: Path, page: PageOptions | None = None) -> None:
@@ -17,7 +17,7 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     """
     import signal
 
-    from tjscan.cli.console import print_message, show_phase
+    from tjscan.cli.output.console import print_message, show_phase
     from tjscan.core.errors import ConfigurationError
 
     if not runs:

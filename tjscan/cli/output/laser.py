@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from tjscan.cli.console import print_message
+from tjscan.cli.output.console import print_message
 from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.result.readings import ProfileReading, measures_with_sigmas, reading_to_dict
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from pydantic_core import to_json
 from rich.table import Table
 
-from tjscan.cli.console import add_text_row, print_message, stderr
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration

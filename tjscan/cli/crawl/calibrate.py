@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def crawl_calibrate(
+def calibrate(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
@@ -25,11 +25,11 @@ def crawl_calibrate(
     json
         Print the calibration as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.job.crawl_reading import read_crawl_job
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
-    from tjscan.cli.crawl_output import print_slip_calibration, watch_crawl
+    from tjscan.cli.crawl.output import print_slip_calibration, watch_crawl
     from tjscan.runs.crawl_calibrate import calibrate_slip
     from tjscan.runs.directory import default_run_directory
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.options.page import LiveOptions
 
 
-def crawl_run(
+def run(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
@@ -48,7 +48,7 @@ def crawl_run(
     json
         Print the passes as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job.crawl_reading import read_crawl_job
 
@@ -68,7 +68,7 @@ def crawl_run(
     page = page or LiveOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.crawl_output import print_passes, watch_crawl
+    from tjscan.cli.crawl.output import print_passes, watch_crawl
     from tjscan.runs.crawl import run_crawl
     from tjscan.runs.crawl_resume import resume_crawl
     from tjscan.runs.directory import default_run_directory

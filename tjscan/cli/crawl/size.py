@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def crawl_size(
+def size(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     json: bool = False,
@@ -24,8 +24,8 @@ def crawl_size(
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.crawl_output import print_size
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.crawl.output import print_size
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.crawler.sizing import size_crawler
     from tjscan.job.crawl_reading import read_crawl_job
 

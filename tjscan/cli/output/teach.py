@@ -5,7 +5,7 @@ from __future__ import annotations
 from json import dumps
 from pathlib import Path
 
-from tjscan.cli.console import print_message
+from tjscan.cli.output.console import print_message
 from tjscan.result.readings import measures_with_sigmas
 from tjscan.runs.teach import TaughtPose, Which
 

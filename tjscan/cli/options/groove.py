@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import Parameter
 
-from tjscan.core.errors import ConfigurationError
-
 if TYPE_CHECKING:
     from tjscan.groove.settings import GrooveSettings
-    from tjscan.laser.files import FileProfiles, ProfileFormat
+    from tjscan.laser.files import ProfileFormat
 
 
 @Parameter(name="*")
@@ -93,28 +91,3 @@ def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -
     stated = {} if options is None else asdict(options)
     stated = {key: value for key, value in stated.items() if value is not None}
     return validate_table(GrooveSettings, own | stated)
-
-
-def read_profiles_of_file(file: Path, options: ProfileFileOptions | None) -> FileProfiles:
-    """Read the profiles of a file, folder or run directory; prints what of it can't be read.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are none.
-    """
-    from tjscan.cli.console import print_message
-    from tjscan.cli.groove_output import print_bad_rows
-    from tjscan.laser.files import FileProfiles, read_profiles
-    from tjscan.result.directory import JOB
-    from tjscan.scanning.reader import load_profiles_of_run as read_recorded
-
-    o = options or ProfileFileOptions()
-    is_run = (file / JOB).is_file()
-    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.profile_format)
-    print_bad_rows(file, table.bad)
-    for note in table.notes:
-        print_message(f"{file}: {note}")
-    if not table.profiles:
-        raise ConfigurationError("holds no profile that can be read", file=file)
-    return table

@@ -8,7 +8,7 @@ from json import dumps
 from pathlib import Path
 from typing import Final
 
-from tjscan.cli.console import print_message, print_table
+from tjscan.cli.output.console import print_message, print_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def crawl_compare(first: Path, second: Path, *, json: bool = False) -> None:
+def compare(first: Path, second: Path, *, json: bool = False) -> None:
     """Compare the passes of two crawls: deviation, speed, time and stops.
 
     Parameters
@@ -15,7 +15,7 @@ def crawl_compare(first: Path, second: Path, *, json: bool = False) -> None:
     json
         Print both as JSON on stdout.
     """
-    from tjscan.cli.crawl_output import print_comparison
+    from tjscan.cli.crawl.output import print_comparison
     from tjscan.runs.crawl_results import read_passes
 
     print_comparison({str(place): read_passes(place) for place in (first, second)}, json=json)

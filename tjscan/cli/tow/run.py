@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.options.page import LiveOptions
 
 
-def tow_run(
+def run(
     job: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
@@ -39,7 +39,7 @@ def tow_run(
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job.tow_reading import read_tow_job
 
@@ -53,7 +53,7 @@ def tow_run(
     page = page or LiveOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.tow_output import print_figures, print_sweep, watch_tow
+    from tjscan.cli.tow.output import print_figures, print_sweep, watch_tow
     from tjscan.runs.directory import default_run_directory
     from tjscan.runs.tow import resume_tow, run_tow
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.progress import TimeRemainingColumn
 
-from tjscan.cli.console import print_message, progress_bars
+from tjscan.cli.output.console import print_message, progress_bars
 from tjscan.study.row import StudyRow
 
 

@@ -19,7 +19,7 @@ from tjscan.calibration.targets import (
     fit_plane,
     plane_stated_beforehand,
 )
-from tjscan.cli.recorded_options import RecordedProfileOptions, comma_separated_options
+from tjscan.cli.options.recorded import RecordedProfileOptions, comma_separated_options
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.progress import Progress
 from rich.table import Table
 
-from tjscan.cli.console import add_text_row, print_message, progress_bars, stderr
+from tjscan.cli.output.console import add_text_row, print_message, progress_bars, stderr
 from tjscan.result.summary import ScanSummary, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
-from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.report.write import write_run_report
 from tjscan.result.directory import CALIBRATION_PICTURE
 

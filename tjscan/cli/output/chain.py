@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from tjscan.cli.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.runs.chain.run import ChainOutcome, mount_error_in_words
 from tjscan.runs.chain.sources import SourceRow
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def crawl_replay(
+def replay(
     run: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
@@ -32,8 +32,8 @@ def crawl_replay(
     json
         Print the passes as JSON on stdout.
     """
-    from tjscan.cli.crawl_output import print_passes
-    from tjscan.cli.overrides import parse_overrides
+    from tjscan.cli.crawl.output import print_passes
+    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.report.write import write_run_report
     from tjscan.runs.crawl_replay import replay_crawl
     from tjscan.runs.reprocess import dated_sibling_directory

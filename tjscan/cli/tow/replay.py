@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def tow_replay(
+def replay(
     run: Path,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
     out: Path | None = None,
@@ -31,8 +31,8 @@ def tow_replay(
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.overrides import parse_overrides
-    from tjscan.cli.tow_output import print_figures
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.tow.output import print_figures
     from tjscan.report.write import write_run_report
     from tjscan.runs.reprocess import dated_sibling_directory
     from tjscan.runs.tow_replay import replay_tow

@@ -11,9 +11,9 @@ from pydantic_core import to_json
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tjscan.cli.console import add_text_row, print_message, stderr
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.page_options import LiveOptions
+from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow_cell import make_planner
 from tjscan.job.tow_job import TowJob
