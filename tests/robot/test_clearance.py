@@ -21,11 +21,12 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import RESOLUTION, ClearPathPlanner
 from tjscan.robot.collision import SEEN, CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import SWEEP, CollisionCheckedArm
-from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
+from tjscan.robot.urdf import MODELS
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan import check_scan_job, scan_in_cell
 from tjscan.scanning.progress import StopReason

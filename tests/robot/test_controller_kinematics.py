@@ -11,7 +11,7 @@ import pytest
 from ur_cell import address, arm_at
 
 from tjscan.robot.dh import DhParameters, compare_with_model
-from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.primary import draw_calibration, kinematics_message, with_dh_parameters
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.kinematics_info import (
@@ -19,6 +19,7 @@ from tjscan.robot.ur.kinematics_info import (
     find_kinematics,
     read_controller_kinematics,
 )
+from tjscan.robot.urdf import MODELS
 
 
 def nominal(model: str = "ur10e") -> DhParameters:

@@ -10,11 +10,12 @@ import pytest
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.core.pose_vector import boxminus
 from tjscan.robot.deviations import deviation_jacobian, length_growth, with_deviations
-from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.simulated_errors import SimulatedArmErrors
 from tjscan.robot.simulation import ArmErrorSettings
 from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.urdf import MODELS
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 STEP = 1e-6

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y
-from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf_text
+from tjscan.robot.urdf import MODELS
 
 # d1, a2, a3, d4, d5, d6 as the maker publishes them, apart from the project's own table.
 DH = {

@@ -7,8 +7,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from tjscan.robot.kinematics import MODELS, Kinematics
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models import generate
+from tjscan.robot.urdf import MODELS
 
 SPEEDS_DEG = {
     "ur5e": [180] * 6,

@@ -1,0 +1,123 @@
+"""An arm as a URDF describes it.
+
+Frame b is the frame ``base`` of the URDF where it has one, else its root link; for the arms in
+``robot/models`` that is the DH base frame, in which a Universal Robots controller shows its
+poses. Frame f is ``tool0`` where the URDF has one (by the convention of ROS-Industrial its z
+axis is square to the flange, while that of their ``flange`` is not), else ``flange``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pinocchio as pin
+
+from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.files import check_file_size
+from tjscan.robot.closed_form import UrDhLengths
+from tjscan.robot.models.generate import ARMS
+
+MODELS: Final = tuple(ARMS)
+"""Names of the arms whose URDF comes with tjscan."""
+
+CALIBRATED: Final = 0.005
+"""Metres and radians by which a calibrated arm may differ from the ideal geometry."""
+
+MOST_BYTES: Final = 5_000_000
+"""A larger file describes no arm."""
+
+
+def read_urdf(urdf: Path) -> Any:
+    """Pinocchio's model of what a file describes.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such file, or it is no URDF.
+    """
+    if not urdf.exists():
+        known = nearest_word(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
+        raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
+    try:
+        check_file_size(urdf, MOST_BYTES, "a URDF")
+        return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise ConfigurationError(f"is not a URDF: {error}", file=urdf) from None
+
+
+def frames_b_and_f(model: Any, urdf: Path) -> tuple[int, int]:
+    """Indices of the frames that stand for b and f.
+
+    Raises
+    ------
+    ConfigurationError
+        If b moves, or nothing stands for f.
+    """
+    names = [str(frame.name) for frame in model.frames]
+    kinds = [frame.type for frame in model.frames]
+    base = names.index("base") if "base" in names else kinds.index(pin.FrameType.BODY)
+    if model.frames[base].parentJoint != 0:
+        raise ConfigurationError("its frame 'base' moves with a joint", file=urdf)
+    for name in ("tool0", "flange"):
+        if name in names:
+            return base, names.index(name)
+    raise ConfigurationError(
+        "it has no link 'tool0' or 'flange': add one with a fixed joint, its z axis square to "
+        "the flange and pointing out",
+        file=urdf,
+    )
+
+
+def check_chain(model: Any, flange: int, urdf: Path) -> None:
+    """Refuse what the inverse can't handle.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no open chain of six or more revolute joints that have limits.
+    """
+    on_the_way = set(model.supports[model.frames[flange].parentJoint])
+    for i in range(1, model.njoints):
+        name, kind = model.names[i], model.joints[i].shortname()
+        if not kind.startswith("JointModelR") or "UB" in kind or "Unbounded" in kind:
+            raise ConfigurationError(
+                f"joint {name} is {kind.removeprefix('JointModel')}; tjscan knows revolute joints "
+                "with limits alone: make it fixed or revolute",
+                file=urdf,
+            )
+        if i not in on_the_way:
+            raise ConfigurationError(
+                f"joint {name} does not move the flange: make it fixed", file=urdf
+            )
+    if model.nq < 6:
+        raise ConfigurationError(
+            f"it has {model.nq} joints between base and flange; six or more are needed", file=urdf
+        )
+    bad = ~(model.upperPositionLimit > model.lowerPositionLimit) | ~(model.velocityLimit > 0)
+    if bad.any():
+        name = model.names[1 + int(bad.argmax())]
+        raise ConfigurationError(
+            f"joint {name} has no range or no speed: give it lower < upper and velocity > 0",
+            file=urdf,
+        )
+
+
+def dh_lengths_of_chain(model: Any) -> UrDhLengths | None:
+    """DH lengths if the arm is of the Universal Robots type, up to its calibration.
+
+    A joint's frame may slide along its axis; the DH length sums up what lies on that axis.
+    """
+    if model.nq != 6 or any(model.joints[i].shortname() != "JointModelRZ" for i in range(1, 7)):
+        return None
+    M = [placement.homogeneous for placement in model.jointPlacements][2:]
+    for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
+        c, s = np.cos(twist), np.sin(twist)
+        if not np.allclose(T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATED):
+            return None
+    (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
+    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATED:
+        return None
+    lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
+    return UrDhLengths(*(float(length) for length in lengths))
