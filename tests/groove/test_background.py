@@ -8,7 +8,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.background import find_runs
 from tjscan.groove.find import find_groove
-from tjscan.groove.refinement import OrderedProfilePoints
+from tjscan.groove.fitted_profile import OrderedProfilePoints
 from tjscan.groove.rivals import share_in_long_stretches
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile

@@ -8,8 +8,8 @@ from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen
 
 from tjscan.core.frames import Array
 from tjscan.groove.fit import find_best_candidate
+from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.interreflection import NotchPull, find_pull
-from tjscan.groove.refinement import FittedProfile
 from tjscan.groove.settings import DEFAULT
 from tjscan.laser.profile import Profile
 

@@ -8,8 +8,8 @@ from grooves import MM, Groove, Noise, cast, draw, pulled_in, raised_cosine
 
 from tjscan.core.frames import Array
 from tjscan.groove.find import find_groove
+from tjscan.groove.fitted_profile import NormalEquations
 from tjscan.groove.prior import PULLS, THICKNESSES, GroovePrior, SectionEvidence, posterior
-from tjscan.groove.refinement import NormalEquations
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 

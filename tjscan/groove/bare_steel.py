@@ -11,6 +11,11 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.fit import GrooveCandidate
+from tjscan.groove.fitted_profile import (
+    FittedProfile,
+    OrderedProfilePoints,
+    corners_between_sides,
+)
 from tjscan.groove.prior import PULLS, THICKNESSES, GroovePrior, SectionEvidence, posterior
 from tjscan.groove.pulled_notch import (
     DOUBTFUL,
@@ -18,12 +23,7 @@ from tjscan.groove.pulled_notch import (
     estimate_pull,
     sines_with_rays,
 )
-from tjscan.groove.refinement import (
-    FittedProfile,
-    OrderedProfilePoints,
-    corners_between_sides,
-    refine_fit,
-)
+from tjscan.groove.refinement import refine_fit
 from tjscan.groove.scale import TwoLevels, find_two_levels
 
 MISLED: Final = 0.02

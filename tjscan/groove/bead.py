@@ -12,9 +12,10 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.background import PointRuns
 from tjscan.groove.curves import CubicCurve
+from tjscan.groove.fitted_profile import OrderedProfilePoints, corners_between_sides
 from tjscan.groove.hypotheses import PolylineHypothesis, bearing_tangents, end_of_support
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import BLUNT, OrderedProfilePoints, corners_between_sides
+from tjscan.groove.refinement import BLUNT
 
 PLACES: Final = np.array(
     list(product((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97)))

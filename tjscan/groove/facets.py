@@ -8,8 +8,12 @@ from typing import Final
 import numpy as np
 
 from tjscan.groove.curves import CubicCurve
+from tjscan.groove.fitted_profile import (
+    FittedProfile,
+    OrderedProfilePoints,
+    corners_between_sides,
+)
 from tjscan.groove.hypotheses import PolylineHypothesis
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, corners_between_sides
 
 PLACES: Final = np.array(
     list(

@@ -15,9 +15,9 @@ from tjscan.groove.fit import (
     find_best_candidate,
     fit_groove_to_profile,
 )
+from tjscan.groove.fitted_profile import FittedProfile, OrderedProfilePoints
 from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
 from tjscan.groove.prior import GroovePrior
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints
 from tjscan.groove.root import TeeCorners, find_tee_corners
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.groove.settings import DEFAULT, GrooveSettings

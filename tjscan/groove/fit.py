@@ -17,6 +17,11 @@ from tjscan.groove.bead import add_root_bead, attached_faces, fit_bead
 from tjscan.groove.budget import SEARCH_BUDGETS, SearchBudget
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.facets import with_knee
+from tjscan.groove.fitted_profile import (
+    FittedProfile,
+    OrderedProfilePoints,
+    corners_between_sides,
+)
 from tjscan.groove.hypotheses import (
     RIVAL_MARGIN,
     RIVALS,
@@ -26,13 +31,7 @@ from tjscan.groove.hypotheses import (
     outer_side_pairs,
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
-from tjscan.groove.refinement import (
-    ARRIVED,
-    FittedProfile,
-    OrderedProfilePoints,
-    corners_between_sides,
-    refine_fit,
-)
+from tjscan.groove.refinement import ARRIVED, refine_fit
 from tjscan.groove.rivals import (
     form_probability,
     left_out_covariance,

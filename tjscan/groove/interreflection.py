@@ -18,7 +18,13 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
-from tjscan.groove.refinement import BLUNT, CUT, LEAST_NOISE, FittedProfile, OrderedProfilePoints
+from tjscan.groove.fitted_profile import (
+    CUT,
+    LEAST_NOISE,
+    FittedProfile,
+    OrderedProfilePoints,
+)
+from tjscan.groove.refinement import BLUNT
 
 PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
 REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))

@@ -9,14 +9,14 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
-from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import (
+from tjscan.groove.fitted_profile import (
     CUT,
     LEAST_NOISE,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
 )
+from tjscan.groove.models import GrooveModel
 from tjscan.groove.shape import BLOCK, LEAST_SQUARE, undulation_sigmas
 
 REACH: Final = 4e-3

@@ -8,7 +8,7 @@ pipes and bevels, whichever the points make the likelier.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -17,21 +17,26 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.background import HOLE
-from tjscan.groove.curves import CubicCurve, intersect_curves
+from tjscan.groove.curves import CubicCurve
+from tjscan.groove.fitted_profile import (
+    CUT,
+    LEAST_NOISE,
+    POWERS,
+    STIFF,
+    UNIT,
+    FittedProfile,
+    NormalEquations,
+    OrderedProfilePoints,
+    corners_between_sides,
+    estimate_noise_correlation,
+    noise_variances,
+)
 from tjscan.groove.models import SideModel
 from tjscan.groove.noise import (
     NoiseCorrelation,
     correlated_variance,
-    estimate_correlation,
-    noise_share_in_fit,
 )
 from tjscan.groove.segments import Index
-
-CUT: Final = 3.3
-"""Residuals beyond this many standard deviations are outliers."""
-
-LEAST_NOISE: Final = 4e-6
-"""Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
 SHADOW: Final = 0.7
 """Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
@@ -75,141 +80,8 @@ RIM, MOST_CURLED, CURLED, FEWEST_CURLED = 8, 0.6e-3, 2.5, 2
 """Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
 least, in standard deviations; and how many rims must be seen to curl."""
 
-_IDENTITY: Final = np.eye(4)
-_UNIT: Final = 0.02  # metres: lengths along a side are of this order
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
-_STIFF: Final = 1e12  # weight of a coefficient that has to be zero
-
-POWERS: Final = _UNIT ** np.arange(4)
-"""Metres per unit of s / 20 mm, to the powers of a side's coefficients."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OrderedProfilePoints:
-    """A profile's points, ordered from the wall to the leg.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        x and z in metres.
-    tangents : ndarray, shape (n,)
-        Their bearings from the sensor, rising.
-    columns : ndarray of int, shape (n,)
-        The sensor's column of each.
-    count : int
-        Columns of the sensor.
-    """
-
-    points: Array
-    tangents: Array
-    columns: Index
-    count: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
-    """Normal equations of the coefficients of k sides, without any prior.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (k, 4, 4)
-    rhs : ndarray, shape (k, 4)
-    """
-
-    matrix: Array
-    rhs: Array
-
-    def solve_with_prior(self, weight: Array, expected: Array) -> tuple[Array, Array]:
-        """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior.
-
-        Parameters
-        ----------
-        weight : ndarray, shape (k, 4)
-            What it adds to the diagonals; a coefficient that has to be zero weighs `_STIFF`.
-        expected : ndarray, shape (k, 4)
-            Its mean, for the other coefficients.
-        """
-        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
-        rhs = self.rhs + np.where(weight < _STIFF, weight * expected, 0.0)
-        return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedProfile:
-    """k fitted sides and the corners between them.
-
-    Parameters
-    ----------
-    curves : tuple of CubicCurve
-        From the wall.
-    places : tuple of (float, float)
-        s of corner i on side i and on side i + 1; k - 1 pairs.
-    corners : ndarray, shape (k - 1, 2)
-        x and z in metres.
-    edges : list of int
-        First point of each side, and the number n of points; k + 1.
-    along : ndarray, shape (n,)
-        Each point's s on its side.
-    residuals : ndarray, shape (n,)
-        Distance behind it, in metres.
-    keep : ndarray of bool, shape (n,)
-        Points the fit rests on.
-    sigmas : ndarray, shape (k,)
-        Standard deviation of each side's residuals, in metres.
-    curved : ndarray of bool, shape (k,)
-        Which sides are curved.
-    equations : NormalEquations
-        What the coefficients solve.
-    inverse : ndarray, shape (k, 4, 4)
-        Inverses of their matrices with the prior, in powers of s / 20 mm.
-    weight : ndarray, shape (k, 4)
-        What the prior added to their diagonals.
-    counts : ndarray, shape (k,)
-        Number of points that each side's fit rests on.
-    middles : tuple of float
-        Mean s of the points that each side's fit rests on.
-    noise : NoiseCorrelation, optional
-        How the residuals of neighbouring columns correlate.
-    straight : ndarray, shape (k,), optional
-        Logarithm of the odds that a side is straight.
-    """
-
-    curves: tuple[CubicCurve, ...]
-    places: tuple[tuple[float, float], ...]
-    corners: Array
-    edges: list[int]
-    along: Array
-    residuals: Array
-    keep: NDArray[np.bool_]
-    sigmas: Array
-    curved: NDArray[np.bool_]
-    equations: NormalEquations
-    inverse: Array
-    weight: Array
-    counts: Index
-    middles: tuple[float, ...]
-    noise: NoiseCorrelation | None = None
-    straight: Array | None = None
-
-    def kept_along(self, k: int) -> Array:
-        """Values of s of the points that the fit of side k rests on."""
-        own = self.points_of(k)
-        return self.along[own][self.keep[own]]
-
-    def points_of(self, k: int) -> slice:
-        """The points of side k among those of the row."""
-        return slice(self.edges[k], self.edges[k + 1])
-
-    @property
-    def parameter_counts(self) -> Index:
-        """Number of coefficients fitted to each side, shape (k,)."""
-        return np.asarray(2 + self.curved)
-
-    @property
-    def inlier_shares(self) -> Array:
-        """Share of each side's points that the fit rests on, shape (k,)."""
-        return np.asarray(self.counts / np.diff(self.edges))
 
 
 def refine_fit(
@@ -315,7 +187,7 @@ def prior_weights(
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
-    weight[:, 2:] = _STIFF
+    weight[:, 2:] = STIFF
     variances = inflation * np.maximum(sigmas, LEAST_NOISE)[:, None] ** 2
     free = curved[:, None] & (spread > 0)
     np.divide(variances, spread * spread, out=weight[:, 2:], where=free)
@@ -356,7 +228,7 @@ def _round(
     if left_out is not None:
         keep &= ~left_out
 
-    u = s / _UNIT
+    u = s / UNIT
     terms = np.empty((11, len(u)))
     terms[0] = keep
     for j in range(6):
@@ -380,7 +252,7 @@ def _round(
     met = corners_between_sides(fitted, corners)
     if met is None:
         return None
-    middles = tuple((_UNIT * sums[1] / counts).tolist())
+    middles = tuple((UNIT * sums[1] / counts).tolist())
     return FittedProfile(
         fitted,
         met[1],
@@ -415,28 +287,6 @@ def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts:
     sigma = np.array(found)
     pooled = float(sigma @ counts) / float(counts.sum())
     return np.asarray((counts * sigma + LEANING * pooled) / (counts + LEANING))
-
-
-def corners_between_sides(
-    sides: tuple[CubicCurve, ...], near: Array
-) -> tuple[Array, tuple[tuple[float, float], ...]] | None:
-    """Intersections of neighbouring sides, shape (k - 1, 2); None where they don't meet.
-
-    Parameters
-    ----------
-    sides : tuple of CubicCurve
-        The k sides.
-    near : ndarray, shape (k - 1, 2)
-        Where the corners were before, x and z in metres.
-    """
-    places, corners = [], []
-    for (a, b), (x, z) in zip(pairwise(sides), near.tolist(), strict=True):
-        place = intersect_curves(a, b, a.position_along_chord(x, z))
-        if place is None:
-            return None
-        places.append(place)
-        corners.append(a.points_at(place[0]))
-    return np.array(corners), tuple(places)
 
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -478,38 +328,9 @@ def _curled_rims(
     return found
 
 
-def estimate_noise_correlation(
-    row: OrderedProfilePoints, fitted: FittedProfile
-) -> NoiseCorrelation:
-    """Estimate the correlation of the columns' noise from the residuals of all sides.
-
-    Parameters
-    ----------
-    row : OrderedProfilePoints
-    fitted : FittedProfile
-    """
-    keep = fitted.keep
-    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
-    return estimate_correlation(
-        scaled, row.columns[keep], row.count, int(fitted.parameter_counts.sum())
-    )
-
-
-def points_on_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Points on their sides, shape (n,), with those that a fit left out for what lies beside."""
-    close = CUT * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
-    return np.asarray(fitted.keep | (np.abs(fitted.residuals) < close))
-
-
 def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
     """Terms that unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
-    return np.where(weight[:, 2:] < _STIFF, weight[:, 2:] * spread, 0.0)
-
-
-def noise_variances(fitted: FittedProfile, noise: NoiseCorrelation) -> Array:
-    """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    lost = noise_share_in_fit(fitted.parameter_counts, noise.variance_inflation, fitted.counts)
-    return np.asarray(fitted.sigmas**2 / (1 - lost))
+    return np.where(weight[:, 2:] < STIFF, weight[:, 2:] * spread, 0.0)
 
 
 def _evidence(
@@ -521,7 +342,7 @@ def _evidence(
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
     keep = fitted.keep
-    u = fitted.along[keep] / _UNIT
+    u = fitted.along[keep] / UNIT
     c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
@@ -530,7 +351,7 @@ def _evidence(
     variance = variance * correlated_variance(noise, share, fitted.counts, row.columns[keep])
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
-    bend = np.array([c.c2 for c in fitted.curves]) * _UNIT**2
+    bend = np.array([c.c2 for c in fitted.curves]) * UNIT**2
     prior = np.maximum(spread[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
     known = np.array([side.expected_bend is not None for side in model])
@@ -539,11 +360,11 @@ def _evidence(
 
 def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
     """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
-    return np.array([[side.bend * _UNIT**2, side.twist * _UNIT**3] for side in model])
+    return np.array([[side.bend * UNIT**2, side.twist * UNIT**3] for side in model])
 
 
 def prior_shape_means(model: tuple[SideModel, ...]) -> Array:
     """Prior means of each side's coefficients, shape (k, 4): of its bend only."""
     means = np.zeros((len(model), 4))
-    means[:, 2] = [(side.expected_bend or 0.0) * _UNIT**2 for side in model]
+    means[:, 2] = [(side.expected_bend or 0.0) * UNIT**2 for side in model]
     return means

@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.background import JUMP, find_runs
+from tjscan.groove.fitted_profile import (
+    FittedProfile,
+    OrderedProfilePoints,
+    points_on_sides,
+)
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, points_on_sides
 from tjscan.groove.segments import Index
 
 INDEPENDENT: Final = 0.25

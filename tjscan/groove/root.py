@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
-from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.refinement import (
+from tjscan.groove.fitted_profile import (
     CUT,
     LEAST_NOISE,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
 )
+from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.rivals import (
     FAR,
     TOUCHES,

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
-from tjscan.groove.models import SideModel
-from tjscan.groove.prior import THICKNESSES
-from tjscan.groove.refinement import (
+from tjscan.groove.fitted_profile import (
     CUT,
     LEAST_NOISE,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
 )
+from tjscan.groove.models import SideModel
+from tjscan.groove.prior import THICKNESSES
 
 BLOCK: Final = 6
 """Points that are averaged."""

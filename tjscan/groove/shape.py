@@ -17,16 +17,16 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
-from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.interreflection import NotchPull, find_pull
-from tjscan.groove.models import SideModel
-from tjscan.groove.refinement import (
+from tjscan.groove.fitted_profile import (
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
     points_on_sides,
 )
+from tjscan.groove.hypotheses import end_of_support
+from tjscan.groove.interreflection import NotchPull, find_pull
+from tjscan.groove.models import SideModel
 
 BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""

@@ -8,14 +8,16 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel, SideModel
-from tjscan.groove.noise import NoiseCorrelation, correlated_sums
-from tjscan.groove.refinement import (
+from tjscan.groove.fitted_profile import (
     POWERS,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
     noise_variances,
+)
+from tjscan.groove.models import GrooveModel, SideModel
+from tjscan.groove.noise import NoiseCorrelation, correlated_sums
+from tjscan.groove.refinement import (
     prior_shape_means,
     prior_shape_sigmas,
     prior_uncertainty_terms,

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove.fitted_profile import (
+    FittedProfile,
+    OrderedProfilePoints,
+    corners_between_sides,
+)
 from tjscan.groove.hypotheses import bearing_tangents
-from tjscan.groove.refinement import FittedProfile, OrderedProfilePoints, corners_between_sides
 
 
 def least_loss_without_root(

@@ -23,9 +23,9 @@ from tjscan.groove.butt.edge_lines import (
 )
 from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile, register_profile
 from tjscan.groove.find import LEAST_DEPTH, fit_groove_to_profile
+from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.models import BUTT_V
 from tjscan.groove.noise import estimate_correlation
-from tjscan.groove.refinement import FittedProfile
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.repeats import ProfileRepeats
