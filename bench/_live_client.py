@@ -15,13 +15,26 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from tjscan.live.page import Page
+from tjscan.live.page import HOLD_RATE, Page
 
 LONGEST = 30.0
 """Seconds within which a page sends what it has, on a busy machine."""
 
 MARK = "/all/"
 """How the names of nodes begin behind which nothing is waited for."""
+
+CAMERA = {
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 1.0),
+    "fov": 1.0,
+    "near": 0.01,
+    "far": 100.0,
+    "image_height": 450,
+    "image_width": 800,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+"""Any."""
 
 _numbers = count(1)
 
@@ -60,9 +73,25 @@ class PageClient:
                 size += len(data)
         return size
 
+    def hold(self, button: str) -> None:
+        """Say, as a browser does while a button is held, that it is."""
+        found = (one for one in self.messages if label_of(one) == button)
+        order = {"type": "GuiButtonHoldMessage", "frequency": HOLD_RATE}
+        self.socket.send(msgspec.msgpack.encode({**order, "uuid": next(found)["uuid"]}))
+
+    def look(self) -> None:
+        """Say where it is seen from: before, a browser counts as none."""
+        self.socket.send(msgspec.msgpack.encode({"type": "ViewerCameraMessage", **CAMERA}))
+
     def names(self) -> set[str]:
         """Names of the picture's nodes that were sent."""
         return {str(one["name"]) for one in self.messages if "name" in one}
+
+
+def label_of(message: dict[str, object]) -> object:
+    """What stands on the button or field that a message is about."""
+    fields = message.get("props")
+    return fields.get("label") if isinstance(fields, dict) else None
 
 
 def _messages(data: bytes | str) -> list[dict[str, object]]:

@@ -1,11 +1,14 @@
 """Crawls and tows on the page: what a cycle shows, and a Stop that is Ctrl-C."""
 
+import socket
 from math import nan
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cells import EXAMPLES
 from command import tjscan
+from crawls import SHORT
 
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
@@ -13,6 +16,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.laser.profile import Profile
+from tjscan.live.access import LOCAL
 from tjscan.live.drawables import Lines, MeasuredPiece, Placement
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
@@ -47,7 +51,9 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     facts = steps[-1].facts
     assert facts[STATE] == "welding"
     assert facts["nearest corner"] == "200 mm"
-    assert ("▶", "welding") in (steps[-1].table or ())
+    diagram = steps[-1].diagram
+    assert diagram is not None
+    assert diagram.now == "welding"
 
 
 def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
@@ -104,3 +110,13 @@ def test_stop_is_pressed_once_for_each_click() -> None:
 @pytest.mark.parametrize("words", [("crawl", "run", CRAWL), ("tow", "run", TOW)])
 def test_options_of_the_page_need_the_page(words: tuple[object, ...]) -> None:
     assert tjscan(*words, "--port", 0) == 2
+
+
+def test_only_a_new_crawl_waits_and_only_for_a_page(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(SHORT)
+    assert tjscan("crawl", "run", tmp_path, "--resume", "--live", "--wait") == 2
+    with socket.create_server((LOCAL, 0)) as taken:
+        port, out = taken.getsockname()[1], tmp_path / "run"
+        words = ("crawl", "run", tmp_path / "job.toml", "--out", out, "--live", "--wait")
+        assert tjscan(*words, "--port", port) == 1
+    assert not out.exists()

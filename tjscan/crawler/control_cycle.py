@@ -10,7 +10,7 @@ from typing import Final
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sensor import JointReader, JointSensor
-from tjscan.crawler.journal import CrawlCycle, CrawlJournal
+from tjscan.crawler.journal import CrawlCycle, CrawlJournal, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes
@@ -65,7 +65,8 @@ class ControlCycle:
     number : int
         Of the pass, from 1; 0 before the first.
     travel : float
-        Along the joint from where the weld begins, by the encoders, metres.
+        Along the joint from where the weld begins, by the encoders, metres. What is driven by hand
+        is no way along it.
     arc : bool
         Whether the arc burns.
     deviation : float
@@ -151,9 +152,12 @@ class ControlCycle:
         period = self._period_until(state.time)
         self._guards.watch_vehicle(state, period)
         self._guards.watch_progress(twist.speed, state.odometry.speed, period)
-        if period > 0:
-            method.move(state.odometry, period, twist)
-        self.travel += state.odometry.speed * period
+        if is_by_hand(self.phase, twist):
+            method.set_down_anew()
+        else:
+            if period > 0:
+                method.move(state.odometry, period, twist)
+            self.travel += state.odometry.speed * period
 
         profile, reading = self._joint.look(self.travel)
         d = d_sigma = None

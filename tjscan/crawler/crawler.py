@@ -11,6 +11,7 @@ from typing import Final, Protocol
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.journal import CrawlJournal
 from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
@@ -95,6 +96,8 @@ class Crawler:
     guards : Guards
     operator : WeldOperator
     journal : CrawlJournal
+    hand : HandDrive, optional
+        Who drives by hand before a crawl that begins anew; nobody where left out.
     """
 
     def __init__(
@@ -105,9 +108,11 @@ class Crawler:
         guards: Guards,
         operator: WeldOperator,
         journal: CrawlJournal,
+        hand: HandDrive | None = None,
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._journal = guards, operator, journal
+        self._hand = hand
         self._cycle = ControlCycle(devices, method, guards, journal)
 
     def run(self, start: CrawlStart | None = None) -> None:
@@ -177,6 +182,8 @@ class Crawler:
     def _weld_all(self, start: CrawlStart | None) -> None:
         home = -self._plan.weld.run_up
         self._cycle.travel = home if start is None else start.travel
+        if start is None and self._hand is not None:
+            self._drive_by_hand(self._hand)
         self._wait_for_joint()
         if start is None:
             self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
@@ -206,6 +213,15 @@ class Crawler:
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
             )
+
+    def _drive_by_hand(self, hand: HandDrive) -> None:
+        """Drive as a person asks, until he lets the crawl begin; towards an edge it stands."""
+        self._journal.record_event(
+            str(self._cycle.phase), "waits for the start, and drives by hand"
+        )
+        while (twist := hand.order()) is not None:
+            self._cycle.run(REST if self._guards.leads_off_steel(twist) else twist)
+        self._cycle.come_to_rest()
 
     def _wait_for_joint(self) -> None:
         """Stand until the joint was seen for long enough and there is steel all round."""

@@ -185,9 +185,13 @@ class Guards:
         CrawlStopped
             If a corner without steel would move outward.
         """
-        missing = self._proximity.missing_corners
-        if self._corners.moves_towards_edge(twist, missing):
+        if self.leads_off_steel(twist):
+            missing = self._proximity.missing_corners
             raise CrawlStopped("edge", f"there is no steel below: {', '.join(missing)}")
+
+    def leads_off_steel(self, twist: Twist) -> bool:
+        """Whether a twist moves a corner outward that has no steel below."""
+        return self._corners.moves_towards_edge(twist, self._proximity.missing_corners)
 
     @property
     def stands_on_steel(self) -> bool:

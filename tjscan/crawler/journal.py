@@ -11,7 +11,7 @@ from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.laser.profile import Profile
-from tjscan.vehicle.vehicle import Twist, VehicleState
+from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +66,11 @@ class CrawlCycle:
     def deviation(self) -> float:
         """Of the torch from its path, as estimated, metres, positive to the right."""
         return self.torch.offset + self.torch_y - self.path
+
+
+def is_by_hand(phase: Phase, commanded: Twist) -> bool:
+    """Whether a vehicle is driven by hand: nothing else moves it before a crawl begins."""
+    return phase is Phase.MANUAL and commanded != REST
 
 
 @dataclass(frozen=True, slots=True)

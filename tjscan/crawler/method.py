@@ -68,6 +68,10 @@ class FollowingMethod(Protocol):
         """Take in a reading of the joint: laser minus joint, and its sigma; metres."""
         ...
 
+    def set_down_anew(self) -> None:
+        """Forget where the vehicle is beside the joint, not how it slips: somebody moved it."""
+        ...
+
     @property
     def torch(self) -> TorchEstimate:
         """Where the torch is believed to be."""

@@ -55,10 +55,15 @@ class PaperMethod:
     def __init__(
         self, geometry: CrawlerGeometry, tracks: TrackGeometry, gains: PaperGains | None = None
     ) -> None:
-        self._geometry, self._gains = geometry, gains or PaperGains()
-        x = np.zeros(5)
+        self._geometry, self._tracks = geometry, tracks
+        self._gains = gains or PaperGains()
+        self.set_down_anew()
+
+    def set_down_anew(self) -> None:
+        """Forget everything; see `FollowingMethod.set_down_anew`."""
+        geometry, x = self._geometry, np.zeros(5)
         x[PaperState.LASER_TO_CENTRE] = geometry.laser_to_torch - geometry.centre_to_torch
-        self._filter = PaperFilter(tracks, x, np.diag(np.square(FIRST_SIGMAS)))
+        self._filter = PaperFilter(self._tracks, x, np.diag(np.square(FIRST_SIGMAS)))
         self._d = self._before = self._integral = 0.0
         self._period, self._way = 0.01, 0.0
 

@@ -36,7 +36,8 @@ class SlipAwareMethod:
         steering: SteeringSettings,
     ) -> None:
         self._estimator = SlipEstimator(geometry, belief, uncertainty)
-        self._odometry, self._steering = OdometryFilter(DRIVE_LAG), steering
+        self._uncertainty, self._steering = uncertainty, steering
+        self._odometry = OdometryFilter(DRIVE_LAG)
 
     @property
     def slip(self) -> SlipBelief:
@@ -50,6 +51,11 @@ class SlipAwareMethod:
     def read(self, d: float, sigma: float) -> None:
         """Take in a reading of the joint."""
         self._estimator.read(d, sigma)
+
+    def set_down_anew(self) -> None:
+        """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""
+        self._estimator.belief = self.slip.at_new_start(self._uncertainty)
+        self._odometry = OdometryFilter(DRIVE_LAG)
 
     @property
     def torch(self) -> TorchEstimate:

@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 from tjscan.core.errors import PageUnavailable
 from tjscan.live.feed import LiveFeed
-from tjscan.live.page import Button, Page, PageAddress
+from tjscan.live.page import Page, PageAddress, PageButton
 from tjscan.live.step import STATE, Setting, Step, merge_steps
 
 Entry = TypeVar("Entry")
@@ -59,6 +59,17 @@ class RunOnPage(Generic[Entry]):
         """Show what the run is doing, in a few words."""
         self.post(Step(facts={STATE: state}))
 
+    def check_page(self) -> None:
+        """Check that there is a page to press Start in.
+
+        Raises
+        ------
+        PageUnavailable
+            If not.
+        """
+        if self.page is None:
+            raise PageUnavailable("there is no page to press Start in: leave out --wait")
+
     def start(self) -> None:
         """Let whoever waits for the start go on."""
         self._started.set()
@@ -71,8 +82,7 @@ class RunOnPage(Generic[Entry]):
         PageUnavailable
             If there is no page to press it in.
         """
-        if self.page is None:
-            raise PageUnavailable("there is no page to press Start in: leave out --wait")
+        self.check_page()
         self.say("waiting for Start")
         self._started.wait()
 
@@ -92,7 +102,7 @@ def show_run(
     show: Show[Entry],
     where: PageAddress,
     report: Callable[[str], object],
-    buttons: Callable[[RunOnPage[Entry]], Sequence[Button]],
+    buttons: Callable[[RunOnPage[Entry]], Sequence[PageButton]],
     before: Callable[[], Iterable[Step]] = tuple,
 ) -> Iterator[RunOnPage[Entry]]:
     """Show a run on a page while the block runs; it goes on without where there is none.

@@ -26,6 +26,10 @@ GAP: Final = 1.6
 
 BUTTONS_ORDER: Final = -100.0
 """Of the first button: below the state, above the rest."""
+HOLD_RATE: Final = 20.0
+"""Hz at which a button that is held says so again."""
+BIG: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
+"""Style of a button that nobody may have to look for."""
 
 Tone = Literal["green", "yellow", "blue", "red", "gray"]
 
@@ -44,12 +48,41 @@ class Button:
         Its colour.
     hint : str
         What it does, in a sentence.
+    big : bool
+        Whether nobody may have to look for it.
     """
 
     word: str
     press: Callable[[], object]
     tone: Tone = "blue"
     hint: str = ""
+    big: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HoldButton:
+    """A button of the page that does something as long as it is held.
+
+    Parameters
+    ----------
+    word : str
+        On it.
+    hold : callable
+        Is called as it is pressed, and `HOLD_RATE` times a second from then on until it is
+        released, or the browser or its link is gone; in a thread of the page.
+    tone : str
+        Its colour.
+    hint : str
+        What it does, in a sentence.
+    """
+
+    word: str
+    hold: Callable[[], object]
+    tone: Tone = "blue"
+    hint: str = ""
+
+
+PageButton = Button | HoldButton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +141,7 @@ class Page:
     settings : sequence of Setting
         Of the runs, side by side.
     where : PageAddress
-    buttons : sequence of Button
+    buttons : sequence of Button or HoldButton
         In their order.
 
     Raises
@@ -121,7 +154,7 @@ class Page:
         self,
         settings: Sequence[Setting],
         where: PageAddress | None = None,
-        buttons: Sequence[Button] = (),
+        buttons: Sequence[PageButton] = (),
     ) -> None:
         where, self.token = where or PageAddress(), new_token()
         viridis()  # loads Matplotlib, which would hold up the first section
@@ -163,7 +196,7 @@ class Page:
         for word, enabled in words.items():
             self._buttons[word].disabled = not enabled
 
-    def add_button(self, button: Button) -> None:
+    def add_button(self, button: PageButton) -> None:
         """Add a button."""
         handle = self.server.gui.add_button(
             button.word,
@@ -172,11 +205,23 @@ class Page:
             order=BUTTONS_ORDER + len(self._buttons),
         )
 
-        def press(_: object) -> None:
-            button.press()
+        def act(_: object) -> None:
+            act_on()
 
-        handle.on_click(press)
+        if isinstance(button, HoldButton):
+            act_on = button.hold
+            handle.on_hold(act, callback_hz=HOLD_RATE)
+        else:
+            act_on = button.press
+            handle.on_click(act)
+            if button.big:
+                self._enlarge(handle)
         self._buttons[button.word] = handle
+
+    def _enlarge(self, button: Any) -> None:
+        """Make a button as tall as four others."""
+        style = f"<style>[id='{button._impl.uuid}']{{{BIG}}}</style>"
+        self.server.gui.add_html(style, order=BUTTONS_ORDER)
 
     def choose_measure(self, title: str) -> None:
         """Colour and plot by a measure, by its title."""

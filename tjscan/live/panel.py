@@ -12,6 +12,7 @@ from viser import uplot
 
 from tjscan.core.frames import Array
 from tjscan.live.colours import ColourScale
+from tjscan.live.diagram import StateDiagram
 from tjscan.live.step import PRESS, STATE, Measure, PlaneCurve, Sample, Setting, Step
 
 STATE_ORDER: Final = -200.0
@@ -69,6 +70,8 @@ class Panel:
             self._plot = self._make_plot(gui)
             self._profile = self._make_profile(gui)
         self._table = gui.add_html("", visible=False)
+        self._diagram = gui.add_html("", visible=False)
+        self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
             self._log = gui.add_html(events_table(()))
 
@@ -93,6 +96,10 @@ class Panel:
             self._log.content = events_table(self.events)
         if step.table is not None:
             self._table.visible, self._table.content = True, rows_table(step.table)
+        if step.diagram is not None and step.diagram != self._drawn_diagram:
+            self._drawn_diagram = step.diagram
+            self._diagram.visible = True
+            self._diagram.content = f"{STYLE}<div class='tj'>{step.diagram.to_svg()}</div>"
         if step.profile is not None and self._profile is not None:
             self._profile.visible = True
             columns = profile_columns(step.profile)

@@ -12,6 +12,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.live.diagram import StateDiagram
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
@@ -108,6 +109,8 @@ class Step:
         Name and detail of what happened.
     table : sequence of sequences of str, or None
         The newest table, its head first.
+    diagram : StateDiagram or None
+        The states of the run, and which it is in.
     """
 
     label: str = ""
@@ -118,6 +121,7 @@ class Step:
     profile: PlaneCurve | None = None
     events: Sequence[tuple[str, str]] = ()
     table: Sequence[Sequence[str]] | None = None
+    diagram: StateDiagram | None = None
 
 
 def merge_steps(steps: Sequence[Step]) -> Step:
@@ -133,6 +137,7 @@ def merge_steps(steps: Sequence[Step]) -> Step:
         profiles[-1] if profiles else None,
         [event for step in steps for event in step.events],
         next((step.table for step in reversed(steps) if step.table is not None), None),
+        next((step.diagram for step in reversed(steps) if step.diagram is not None), None),
     )
 
 

@@ -21,6 +21,7 @@ from tjscan.crawler.crawler import (
     WeldOperator,
 )
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.journal import (
@@ -80,6 +81,8 @@ class CrawlContext:
         Confirms each pass.
     finished : callable
         Is called with the directory once its results are written.
+    hand : HandDrive, optional
+        Who drives by hand before the crawl begins; nobody where left out.
     """
 
     job: CrawlJob
@@ -87,6 +90,7 @@ class CrawlContext:
     journal: CrawlJournal = field(default_factory=CombinedCrawlJournal)
     operator: WeldOperator = field(default_factory=WeldsAlways)
     finished: Callable[[Path], object] = do_nothing_when_finished
+    hand: HandDrive | None = None
 
     @property
     def first_belief(self) -> SlipBelief:
@@ -144,6 +148,7 @@ def make_crawler(
         Guards(job.guards, ProximityFilter(job.proximity), corners),
         context.operator,
         journal,
+        context.hand,
     )
 
 

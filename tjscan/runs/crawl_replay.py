@@ -13,7 +13,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import (
@@ -121,7 +121,9 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
             yield entry.time, LOG, event
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
-        if 0 < period <= LONGEST_PERIOD:  # it stood for longer ones
+        if is_by_hand(cycle.phase, cycle.commanded):
+            method.set_down_anew()
+        elif 0 < period <= LONGEST_PERIOD:  # it stood for longer ones
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)

@@ -12,7 +12,7 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.page import LiveCrawlOptions
 from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
@@ -48,7 +48,7 @@ class TerminalWeldOperator:
 
 @contextmanager
 def watch_crawl(
-    job: CrawlJob, file: Path, page: LiveOptions | None = None
+    job: CrawlJob, file: Path, page: LiveCrawlOptions | None = None
 ) -> Iterator[CrawlContext]:
     """Print a crawl's events, and write its report, while the block runs.
 
@@ -57,18 +57,21 @@ def watch_crawl(
     job : CrawlJob
     file : Path
         Where it was read from.
-    page : LiveOptions, optional
-        Whether it is shown in a browser too.
+    page : LiveCrawlOptions, optional
+        Whether it is shown in a browser too, and driven by hand there before it begins.
     """
     operator = TerminalWeldOperator() if job.simulation is None else WeldsAlways()
     context = CrawlContext(job, file, EventPrinter(), operator, write_run_report)
     if page is None or not page.live:
         yield context
         return
+    from tjscan.runs.live.hand_drive import PageHandDrive
     from tjscan.runs.live.vehicle_pages import show_crawl
 
-    with show_crawl(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
-        yield replace(context, journal=CombinedCrawlJournal((context.journal, shown)))
+    hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
+    with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:
+        both = CombinedCrawlJournal((context.journal, shown))
+        yield replace(context, journal=both, hand=hand)
 
 
 def print_passes(directory: Path, *, json: bool) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.page import LiveCrawlOptions
 
 
 def run(
@@ -20,7 +20,7 @@ def run(
     overlap: float = 20.0,
     place: float | None = None,
     json: bool = False,
-    page: LiveOptions | None = None,
+    page: LiveCrawlOptions | None = None,
 ) -> None:
     """Align with a joint and weld every pass, as a job file says.
 
@@ -65,8 +65,10 @@ def run(
         raise ConfigurationError("--place goes with --resume: a new crawl begins at its start")
     if not 0 <= overlap <= 1000:
         raise ConfigurationError("--overlap is 0 to 1000 mm")
-    page = page or LiveOptions()
+    page = page or LiveCrawlOptions()
     page.check()
+    if page.wait and resume:
+        raise ConfigurationError("--wait goes with a new crawl: --resume knows where it stands")
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.crawl.output import print_passes, watch_crawl
     from tjscan.runs.crawl import run_crawl

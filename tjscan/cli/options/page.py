@@ -105,6 +105,28 @@ class LiveScanOptions(LiveOptions):
     wait: bool = False
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveCrawlOptions(LiveOptions):
+    """Whether and where a crawl is shown in a browser while it goes on.
+
+    Parameters
+    ----------
+    live
+        Show the crawl in a browser while it goes on, with a button that stops it.
+    wait
+        With --live: begin when Start is pressed there; until then buttons drive while they are
+        held.
+    port
+        With --live: port of the page; 0 for any that is free.
+    address
+        With --live: address of this machine that the page is bound to. Whoever has the page's
+        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
+    """
+
+    wait: bool = False
+
+
 @contextmanager
 def explain_missing_viser() -> Iterator[None]:
     """Say what to install where the page's server is missing."""

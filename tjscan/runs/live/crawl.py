@@ -11,11 +11,12 @@ import numpy as np
 
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
-from tjscan.crawler.phases import Phase
+from tjscan.crawler.phases import TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.live.colours import GHOST, LASER
+from tjscan.live.diagram import StateDiagram
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
 from tjscan.live.events import NotedEvent
 from tjscan.live.step import STATE, Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
@@ -123,7 +124,7 @@ class CrawlShow:
             self._facts(cycle),
             self._share_done(cycle),
             samples,
-            table=phase_table(cycle.phase),
+            diagram=phase_diagram(cycle.phase),
         )
 
     def _facts(self, cycle: CrawlCycle) -> dict[str, str]:
@@ -164,9 +165,14 @@ class CrawlShow:
         return {f"weld/{self._piece}": piece}
 
 
-def phase_table(now: Phase) -> list[tuple[str, ...]]:
-    """Table of the phases, the present one marked."""
-    return [("", "phase"), *(("▶" if phase is now else "", str(phase)) for phase in Phase)]
+def phase_diagram(now: Phase) -> StateDiagram:
+    """The phases and what leads from one to another, the present one marked."""
+    ways = [
+        (str(phase), str(after), str(event))
+        for (phase, event), after in TRANSITIONS.items()
+        if event is not Event.DANGER
+    ]
+    return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))
 
 
 def read_crawl_show(directory: Path) -> RecordedShow | None:

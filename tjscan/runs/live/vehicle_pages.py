@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Final
 
 from tjscan.crawler.journal import CrawlCycle
@@ -13,13 +14,16 @@ from tjscan.job.tow_job import TowJob
 from tjscan.laser.profile import Profile
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
-from tjscan.live.page import Button, PageAddress
+from tjscan.live.page import Button, HoldButton, PageAddress, PageButton
+from tjscan.live.step import PRESS, Step
 from tjscan.runs.live.crawl import CrawlEntry, CrawlShow
+from tjscan.runs.live.hand_drive import PageHandDrive
 from tjscan.runs.live.tow import TowEntry, TowShow
 from tjscan.towing.journal import TowCycle
 
 EVERY: Final = 0.05
 """Seconds of the vehicle's clock between two cycles that are handed to the page."""
+START: Final = "Start"
 
 
 class CrawlPageJournal:
@@ -68,7 +72,7 @@ class TowPageJournal:
 
 
 def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:
-    """The one button of vehicles.
+    """The button of all vehicles.
 
     Parameters
     ----------
@@ -77,7 +81,7 @@ def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:
     what : str
         Is stopped.
     """
-    return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once")]
+    return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once", big=True)]
 
 
 @contextmanager
@@ -87,6 +91,7 @@ def show_crawl(
     where: PageAddress,
     report: Callable[[str], object],
     interrupt: Callable[[], object],
+    hand: PageHandDrive | None = None,
 ) -> Iterator[CrawlPageJournal]:
     """Show a crawl while the block runs; gives the journal that shows it.
 
@@ -100,13 +105,44 @@ def show_crawl(
         Is told the page's address, or why there is none.
     interrupt : callable
         Does what Ctrl-C does.
+    hand : PageHandDrive, optional
+        Who drives by hand on it before the crawl begins.
+
+    Raises
+    ------
+    PageUnavailable
+        If there is no page, and somebody is to drive on it.
     """
 
-    def buttons(_: RunOnPage[CrawlEntry]) -> Sequence[Button]:
-        return stop_button(interrupt, "the crawler")
+    def buttons(run: RunOnPage[CrawlEntry]) -> Sequence[PageButton]:
+        stop = stop_button(interrupt, "the crawler")
+        return stop if hand is None else [*stop, *hand_drive_buttons(run, hand)]
 
     with show_run(CrawlShow(job, title), where, report, buttons) as run:
+        if hand is not None:
+            run.check_page()
         yield CrawlPageJournal(run)
+
+
+def hand_drive_buttons(run: RunOnPage[CrawlEntry], hand: PageHandDrive) -> Sequence[PageButton]:
+    """Buttons that drive a crawler while they are held, and Start, which takes them away.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    hand : PageHandDrive
+    """
+
+    def start() -> None:
+        hand.start()
+        if run.page is not None:
+            run.page.enable(dict.fromkeys((START, *hand.words), False))
+        run.post(Step(facts={PRESS: ""}))
+
+    run.post(Step(facts={PRESS: "Start, or hold a button to drive"}))
+    hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
+    held = [HoldButton(word, partial(hand.hear, word), hint=hint) for word in hand.words]
+    return [Button(START, start, "green", "Let the crawl begin"), *held]
 
 
 @contextmanager
