@@ -39,7 +39,8 @@ from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.joint.export import build_and_write_joint
 from tjscan.joint.file import read_joint
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_job_snapshot

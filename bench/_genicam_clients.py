@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.laser.loopback.contents import initial_memory
 from tjscan.laser.profile import Profile
 

@@ -17,7 +17,8 @@ from _fuzz import Tally
 
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import TjscanError
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.result.shapes import read_shape
 
 READERS: Final[tuple[Callable[..., object], ...]] = (

@@ -49,7 +49,8 @@ from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matr
 from tjscan.core.pose_vector import boxminus
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.faults import correlated_noise
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics

@@ -13,7 +13,8 @@ from command import tjscan
 from laser_cell import loopback_laser, require_broadcasts, write_groove_profiles
 
 from tjscan.cli.output.laser import draw_profile
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading

@@ -17,7 +17,8 @@ from tjscan.core.config import LONGEST_LINE, MOST_CONFIGURATION_BYTES, read_toml
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.core.files import check_file_size, refuse_links_outside, write_files_atomically
 from tjscan.joint.file import read_joint
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.scanning.reader import read_views
 
 INPUTS = 25

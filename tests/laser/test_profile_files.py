@@ -7,7 +7,8 @@ import pytest
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.laser.files import METRES_PER_UNIT, ProfileFormat, flip_heights, read_profiles
+from tjscan.laser.files.format import METRES_PER_UNIT, ProfileFormat
+from tjscan.laser.files.read import flip_heights, read_profiles
 
 ROUNDING = 1e-12
 """Metres: a few roundings of decimal numbers."""

@@ -25,7 +25,8 @@ from tjscan.cli.output.console import print_message
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.result.directory import CALIBRATION
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.directory import default_run_directory

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tjscan.cli.options.groove import GrooveReadingOptions, ProfileFileOptions
 
 if TYPE_CHECKING:
-    from tjscan.laser.files import FileProfiles
+    from tjscan.laser.files.format import FileProfiles
 
 
 def groove(
@@ -75,7 +75,8 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     from tjscan.cli.output.console import print_message
     from tjscan.cli.output.groove import print_bad_rows
     from tjscan.core.errors import ConfigurationError
-    from tjscan.laser.files import FileProfiles, read_profiles
+    from tjscan.laser.files.format import FileProfiles
+    from tjscan.laser.files.read import read_profiles
     from tjscan.result.directory import JOB
     from tjscan.scanning.reader import load_profiles_of_run as read_recorded
 

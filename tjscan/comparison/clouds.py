@@ -36,7 +36,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.laser.files import METRES_PER_UNIT
+from tjscan.laser.files.format import METRES_PER_UNIT
 
 E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""

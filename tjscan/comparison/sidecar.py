@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
-from tjscan.laser.files import METRES_PER_UNIT
+from tjscan.laser.files.format import METRES_PER_UNIT
 
 MOST_BYTES: Final = 1_000_000
 

@@ -11,7 +11,8 @@ from typing import Any
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.loopback import check_is_loopback_address
-from tjscan.laser.files import ProfileFormat, read_profiles
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
 from tjscan.laser.loopback.sensor import LoopbackSensor
 from tjscan.laser.loopback.server import run_laser_server
 from tjscan.laser.profile import Profile

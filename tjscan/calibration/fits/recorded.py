@@ -24,7 +24,8 @@ from tjscan.calibration.fits.posed_profile import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, pose
-from tjscan.laser.files import GROUP_COLUMNS, METRES_PER_UNIT
+from tjscan.laser.files.format import METRES_PER_UNIT
+from tjscan.laser.files.tables import GROUP_COLUMNS
 from tjscan.laser.profile import Profile
 
 RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}

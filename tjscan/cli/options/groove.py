@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from tjscan.groove.settings import GrooveSettings
-    from tjscan.laser.files import ProfileFormat
+    from tjscan.laser.files.format import ProfileFormat
 
 
 @Parameter(name="*")
@@ -44,7 +44,7 @@ class ProfileFileOptions:
     @property
     def profile_format(self) -> ProfileFormat:
         """The options as the format that the reader of profile files takes."""
-        from tjscan.laser.files import ProfileFormat
+        from tjscan.laser.files.format import ProfileFormat
 
         invalid = tuple(self.invalid or ())
         return ProfileFormat(self.units, self.pitch, invalid, self.z_scale, self.z_offset)

@@ -12,7 +12,7 @@ from tjscan.cli.output.console import print_message, print_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings
-from tjscan.laser.files import flip_heights
+from tjscan.laser.files.read import flip_heights
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import (
     ProfileReading,

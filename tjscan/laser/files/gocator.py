@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.laser.text import TextTable
+from tjscan.laser.files.text import TextTable
 
 PROFILE_SECTIONS = {"profile": False, "rawprofile": True}
 """Sections that hold profiles, and whether their X values stand in rows."""

@@ -1,0 +1,1 @@
+"""Profiles from files of other makes."""
