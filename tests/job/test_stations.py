@@ -24,7 +24,7 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
-from tjscan.job.cell import clear_path_planner_of_job
+from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.context import RunContext, result_frame_of_job
 from tjscan.runs.scan import scan_in_cell

@@ -12,13 +12,13 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.calibration.file import read_calibration
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
 from tjscan.job import CellJob, LaserSettings, ScanJob
+from tjscan.job.arm import clear_path_planner_of_job, kinematics_of_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.relief import make_relief_height_function
@@ -30,14 +30,10 @@ from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.corrected import CorrectedArm
-from tjscan.robot.deviations import with_deviations
 from tjscan.robot.drivers import ARMS, ArmDriverInputs
-from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
-from tjscan.robot.solids import Solid
 from tjscan.scanning.reader import read_views
 
 
@@ -83,76 +79,6 @@ class Cell:
             self.laser.__exit__(kind, error, trace)
         finally:
             self.arm.__exit__(kind, error, trace)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensorMount:
-    """Pose of the laser on the flange, and the calibration file it comes from.
-
-    Parameters
-    ----------
-    T_f_s : ndarray, shape (4, 4)
-        Pose of the laser in the flange frame.
-    file : Path or None
-        The calibration it comes from; none where the job itself holds it.
-    deviations : ndarray, shape (joints, 6), or None
-        Of the arm's joints from its model, where they were calibrated with it.
-    covariance : ndarray, shape (6, 6) or (6 + 6 joints, 6 + 6 joints), or None
-        Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
-        SI. None where nobody states it.
-    by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
-        What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
-        that was not calibrated with.
-    linearity : float
-        Largest deviation of that laser, metres.
-    """
-
-    T_f_s: Array
-    file: Path | None = None
-    deviations: Array | None = None
-    covariance: Array | None = None
-    by_laser: Array | None = None
-    linearity: float = 0.0
-
-
-def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
-    """Pose of the laser on the flange, as a job states it or as its calibration file does.
-
-    Parameters
-    ----------
-    job : CellJob
-        The job.
-    job_file : Path
-        Where it was read from.
-
-    Raises
-    ------
-    ConfigurationError
-        If the calibration can't be read, or holds for another arm or laser.
-    """
-    T_f_s = job.calibration.T_f_s
-    if T_f_s is not None:
-        return SensorMount(T_f_s, covariance=job.calibration.covariance)
-    file = job_file.parent / str(job.calibration.file)
-    # A recording does not say which laser made it, unless the job does.
-    laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
-    found = read_calibration(file, arm=job.arm.device_id, laser=laser)
-    by_laser, linearity = None, 0.0
-    if found.laser_response is not None:
-        by_laser = found.laser_response.by_draws_si
-        linearity = 1e-3 * found.laser_response.linearity_mm
-    if found.kinematics is None:
-        return SensorMount(found.T_f_s, file, None, found.covariance_si, by_laser, linearity)
-    name = kinematics_of_job(job).name
-    if found.kinematics.model != name:
-        raise ConfigurationError(
-            f"holds the kinematics of a {found.kinematics.model!r}, but this cell has a "
-            f"{name!r}: calibrate this arm",
-            file=file,
-            key="kinematics.model",
-        )
-    arm = found.kinematics
-    return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si, by_laser, linearity)
 
 
 def make_scan_cell(
@@ -366,61 +292,6 @@ def _surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_joint_mesh(joint)
     return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))
-
-
-def kinematics_of_job(job: CellJob) -> Kinematics:
-    """Kinematics of the arm's model; ConfigurationError if the model is unknown."""
-    with add_file_to_errors(key="arm.model"):
-        return Kinematics.load(job.arm.model)
-
-
-def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> ClearPathPlanner:
-    """Planner that keeps a job's arm clear of its surroundings, whichever driver moves it.
-
-    Parameters
-    ----------
-    job : CellJob
-        The job.
-    deviations : ndarray, shape (joints, 6), optional
-        Of the arm's joints from its model.
-
-    Raises
-    ------
-    ConfigurationError
-        If the arm's model is unknown or its geometry can't be read, or an ignored link is unknown.
-    """
-    table = job.clearance
-    kinematics = kinematics_of_job(job)
-    if deviations is not None:
-        kinematics = with_deviations(kinematics, deviations)
-    with add_file_to_errors(key="clearance.ignore"):
-        check_ignored_links(kinematics, table.ignore)
-    with add_file_to_errors(key="arm.model"):
-        model = CollisionModel(
-            kinematics,
-            solids_in_base(job),
-            [one.solid for one in table.tool],
-            self_collision=table.self_collision,
-            ignored=table.ignore,
-        )
-    return ClearPathPlanner(kinematics, model, table)
-
-
-def solids_in_base(job: CellJob, T_b_w: Array | None = None) -> tuple[Solid, ...]:
-    """Solids about a job's arm where they stand in frame b.
-
-    Parameters
-    ----------
-    job : CellJob
-        The job, of one station if it has any.
-    T_b_w : ndarray, shape (4, 4), optional
-        Where the workpiece's frame stands; as the job states it where left out.
-    """
-    T_b_w = inverse_pose(job.T_w_b) if T_b_w is None else T_b_w
-    return tuple(
-        one.solid if one.frame == "b" else replace(one.solid, T=T_b_w @ one.solid.T)
-        for one in job.clearance.solid
-    )
 
 
 def laser_model_of_job(job: CellJob) -> LaserModel:

@@ -38,13 +38,9 @@ from tjscan.job import (
     SimulatedBoardSettings,
     read_calibration_job,
 )
-from tjscan.job.cell import (
-    Cell,
-    kinematics_of_job,
-    laser_model_of_job,
-    make_cell,
-    sensor_mount_of_job,
-)
+from tjscan.job.arm import kinematics_of_job
+from tjscan.job.cell import Cell, laser_model_of_job, make_cell
+from tjscan.job.sensor_mount import sensor_mount_of_job
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface

@@ -18,7 +18,8 @@ from tjscan.calibration.wizard.operator import Operator
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.job import CalibrationJob
-from tjscan.job.cell import Cell, kinematics_of_job
+from tjscan.job.arm import kinematics_of_job
+from tjscan.job.cell import Cell
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.runs.calibration_basis import basis_of_postures
 

@@ -14,7 +14,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.job.cell import kinematics_of_job, solids_in_base
+from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
 from tjscan.live.colours import FITTED, GHOST, LASER
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
