@@ -4,9 +4,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PLAIN := $(VENV)/plain
 READY := $(VENV)/ready
+OPEN3D_LIBRARIES := libEGL.so.1 libGL.so.1 libidn2.so.0 libudev.so.1 libusb-1.0.so.0 libX11.so.6
+OPEN3D_PACKAGES := libegl1 libgl1 libidn2-0 libudev1 libusb-1.0-0 libx11-6
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-scan: $(READY)
+scan: $(PLAIN)
 	$(BIN)/tjscan scan examples/paper.toml
 
 test: $(READY)
@@ -46,16 +50,22 @@ pins: $(READY)
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt
+# What `pip install tjscan` brings, and no more.
+$(PLAIN): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "tjscan needs Python 3.11 or newer; set PYTHON=... to choose one"; exit 1; }
-	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null \
-		|| { apt-get update -qq && apt-get install -y -qq libusb-1.0-0; } >/dev/null 2>&1 \
-		|| { echo "open3d needs a system library: sudo apt-get install libusb-1.0-0"; exit 1; }
+	@$(PYTHON) -c 'import ctypes, sys; [ctypes.CDLL(name) for name in sys.argv[1:]]' $(OPEN3D_LIBRARIES) 2>/dev/null \
+		|| { apt-get update -qq && apt-get install -y -qq $(OPEN3D_PACKAGES); } >/dev/null 2>&1 \
+		|| { echo "open3d needs libraries of the system: sudo apt-get install $(OPEN3D_PACKAGES)"; exit 1; }
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser,live,study,towing,ur,vehicle]'
+	$(PIP) -e .
+	@touch $@
+
+# What tests, checks and benchmarks need besides.
+$(READY): $(PLAIN)
+	$(PIP) -e '.[dev,browser,live,study,towing,ur,vehicle]'
 	@touch $@
 
 clean:

@@ -21,7 +21,7 @@ NOT_STATED: Final = {"cmeel-qhull": "Qhull"}
 
 NO_STRONGER: Final = re.compile(
     r"MIT|\d?-?BSD|0BSD|Apache|ISC|HPND|PSF|Python Software Foundation|Zlib|BSL-1|Boost|CC0|"
-    r"Unlicense|Qhull|MPL|Mozilla|LGPL|Lesser General Public",
+    r"Unlicense|Qhull|MPL|Mozilla|LGPL|Lesser General Public|any-OSI",
     re.IGNORECASE,
 )
 """Licences that ask no more of a program that uses the package than the LGPL does."""

@@ -58,6 +58,13 @@ EXIT_CODES: dict[type[TjscanError], int] = {
 """What each branch of the error tree ends with; 1 for the rest."""
 
 
+SYSTEM_LIBRARIES: Final = (
+    "A library of the system is missing. Those that Open3D needs, on Debian and Ubuntu: apt-get "
+    "install libegl1 libgl1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
+)
+"""What to do where one can't be loaded."""
+
+
 def exit_code_of_error(error: TjscanError) -> int:
     """Exit code of the program after an error."""
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
@@ -85,6 +92,11 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except TjscanError as error:
         print(f"tjscan: {message_with_notes(error)}", file=sys.stderr)
         sys.exit(exit_code_of_error(error))
+    except ImportError as error:
+        if ".so" not in str(error):
+            raise
+        print(f"tjscan: {error}. {SYSTEM_LIBRARIES}", file=sys.stderr)
+        sys.exit(1)
     except BrokenPipeError:
         sys.exit(0)  # whoever reads the output has read enough
     except OSError as error:

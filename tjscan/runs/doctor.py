@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from platform import machine
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +25,15 @@ from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
 
-LIBRARIES: Final = ("tjscan", "pin", "coal", "open3d", "numpy", "ur_rtde", "viva-genicam")
+LIBRARIES: Final = (
+    "tjscan",
+    "pin",
+    "coal",
+    "open3d-cpu" if (sys.platform, machine()) == ("linux", "x86_64") else "open3d",
+    "numpy",
+    "ur_rtde",
+    "viva-genicam",
+)
 """Whose versions are reported."""
 
 SAME_ARM: Final = 0.02

@@ -1,0 +1,45 @@
+"""The wheel holds all that the program uses, and nothing else."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from zipfile import ZipFile
+
+ROOT = Path(__file__).parents[1]
+
+BESIDE_CODE = ("examples", "cad")
+"""Folders of the tree that the wheel holds in share/tjscan."""
+
+
+def files_below(folder: Path) -> set[str]:
+    """Paths of all files below a folder, but those that Python makes."""
+    files = (file for file in folder.rglob("*") if file.is_file() and file.suffix != ".pyc")
+    return {file.relative_to(folder).as_posix() for file in files}
+
+
+def test_the_wheel_holds_every_file_of_the_package_and_the_examples(tmp_path: Path) -> None:
+    source, out = tmp_path / "source", tmp_path / "wheels"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in ("tjscan", *BESIDE_CODE):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+    subprocess.run(
+        [sys.executable, "-c", build, str(out)], cwd=source, check=True, capture_output=True
+    )
+    (wheel,) = out.glob("*.whl")
+    stem = "-".join(wheel.name.split("-")[:2])
+    with ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    held = {name for name in names if not name.startswith(f"{stem}.dist-info/")}
+    code = {f"tjscan/{name}" for name in files_below(ROOT / "tjscan")}
+    beside = {
+        f"{stem}.data/data/share/tjscan/{folder}/{name}"
+        for folder in BESIDE_CODE
+        for name in files_below(ROOT / folder)
+    }
+    assert {"tjscan/py.typed", "tjscan/report/view3d.js"} < code
+    assert held == code | beside
+    assert f"{stem}.dist-info/licenses/LICENSE" in names
