@@ -9,9 +9,9 @@ from typing import Literal
 def export(
     run: Path,
     *,
-    to: Literal["csv", "ply", "json", "weldx"],
+    to: Literal["csv", "ply", "json", "weldx", "ros"],
     out: Path | None = None,
-    units: Literal["mm", "m"] = "mm",
+    units: Literal["mm", "m"] | None = None,
 ) -> None:
     """Write a run's sections for another tool: points, normals, tangents, measures, sigmas.
 
@@ -21,12 +21,23 @@ def export(
         The run directory, of one scan or stitched.
     to
         csv: a flat table. ply: points. json: a document with a schema. weldx: frames for weldx.
+        ros: a folder with a PoseArray and a JointTrajectory of ROS 2, and the arm's URDF.
     out
-        The file to write; ``export.FORMAT`` in the run directory where left out.
+        The file or folder to write; ``export.FORMAT`` in the run directory where left out.
     units
-        Unit of its lengths.
+        Unit of its lengths, mm where left out; those of ROS are metres.
     """
     from tjscan.cli.output.console import print_message
-    from tjscan.result.export import export_run as export_run
+    from tjscan.core.errors import ConfigurationError
 
-    print_message(f"written to {export_run(run, to, units, out)}")
+    if to != "ros":
+        from tjscan.result.export import export_run
+
+        written = export_run(run, to, units or "mm", out)
+    elif units == "mm":
+        raise ConfigurationError("messages of ROS are in metres: leave it out", key="--units")
+    else:
+        from tjscan.runs.export_ros import export_run_to_ros
+
+        written = export_run_to_ros(run, out)
+    print_message(f"written to {written}")

@@ -116,6 +116,8 @@ class Kinematics:
     ----------
     name : str
         Name of the robot in the URDF.
+    base_name : str
+        Name of frame b in the URDF.
     joint_names, link_names : tuple of str
         From the base to the flange; the last link is frame f.
     lower, upper : ndarray, shape (n,)
@@ -136,6 +138,7 @@ class Kinematics:
         self._workspace = _Workspace(model)
         self.urdf = urdf
         self.name = str(model.name)
+        self.base_name = str(model.frames[self._base].name)
         self.joint_names = tuple(model.names)[1:]
         links = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
         self._links = [i for i in links if i != self._flange] + [self._flange]

@@ -1,0 +1,110 @@
+"""Write a scan for programs of ROS 2: its sections, and where the arm was to measure them."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.files import write_files_atomically
+from tjscan.core.frames import inverse_pose
+from tjscan.job import read_scan_job
+from tjscan.recording.ros import (
+    joint_trajectory_message,
+    pose_array_message,
+    write_ros_messages,
+)
+from tjscan.result.directory import JOB, SECTIONS, URDF
+from tjscan.result.export import STEM, sort_sections_by_azimuth
+from tjscan.result.shapes import read_finished_summary
+from tjscan.result.table import read_sections_csv
+from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.context import result_frame_of_job
+from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.section import ProfileView
+
+BAG: Final = f"{STEM}.mcap"
+
+
+def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
+    """Write a scan as messages of ROS 2, in JSON and in MCAP, and return their folder.
+
+    Sections and flange poses are in the arm's base frame, which has its name in the URDF that
+    stands beside them.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory of one scan.
+    out : Path, optional
+        The folder to write; ``export.ros`` in the run directory where left out.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no finished run, it is stitched, or the folder to write in does not exist.
+    RecordingError
+        If the recording is damaged, or the arm's clock began anew in it, or a file can't be
+        written.
+    """
+    summary = read_finished_summary(directory)
+    if summary.stations:
+        raise ConfigurationError(
+            "is stitched from several stations, each with an arm base of its own: export the run "
+            "directory of each station",
+            file=directory,
+        )
+    folder = out or directory / f"{STEM}.ros"
+    if not folder.parent.is_dir() or folder.is_file():
+        raise ConfigurationError("is no folder in one that exists", file=folder, key="--out")
+    job = read_scan_job(directory / JOB)
+    arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
+    views, time = _views_of_growing_time(directory)
+    messages = {
+        "/sections": pose_array_message(
+            time, arm.base_name, np.array([T_b_r @ section.T_r_g for section in sections])
+        ),
+        "/flange": pose_array_message(
+            time, arm.base_name, np.array([view.T_b_f for view in views])
+        ),
+        "/joint_trajectory": joint_trajectory_message(
+            time,
+            arm.joint_names,
+            np.array([view.q for view in views]),
+            np.array([view.time - views[0].time for view in views]),
+        ),
+    }
+    with write_files_atomically(folder) as draft:
+        for topic, message in messages.items():
+            text = json.dumps(message.fields, indent=1, allow_nan=False)
+            (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
+        with (draft / BAG).open("wb") as file:
+            write_ros_messages(file, time, messages)
+        (draft / URDF).write_bytes(arm.urdf.read_bytes())
+    return folder
+
+
+def _views_of_growing_time(directory: Path) -> tuple[list[ProfileView], int]:
+    """The views of a recording, and nanoseconds from 1970 to the first.
+
+    Of several at one time, where a profile was taken again on the spot, the first counts.
+    """
+    scan = read_recorded_scan(directory)
+    if scan.started is None or not scan.views:
+        raise RecordingError(f"{directory}: its recording holds no profile")
+    views = [scan.views[0]]
+    for view in scan.views[1:]:
+        if view.time < views[-1].time:
+            raise RecordingError(
+                f"{directory}: the arm's clock began anew where the scan was resumed, so its "
+                "trajectory has no times"
+            )
+        if view.time > views[-1].time:
+            views.append(view)
+    since = scan.started - datetime.fromtimestamp(0, UTC)
+    return views, since // timedelta(microseconds=1) * 1000
