@@ -12,9 +12,9 @@ import pytest
 from command import tjscan
 from ur_cell import address, output_is_on
 
-from tjscan.cli.interrupt import press_ctrl_c
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
+from tjscan.core.signals import press_ctrl_c
 from tjscan.job import read_scan_job
 from tjscan.job.wps import read_wps
 from tjscan.robot.deviations import with_deviations

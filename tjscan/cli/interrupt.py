@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
-from threading import Thread, main_thread
-from types import FrameType
+from threading import Thread
 from typing import Final
 
 from tjscan.cli.output.console import print_message
+from tjscan.core.signals import handle_ctrl_c, hear_ctrl_c, press_ctrl_c
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPTED: Final = 130
@@ -27,7 +26,7 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
     request, pressed = StopRequest(), SimpleQueue[bool]()
     times = 0
 
-    def handle(number: int, frame: FrameType | None) -> None:
+    def handle() -> None:
         nonlocal times
         if not request.scan_is_running or times == 2:
             raise KeyboardInterrupt
@@ -35,12 +34,11 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
         pressed.put(True)
 
     listener = Thread(target=_listen, args=(request, pressed), daemon=True)
-    before = signal.signal(signal.SIGINT, handle)
     listener.start()
     try:
-        yield request
+        with handle_ctrl_c(handle):
+            yield request
     finally:
-        signal.signal(signal.SIGINT, before)
         pressed.put(False)
         listener.join()
 
@@ -54,17 +52,11 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
         request.request_stop_now()
 
 
-def press_ctrl_c() -> None:
-    """Do what Ctrl-C does, from another thread."""
-    signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
-
-
 def ctrl_c_presser() -> Callable[[], None]:
     """Return what does the same as Ctrl-C from another thread, and let it be heard.
 
     A program that a script started in the background hears no Ctrl-C; a Stop on its page must
     stop it all the same.
     """
-    if signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    hear_ctrl_c()
     return press_ctrl_c

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from tjscan.cli.options.page import PageOptions
@@ -15,10 +16,9 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     runs
         Run directories, finished or not.
     """
-    import signal
-
     from tjscan.cli.output.console import print_message, show_phase
     from tjscan.core.errors import ConfigurationError
+    from tjscan.core.signals import wait_for_ctrl_c
 
     if not runs:
         raise ConfigurationError("view takes one run directory or more")
@@ -30,7 +30,5 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
         shows = [read_recorded_show(run) for run in runs]
     with Replay(shows, where).page as shown:
         print_message(f"open {shown.url} in a browser; Ctrl-C ends")
-        try:
-            signal.pause()
-        except KeyboardInterrupt:
-            return
+        with suppress(KeyboardInterrupt):
+            wait_for_ctrl_c()

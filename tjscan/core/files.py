@@ -1,9 +1,7 @@
-"""Files that are there whole, and together, or not at all; and who may write them."""
+"""Files that are there whole, and together, or not at all."""
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
@@ -12,7 +10,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from tjscan.core.disk import bring_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
+from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST, manifest_text
 
 DRAFT_PREFIX: Final = ".partial-"
@@ -89,35 +89,6 @@ def lock_and_clean_directory(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def lock_directory(directory: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a directory while the block runs.
-
-    Raises
-    ------
-    RecordingError
-        If another process does so already, or the directory can't be opened.
-    """
-    try:
-        handle = os.open(directory, os.O_RDONLY)
-    except OSError as error:
-        raise RecordingError(f"{directory}: can't be opened: {error.strerror}") from error
-    try:
-        # The system lets go of the lock when the process ends, however it ends.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        if isinstance(error, BlockingIOError):
-            raise RecordingError(
-                f"{directory}: another process is recording there; wait for it to end"
-            ) from None
-        raise RecordingError(f"{directory}: can't be locked: {error.strerror}") from error
-    try:
-        yield
-    finally:
-        os.close(handle)
-
-
-@contextmanager
 def write_files_atomically(
     directory: Path, *, last: str = "", listed: bool = False, instead_of: Sequence[str] = ()
 ) -> Iterator[Path]:
@@ -157,19 +128,11 @@ def write_files_atomically(
                 text = manifest_text(directory, draft, gone)
                 (draft / MANIFEST).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
-                _bring_to_disk(file)
+                bring_to_disk(file)
             for file in gone:
                 file.unlink()
             for file in sorted(draft.iterdir(), key=lambda file: order.get(file.name, 0)):
                 file.replace(directory / file.name)
-            _bring_to_disk(directory)
+            bring_to_disk(directory)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be written: {error.strerror or error}") from error
-
-
-def _bring_to_disk(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -10,6 +9,7 @@ from typing import Any, Final, Self
 
 from mcap.writer import CompressionType, Writer
 
+from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import RecordingError
 from tjscan.recording.header import (
     HEADER_RECORD,
@@ -116,8 +116,7 @@ class RecordingWriter:
     def sync_to_disk(self) -> None:
         """Bring everything written so far to the disk."""
         try:
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
+            bring_stream_to_disk(self._stream)
         except OSError as error:
             raise self._failed(error) from error
 

@@ -14,7 +14,8 @@ import tomli_w
 
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import DRAFT_PREFIX, lock_directory, write_files_atomically
+from tjscan.core.files import DRAFT_PREFIX, write_files_atomically
+from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
@@ -128,8 +128,7 @@ def open_row_writer(directory: Path) -> Iterator[RowWriter]:
 
             def keep(row: StudyRow[Any]) -> None:
                 file.write(row.to_json_line().encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+                bring_stream_to_disk(file)
 
             yield keep
     except OSError as error:

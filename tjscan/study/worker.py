@@ -5,6 +5,6 @@ Ctrl-C reaches all processes of a terminal: it is for the one that hands out the
 
 from __future__ import annotations
 
-import signal
+from tjscan.core.signals import ignore_ctrl_c
 
-signal.signal(signal.SIGINT, signal.SIG_IGN)
+ignore_ctrl_c()

@@ -8,12 +8,12 @@ When the main process is gone, this one gives the laser back and ends.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from tjscan.core.errors import LaserFault
+from tjscan.core.signals import ignore_ctrl_c
 from tjscan.laser.genicam.camera import GenicamClient
 from tjscan.laser.genicam.messages import LaserAnswer, LaserRequest
 
@@ -38,7 +38,7 @@ def serve_main_process(connection: Connection, client: GenicamClient) -> None:
 
 def main() -> None:
     """Run on the connection whose number is the only argument."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to handle
+    ignore_ctrl_c()
     client = GenicamClient()
     serve_main_process(Connection(int(sys.argv[1])), client)
     client.close()

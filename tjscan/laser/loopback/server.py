@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import selectors
-import signal
 import socket
 import sys
 import time
@@ -15,6 +14,7 @@ from typing import Final
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.loopback import check_is_loopback_address
+from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.laser.loopback.faults import parse_laser_fault
 from tjscan.laser.loopback.gvcp import PORT
 from tjscan.laser.loopback.sensor import LoopbackSensor
@@ -37,9 +37,7 @@ def run_laser_server(
         If the address is not this machine's own, or another program has the port.
     """
     check_is_loopback_address(sensor.host)
-    if hasattr(signal, "SIGTTIN"):
-        # In the background there is a terminal, but nobody to read from: carry on without.
-        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    read_no_terminal_in_background()
     with ExitStack() as stack:
         control = stack.enter_context(_control_socket(sensor.host))
         stream = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.loopback import check_is_loopback_address
+from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.robot.dh import DhParameters
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
@@ -56,9 +56,7 @@ def run_loopback_server(
         raise ConfigurationError(
             f"{kinematics.name} can't stand at {list(home_deg)}", key="home_deg"
         )
-    if hasattr(signal, "SIGTTIN"):
-        # In the background there is a terminal, but nobody to read from: carry on without.
-        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    read_no_terminal_in_background()
     controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=_tell)
     asyncio.run(LoopbackServer(controller, model, host, hz, _tell, dh).run(attached=attached))
 

@@ -10,13 +10,13 @@ this one stops the arm and does nothing more.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
+from tjscan.core.signals import ignore_ctrl_c
 from tjscan.robot.ur.messages import (
     HOST_GONE,
     WATCHDOG_PERIOD,
@@ -242,7 +242,7 @@ def refuse_requests(connection: Connection) -> None:
 
 def main() -> None:
     """Run the client process on the socket whose number is the only argument."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to handle
+    ignore_ctrl_c()
     serve_main_process(Connection(int(sys.argv[1])), RtdeClient())
     # The library's destructors would wait half a second, or for a controller that is gone.
     os._exit(0)

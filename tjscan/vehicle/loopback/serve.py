@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from uuid import uuid4
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
 from tjscan.core.loopback import check_is_loopback_address
+from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.vehicle.loopback.bodies import CrawlerBody, LoopbackBody
 from tjscan.vehicle.loopback.faults import VehicleFaultOrder, parse_ordered_fault
 from tjscan.vehicle.loopback.process import TRUTH
@@ -75,9 +75,7 @@ def run_loopback_vehicles(
             )
     else:
         bodies += _crawlers(vehicles, settings, seed)
-    if hasattr(signal, "SIGTTIN"):
-        # In the background there is a terminal, but nobody to read from: carry on without.
-        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    read_no_terminal_in_background()
     with ExitStack() as stack:
         served = []
         for number, body in enumerate(bodies, 1):
