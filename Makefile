@@ -1,5 +1,5 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check bench soak licences pins setup clean
+.PHONY: scan test check docs bench soak licences pins setup clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -26,6 +26,12 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The documentation as pages in site/: no warning, no dead link, nothing that a page would fetch.
+docs: $(READY)
+	@$(BIN)/python -c 'import mkdocs, mkdocstrings' 2>/dev/null \
+		|| $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 bench: $(READY)
 	@status=0; for file in $(filter-out bench/reliability.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
@@ -69,4 +75,4 @@ $(READY): $(PLAIN)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
