@@ -18,11 +18,12 @@ from tjscan.job.tow_reading import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOCAL
 from tjscan.live.drawables import Lines, MeasuredPiece, Placement
+from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import STATE, Setting
 from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
-from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance
+from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
@@ -91,12 +92,29 @@ def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
     assert len(cable.segments) == links
     assert step.samples[0].values[CLEARANCE.name] == pytest.approx(800, rel=0.02)
     truth = TowTruth(5.0, line, poses, np.array((3.0, 4.0, 0.0)), np.zeros(count), beside[:, :3])
-    assert show.step(truth).facts["force on the welder"] == "5.0 N"
+    facts = show.step(truth).facts
+    assert facts["force on the welder"] == "5.0 N"
+    assert facts["largest force of a vehicle"] == "0.0 N"
 
 
 def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
     line = np.array([(0.0, 0.0), (1.0, 0.0)])
     assert clearance(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(1.5)
+
+
+def test_vehicles_are_apart_from_rim_to_rim() -> None:
+    poses = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 2.0), (4.0, 0.0, 1.0)])
+    assert vehicles_apart(poses, 0.2, np.empty((0, 3))) == pytest.approx(0.6)
+    assert vehicles_apart(poses, 0.2, np.array([(4.0, 1.0, 0.5)])) == pytest.approx(0.3)
+    assert vehicles_apart(poses[:1], 0.2, np.empty((0, 3))) == np.inf
+
+
+def test_a_stop_is_shown_in_the_state_diagram() -> None:
+    show = CrawlShow(read_crawl_job(CRAWL), "crawl")
+    step = show.step(NotedEvent("stop", "interrupted"))
+    assert step.diagram is not None
+    assert step.diagram.now == step.facts[STATE] == "stop"
+    assert show.step(NotedEvent("arc on", "pass 1")).diagram is None
 
 
 def test_stop_is_pressed_once_for_each_click() -> None:

@@ -245,4 +245,4 @@ def test_a_vehicle_is_stopped_by_whatever_ends_the_loop() -> None:
     rig = Rig(disturb=interrupt)
     with pytest.raises(KeyboardInterrupt):
         rig.run()
-    assert rig.kept.events[-1] == ("stop", "KeyboardInterrupt")
+    assert rig.kept.events[-1] == ("stop", "interrupted")

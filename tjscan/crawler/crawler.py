@@ -184,6 +184,7 @@ class Crawler:
         self._cycle.travel = home if start is None else start.travel
         if start is None and self._hand is not None:
             self._drive_by_hand(self._hand)
+            self._cycle.travel = home  # what it rolled on for
         self._wait_for_joint()
         if start is None:
             self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")

@@ -39,19 +39,8 @@ class ColourScale:
 
     @classmethod
     def spanning(cls, values: Iterable[float]) -> ColourScale:
-        """Scale that holds all values that are known, its ends rounded outwards.
-
-        They are multiples of a tenth to a quarter of the span, so that a scale seldom changes
-        while values come in.
-        """
-        known = [value for value in values if isfinite(value)]
-        low, high = (min(known), max(known)) if known else (0.0, 1.0)
-        span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
-        power = 10.0 ** floor(log10(span / 4))
-        step = power * STEPS[min(bisect_left(STEPS, span / 4 / power), len(STEPS) - 1)]
-        first = floor(low / step + 1e-9)
-        last = max(-floor(-high / step + 1e-9), first + 1)
-        return cls(first * step, last * step)
+        """Scale that holds all values that are known, its ends rounded; see `round_ends`."""
+        return cls(*round_ends(values))
 
     def colour_of(self, value: float) -> Colour:
         """Colour of a value; grey where it is not known."""
@@ -65,6 +54,22 @@ class ColourScale:
         """The scale as a CSS gradient from left to right."""
         stops = [viridis()[k] for k in range(0, 256, 51)]
         return f"linear-gradient(90deg,{','.join(f'rgb{stop}' for stop in stops)})"
+
+
+def round_ends(values: Iterable[float]) -> tuple[float, float]:
+    """Ends that hold all values that are known, rounded outwards.
+
+    They are multiples of a tenth to a quarter of the span, so that a scale seldom changes
+    while values come in.
+    """
+    known = [value for value in values if isfinite(value)]
+    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
+    power = 10.0 ** floor(log10(span / 4))
+    step = power * STEPS[min(bisect_left(STEPS, span / 4 / power), len(STEPS) - 1)]
+    first = floor(low / step + 1e-9)
+    last = max(-floor(-high / step + 1e-9), first + 1)
+    return first * step, last * step
 
 
 @cache

@@ -24,8 +24,8 @@ FIELD_OF_VIEW: Final = 0.75
 GAP: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
 
-BUTTONS_ORDER: Final = -100.0
-"""Of the first button: below the state, above the rest."""
+BUTTONS_ORDER: Final = -300.0
+"""Of the first button: above all that grows, so that none moves away from who presses it."""
 HOLD_RATE: Final = 20.0
 """Hz at which a button that is held says so again."""
 BIG: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"

@@ -11,12 +11,12 @@ import viser
 from viser import uplot
 
 from tjscan.core.frames import Array
-from tjscan.live.colours import ColourScale
+from tjscan.live.colours import ColourScale, round_ends
 from tjscan.live.diagram import StateDiagram
 from tjscan.live.step import PRESS, STATE, Measure, PlaneCurve, Sample, Setting, Step
 
 STATE_ORDER: Final = -200.0
-"""Of the state: above all else."""
+"""Of the state: below the buttons, above all else."""
 MOST_EVENTS: Final = 200
 MOST_PLOTTED: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
@@ -54,10 +54,7 @@ class Panel:
     """
 
     def __init__(self, server: viser.ViserServer, setting: Setting) -> None:
-        gui, self._setting, ends = server.gui, setting, setting.plot_range
-        self._x_scale: uplot.Scale = {"time": False}
-        if ends is not None:
-            self._x_scale = {"time": False, "auto": False, "range": ends}
+        gui, self._setting = server.gui, setting
         self._facts = dict(NO_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
@@ -101,11 +98,9 @@ class Panel:
             self._diagram.visible = True
             self._diagram.content = f"{STYLE}<div class='tj'>{step.diagram.to_svg()}</div>"
         if step.profile is not None and self._profile is not None:
-            self._profile.visible = True
-            columns = profile_columns(step.profile)
-            self._profile.data = columns
-            ends = plot_range(np.concatenate(columns[1:]))
-            self._profile.scales = {"x": {"time": False}, "y": {"range": ends}}
+            x, *others = columns = profile_columns(step.profile)
+            ends = round_ends(np.concatenate(others))
+            _redraw(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
             self.plot(measure, scale)
@@ -127,15 +122,15 @@ class Panel:
         """Plot a measure of all samples, and show its colours."""
         if self._plot is None:
             return
-        self._plot.visible = bool(self.samples)
         columns = plot_columns(self.samples, measure.name)
-        self._plot.data = columns
+        x_ends = self._setting.plot_range or round_ends(columns[0])
         ends = plot_range(*columns[1:3])
-        self._plot.scales = {
-            "x": self._x_scale,
-            "y": {"distr": 3} if measure.logarithmic else {"range": ends},
-        }
-        self._plot.axes = _axes(self._setting.plot_axis, measure.title)
+        scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
+        _redraw(self._plot, columns, x_ends=x_ends, y=scale_of_y)
+        self._plot.visible = bool(self.samples)
+        axes = _axes(self._setting.plot_axis, measure.title)
+        if self._plot.axes != axes:
+            self._plot.axes = axes
         self._legend.visible = scale is not None
         self._legend.content = "" if scale is None else legend(measure, scale)
 
@@ -148,7 +143,7 @@ class Panel:
                 uplot.Series(label="+ sigma", stroke=BAND, width=0, points=DASH),
                 uplot.Series(label="- sigma", stroke=BAND, width=0, points=DASH),
             ),
-            scales={"x": self._x_scale},
+            scales={"x": {"time": False}},
             axes=_axes(self._setting.plot_axis, ""),
             legend={"show": False},
             height=190,
@@ -169,6 +164,20 @@ class Panel:
             height=190,
             visible=False,
         )
+
+
+def _redraw(
+    chart: Any, columns: Sequence[Array], *, x_ends: tuple[float, float], y: uplot.Scale
+) -> None:
+    """Show other data in a chart; a scale that changes makes the browser build it anew.
+
+    The ends of x are stated: where they are not, the browser takes those of the data that it had
+    as it built the chart, which at first were none.
+    """
+    chart.visible, chart.data = True, columns
+    scales = {"x": {"time": False, "auto": False, "range": x_ends}, "y": y}
+    if chart.scales != scales:
+        chart.scales = scales
 
 
 def _axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:

@@ -20,7 +20,7 @@ from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
 from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
-from tjscan.towing.journal import CombinedTowJournal, TowJournal
+from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
@@ -40,12 +40,28 @@ class TowContext:
         Receives everything, once it is on disk.
     finished : callable
         Is called with the directory once its results are written.
+    show_truth : callable, optional
+        Is given what a simulation knows, each time that it is recorded.
     """
 
     job: TowJob
     job_file: Path
     journal: TowJournal = field(default_factory=CombinedTowJournal)
     finished: Callable[[Path], object] = do_nothing_when_finished
+    show_truth: Callable[[TowTruth], object] | None = None
+
+    def truth_of(self, cell: TowCell) -> Callable[[], TowTruth] | None:
+        """What a recording asks for the truth of a simulation; None for a real team."""
+        truth, show = cell.truth, self.show_truth
+        if truth is None or show is None:
+            return truth
+
+        def shown_truth() -> TowTruth:
+            found = truth()
+            show(found)
+            return found
+
+        return shown_truth
 
 
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: TowJournal) -> CableTow:
@@ -131,7 +147,7 @@ def _tow(
     file = next_recording_file(directory, TOW_RECORDING)
     with lock_and_clean_directory(directory):
         try:
-            with record_tow(file, origin, cell.truth) as recording:
+            with record_tow(file, origin, context.truth_of(cell)) as recording:
                 journal = CombinedTowJournal((recording, context.journal))
                 accept_edited_copies(directory, journal.record_event)
                 cell.report_events_to(journal.record_event)

@@ -149,7 +149,9 @@ class CableTow:
             yield
         except BaseException as error:
             self._stop()
-            self._journal.record_event("stop", str(error) or type(error).__name__)
+            interrupted = isinstance(error, KeyboardInterrupt)
+            reason = "interrupted" if interrupted else str(error) or type(error).__name__
+            self._journal.record_event("stop", reason)
             raise
         self._stop()
 

@@ -82,7 +82,8 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
         from tjscan.runs.live.vehicle_pages import show_tow
 
         with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
-            yield replace(context, journal=CombinedTowJournal((context.journal, shown)))
+            both = CombinedTowJournal((context.journal, shown))
+            yield replace(context, journal=both, show_truth=shown.show_truth)
 
 
 def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:

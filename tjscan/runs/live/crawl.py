@@ -71,7 +71,15 @@ class CrawlShow:
                 points = 1e3 * entry.profile.points_s
                 return Step(profile=PlaneCurve(points[:, 0], points[:, 2]))
             case NotedEvent():
-                return Step(entry.name, events=((entry.name, entry.detail),))
+                return self._event_step(entry)
+
+    def _event_step(self, event: NotedEvent) -> Step:
+        """Events that a phase begins with bear its name: no cycle follows that of a stop."""
+        news = ((event.name, event.detail),)
+        if event.name not in set(Phase):
+            return Step(event.name, events=news)
+        facts = {STATE: event.name}
+        return Step(event.name, facts=facts, events=news, diagram=phase_diagram(Phase(event.name)))
 
     def _setting(self, title: str) -> Setting:
         job, length = self._job, self._job.weld.length
@@ -130,6 +138,7 @@ class CrawlShow:
     def _facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"
         proximity = [value for value in cycle.state.proximity if isfinite(value)]
+        nearest = {"nearest corner": f"{1e3 * min(proximity):.0f} mm"} if proximity else {}
         return {
             STATE: str(cycle.phase),
             "pass": f"{cycle.number} of {len(self._job.passes)}" if cycle.number else "",
@@ -137,7 +146,7 @@ class CrawlShow:
             "speed": f"{1e3 * cycle.state.odometry.speed:.1f} mm/s",
             "joint read": reading,
             "arc": "burns" if cycle.arc else "off",
-            "nearest corner": f"{1e3 * min(proximity):.0f} mm" if proximity else "",
+            **nearest,  # not in every cycle
             "fault": cycle.state.fault,
         }
 

@@ -24,6 +24,7 @@ from tjscan.towing.seam import Seam
 from tjscan.towing.topics import TOW_RECORDING, read_tow
 
 CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
+APART: Final = Measure("vehicles' clearance", "mm")
 BEND: Final = Measure("largest planned bend", "°")
 OBJECTIVE: Final = Measure("objective", "of 100")
 WELDER: Final = Measure("force on the welder", "N")
@@ -78,7 +79,7 @@ class TowShow:
         seam = _on_floor(self._seam.path.points)
         return Setting(
             title,
-            (BEND, CLEARANCE, OBJECTIVE, WELDER, VEHICLE),
+            (BEND, CLEARANCE, APART, OBJECTIVE, WELDER, VEHICLE),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
@@ -86,7 +87,7 @@ class TowShow:
                 Lines.through(seam, colour=LASER, width=2.5),
             ),
             look_at=middle,
-            look_from=middle + 0.75 * size * np.array((0.0, -0.55, 0.85)),
+            look_from=middle + size * np.array((0.0, -0.55, 0.85)),
         )
 
     def _cycle_step(self, cycle: TowCycle) -> Step:
@@ -97,6 +98,7 @@ class TowShow:
         values = {
             BEND.name: float(np.degrees(np.abs(plan.angles).max())),
             OBJECTIVE.name: plan.terms.paper,
+            APART.name: 1e3 * vehicles_apart(cycle.poses, self._job.vehicles.radius, discs),
         }
         if len(discs):
             values[CLEARANCE.name] = 1e3 * clearance(estimate, discs)
@@ -126,6 +128,7 @@ class TowShow:
             "along the seam": f"{1e3 * cycle.along:.0f} of {1e3 * self._seam.length:.0f} mm",
             "pace": f"{100 * cycle.pace:.0f} %",
             CLEARANCE.name: "" if nearest is None else f"{nearest:.0f} mm",
+            APART.name: f"{values[APART.name]:.0f} mm",
             "largest bend": f"{values[BEND.name]:.1f}°",
             "at its limits": ", ".join(cycle.plan.limits),
             "vehicles that stand": stopped,
@@ -140,7 +143,7 @@ class TowShow:
         }
         return Step(
             drawn={"true cable": Lines.through(_on_floor(truth.line), colour=GHOST, width=2.0)},
-            facts={WELDER.name: f"{values[WELDER.name]:.1f} N"},
+            facts={name: f"{force:.1f} N" for name, force in values.items()},
             samples=(Sample(time, values),),
             events=[("touch", one) for one in truth.touches],
         )
@@ -150,6 +153,23 @@ def clearance(line: Array, discs: Array) -> float:
     """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
     apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2)
     return float((apart - discs[:, 2]).min())
+
+
+def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
+    """Least distance in metres between the rims of two vehicles, or of one and an obstacle.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (vehicles, 3)
+    radius : float
+        Of each vehicle, metres.
+    discs : ndarray, shape (m, 3)
+        x, y and radius of the obstacles.
+    """
+    between = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=2) - 2 * radius
+    np.fill_diagonal(between, np.inf)
+    aside = np.linalg.norm(poses[:, None, :2] - discs[None, :, :2], axis=2) - radius - discs[:, 2]
+    return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
 def _on_floor(points: Array) -> Array:

@@ -19,7 +19,7 @@ from tjscan.live.step import PRESS, Step
 from tjscan.runs.live.crawl import CrawlEntry, CrawlShow
 from tjscan.runs.live.hand_drive import PageHandDrive
 from tjscan.runs.live.tow import TowEntry, TowShow
-from tjscan.towing.journal import TowCycle
+from tjscan.towing.journal import TowCycle, TowTruth
 
 EVERY: Final = 0.05
 """Seconds of the vehicle's clock between two cycles that are handed to the page."""
@@ -52,7 +52,7 @@ class CrawlPageJournal:
 
 
 class TowPageJournal:
-    """A tow's journal that hands everything to the page.
+    """A tow's journal that hands everything to the page, and what a simulation knows beside.
 
     Parameters
     ----------
@@ -65,6 +65,10 @@ class TowPageJournal:
     def record_cycle(self, cycle: TowCycle) -> None:
         """Show a cycle."""
         self._run.post(cycle)
+
+    def show_truth(self, truth: TowTruth) -> None:
+        """Show the cable as it lies, and its forces."""
+        self._run.post(truth)
 
     def record_event(self, name: str, detail: str) -> None:
         """Show an event."""
@@ -159,4 +163,5 @@ def show_tow(
         return stop_button(interrupt, "all vehicles")
 
     with show_run(TowShow(job, title), where, report, buttons) as run:
+        run.say("plans the whole seam before anything moves")
         yield TowPageJournal(run)
