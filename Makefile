@@ -71,7 +71,7 @@ $(PLAIN): pyproject.toml constraints.txt
 
 # What tests, checks and benchmarks need besides.
 $(READY): $(PLAIN)
-	$(PIP) -e '.[dev,browser,live,study,towing,ur,vehicle]'
+	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]'
 	@touch $@
 
 clean:

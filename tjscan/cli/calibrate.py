@@ -19,6 +19,7 @@ def calibrate(
     station: str | None = None,
     out: Path | None = None,
     arm: bool = False,
+    dry_run: bool = False,
     unattended: bool = False,
     resume: Path | None = None,
     json: bool = False,
@@ -40,6 +41,8 @@ def calibrate(
     arm
         Calibrate the arm's kinematics with the sensor, on the ball that the job states. A scan that
         takes the file corrects the arm's poses with them.
+    dry_run
+        Check the job and plan its lines where it says that the board is; connect, but move nothing.
     unattended
         Ask nothing; for a simulated cell.
     resume
@@ -58,7 +61,11 @@ def calibrate(
             "profiles with --lines and --poses "
             f"(found: {comma_separated_options(given) or 'none of them'})"
         )
-    if recorded is not None and given:
+    if dry_run:
+        if job is None or arm or out is not None:
+            raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
+        _check(job, overrides, station)
+    elif recorded is not None and given:
         if unattended:
             raise ConfigurationError("--unattended has no meaning for recorded profiles")
         from tjscan.cli.calibrate_recorded import calibrate_recorded
@@ -72,6 +79,28 @@ def calibrate(
         _resume(resume, page, unattended=unattended, json=json)
     elif job is not None:
         _start(job, overrides, station, out, page, arm=arm, unattended=unattended, json=json)
+
+
+def _check(file: Path, overrides: Sequence[str], station: str | None) -> None:
+    """Check the job of a calibration, and plan its lines."""
+    from numpy import degrees
+
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.output.console import print_message
+    from tjscan.core.config import add_file_to_errors
+    from tjscan.job import read_calibration_job
+
+    keys = parse_overrides(overrides)
+    with add_file_to_errors(file):
+        job = read_calibration_job(file, keys).job_at_station(station)
+    from tjscan.runs.calibrate_check import check_calibration_job
+
+    found = check_calibration_job(job, file)
+    print_message(
+        f"{file}: the job is sound, and the arm gets to all {job.board.lines} lines; their noise "
+        f"would leave the sensor's pose uncertain to {1e3 * found.position:.2f} mm and "
+        f"{degrees(found.rotation):.3f}°"
+    )
 
 
 def _start(

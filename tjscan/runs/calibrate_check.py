@@ -1,0 +1,102 @@
+"""Check a calibration before it is made: whether the arm gets to its lines, and what they tell."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.solve.design import HandEyeUncertainty, predict_uncertainty
+from tjscan.calibration.targets import fit_plane
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import MeasurementsSoFar
+from tjscan.calibration.wizard.plan import CalibrationPlan
+from tjscan.calibration.wizard.session import (
+    CalibrationProgress,
+    planned_touch_points,
+    start_poses_over_board,
+    suggest_next_line_pose,
+)
+from tjscan.calibration.wizard.topics import LaserLineTaken
+from tjscan.core.errors import CalibrationRefused, PoseUnreachable
+from tjscan.core.frames import Array
+from tjscan.job.files import CalibrationJob
+from tjscan.job.sensor_mount import sensor_mount_of_job
+from tjscan.laser.profile import Profile
+from tjscan.robot.arm import Arm
+from tjscan.runs.calibrate import calibration_plan_of_job, make_calibration_cell
+
+NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
+"""Of a line that is planned only."""
+
+
+def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncertainty:
+    """Plan all lines of a calibration where the job says that its board is; move nothing.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job; its devices are connected.
+    job_file : Path
+        Where it was read from.
+
+    Returns
+    -------
+    HandEyeUncertainty
+        That is to be expected of the calibration.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job, or a file that it names, is wrong.
+    CalibrationRefused
+        If the arm can't stand over the board, or too few poses that it reaches see it.
+    """
+    T_f_s = sensor_mount_of_job(job, job_file).T_f_s
+    task = calibration_plan_of_job(job, T_f_s)
+    cell, _ = make_calibration_cell(job, T_f_s)
+    with cell:
+        return _plan_lines(task, cell.arm, _start_pose(task, cell.arm))
+
+
+def _start_pose(task: CalibrationPlan, arm: Arm) -> Array:
+    """Flange pose square over the board that the arm gets to."""
+    reason = ""
+    for T_b_f in start_poses_over_board(task, arm.state().T_b_f):
+        try:
+            arm.check_moves(T_b_f)
+        except PoseUnreachable as error:
+            reason = str(error)
+        else:
+            return T_b_f
+    raise CalibrationRefused("the arm can't stand square over the board", reason)
+
+
+def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
+    """Plan lines one after the other, as the wizard would if each were as expected."""
+    touched, outside = planned_touch_points(task), task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
+    board = BoardRectangle.through_touched_points(touched, target)
+    measured = MeasurementsSoFar(datetime.now(UTC), {})
+    expected = predict_uncertainty(np.empty((0, 4, 4)), task.T_f_s, target, task.window, task.noise)
+    for number in range(1, task.lines + 1):
+        progress = CalibrationProgress((), task.lines, expected, None, None)
+        there = suggest_next_line_pose(
+            task, measured, target, board, progress, partial(_reaches, arm, ready)
+        )
+        shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
+        measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
+    return expected
+
+
+def _reaches(arm: Arm, ready: Array, T_b_f: Array) -> bool:
+    """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
+    try:
+        arm.check_moves(ready, T_b_f, ready)
+    except PoseUnreachable:
+        return False
+    return True
