@@ -8,7 +8,13 @@ from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
 from tjscan.towing.chain import chain_gradient, chain_hessian, place_links
 from tjscan.towing.compiled import Indices
-from tjscan.towing.estimate import SLIDES, CableEstimate, estimate_shape, estimate_terms
+from tjscan.towing.estimate import (
+    SLIDES,
+    CableEstimate,
+    PoseTrust,
+    estimate_shape,
+    estimate_terms,
+)
 
 CABLE, HELD = Cable(links=20), (9, 19)
 
@@ -96,3 +102,15 @@ def test_it_lies_where_the_simulated_cable_does() -> None:
     off = np.abs(estimate.angles - world.truth().angles)
     assert off.mean() < np.radians(0.5)
     assert off.mean() < 0.3 * np.abs(frictionless.angles - world.truth().angles).mean()
+
+
+def test_a_cable_that_is_pushed_together_lies_where_its_energy_is_least() -> None:
+    trust = PoseTrust(5e-4, 1e-3)
+    lies = CableEstimate.unpulled(CABLE, np.full(20, 1e-3))
+    poses = CABLE.poses(lies.angles)[list(HELD)]
+    for _ in range(20):
+        poses[1, 0] -= 1e-3
+        before, lies = lies, estimate_shape(CABLE, HELD, poses, last=lies, trust=trust)
+        begun = CableEstimate(lies.angles, before.rest)
+        again = estimate_shape(CABLE, HELD, poses, last=begun, trust=trust)
+        np.testing.assert_allclose(again.angles, lies.angles, atol=1e-4)

@@ -19,11 +19,15 @@ from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
 from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, wrapped
 from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.linear import back_substitute, factorise_convex, largest_diagonal
+from tjscan.towing.linear import back_substitute, factorise_convex
 
 SLIDES = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
 a cable, it says nothing: from 0.2 to 2 mm estimates are the same."""
+
+LEAST_SHIFT = 0.1
+"""Share of a joint's stiffness that is added first where the energy is not convex. Poses are held
+1e8 times as stiffly as joints: a share of that would freeze the shape, and end the search."""
 
 
 @compiled
@@ -113,7 +117,7 @@ def newton_estimate(
         iteration += 1
         chain_gradient(joint, point, turn, links, length, gradient)
         chain_hessian(joint, point, turn, links, length, hessian)
-        shift = factorise_convex(hessian, shift, factor, largest_diagonal(hessian))
+        shift = factorise_convex(hessian, shift, factor, LEAST_SHIFT)
         step[:] = -gradient
         back_substitute(factor, step)
         slope, longest = 0.0, 0.0

@@ -151,9 +151,9 @@ def _model(
     square = np.empty((n, n))
     chain_hessian(joint, point, turn, links, length, square)
     add_squares(jacobian, square)
-    level = largest_diagonal(square)
+    least = 1e-4 * largest_diagonal(square)
     add_curvature(moved, costs, links, root, square)
-    shift = factorise_convex(square, shift, factor, level)
+    shift = factorise_convex(square, shift, factor, least)
     for i in range(n):
         for j in range(i):
             hessian[i, j] = square[i, j]

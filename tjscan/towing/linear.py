@@ -29,11 +29,11 @@ def factorise(matrix: Array, shift: float, factor: Array) -> bool:
 
 
 @compiled
-def factorise_convex(matrix: Array, shift: float, factor: Array, level: float) -> float:
-    """Factorise with the least shift of a few tried, from 1e-4 of a level on, and return it."""
+def factorise_convex(matrix: Array, shift: float, factor: Array, least: float) -> float:
+    """Factorise with the least shift of a few tried, none or `least` on, and return it."""
     if factorise(matrix, 0.0, factor):
         return 0.0
-    shift = max(0.25 * shift, 1e-4 * level)
+    shift = max(0.25 * shift, least)
     while not factorise(matrix, shift, factor):
         shift *= 4.0
     return shift

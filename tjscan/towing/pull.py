@@ -12,8 +12,14 @@ from tjscan.core.frames import Array
 from tjscan.towing.cable import Cable
 from tjscan.towing.chain import chain_hessian, place_links, turned_way
 from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_terms, friction_at_ends
-from tjscan.towing.linear import back_substitute, factorise_convex, largest_diagonal
+from tjscan.towing.estimate import (
+    LEAST_SHIFT,
+    CableEstimate,
+    PoseTrust,
+    estimate_terms,
+    friction_at_ends,
+)
+from tjscan.towing.linear import back_substitute, factorise_convex
 
 RELIEF: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
@@ -137,7 +143,7 @@ def _yielding(
     place_links(angles, root, length, links)
     estimate_terms(angles, links, held, poses, stiff, rest, slide, joint, point, turn)
     chain_hessian(joint, point, turn, links, length, hessian)
-    factorise_convex(hessian, 0.0, factor, largest_diagonal(hessian))
+    factorise_convex(hessian, 0.0, factor, LEAST_SHIFT)
     yields, change = np.zeros((2, 2)), np.empty(n)
     before, tip = held[last - 1], held[last]
     for axis in range(2):
