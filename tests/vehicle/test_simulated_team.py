@@ -53,6 +53,18 @@ def test_the_team_goes_on_to_a_time(team: SimulatedTeam) -> None:
         assert [state.time for state in states(team, 0.05)] == pytest.approx([0.1, 0.1])
 
 
+def test_the_motion_it_gives_is_the_mean_since_it_was_read(team: SimulatedTeam) -> None:
+    with team:
+        first, second = team.vehicles
+        second.command(TOWS)
+        speeds = []
+        for _ in range(8):  # it gathers speed
+            first.next_state()
+            speeds.append(team.world.state(1).odometry.speed)
+        assert speeds[-1] > 2 * speeds[0]
+        assert second.next_state().odometry.speed == pytest.approx(np.mean(speeds))
+
+
 def test_each_vehicle_stops_by_itself(team: SimulatedTeam) -> None:
     with team:
         first, second = team.vehicles
@@ -60,8 +72,10 @@ def test_each_vehicle_stops_by_itself(team: SimulatedTeam) -> None:
         second.command(TOWS)
         states(team, DEAD_MAN - 0.05)
         second.command(TOWS)
+        states(team, DEAD_MAN + 0.09)
         ended, drives = states(team, DEAD_MAN + 0.1)
         assert abs(ended.odometry.speed) < 5e-3 < drives.odometry.speed
+        states(team, 2 * DEAD_MAN + 0.09)
         stands = states(team, 2 * DEAD_MAN + 0.1)[1]
         assert abs(stands.odometry.speed) < 5e-3
 

@@ -8,7 +8,7 @@ from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.simulated_body import PERIOD
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist
+from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist, latest_state
 
 ON_TIME: Final = 1e-6
 """Seconds: sums of periods are no nearer to what they should be."""
@@ -88,8 +88,8 @@ class TeamVehicle(DeviceBase):
         # is replaced as a whole, and a stop that outranks it.
         self._order: tuple[Twist, float] | None = None
         self._connected = self._stopped = False
-        self._unread = False
         self._state = team.world.state(which)
+        self._unread: list[VehicleState] = []
 
     def __enter__(self) -> Self:
         """Take commands."""
@@ -148,12 +148,13 @@ class TeamVehicle(DeviceBase):
 
     def take_state(self) -> None:
         """Look at the world."""
-        self._state, self._unread = self._team.world.state(self.which), True
+        self._state = self._team.world.state(self.which)
+        self._unread.append(self._state)
 
     def newest_state(self) -> VehicleState:
-        """The state when the world last went on."""
-        self._unread = False
-        return self._state
+        """The state when the world last went on, with the mean motion since it was read."""
+        states, self._unread = self._unread or [self._state], []
+        return latest_state(states)
 
     def _need_connection(self) -> None:
         if not self._connected:
