@@ -101,7 +101,7 @@ def test_noise_makes_nobody_go_on_and_wait_in_turn() -> None:
     rng = np.random.default_rng(3)
 
     def blocked(tip: Array) -> str:
-        wall = 3.05 + 5e-4 * rng.standard_normal()
+        wall = 3.05 + 2e-4 * rng.standard_normal()
         return "a wall is too near" if tip[0] > wall and rig.team.time < 15 else ""
 
     def scatter(v: int, pose: VehiclePose) -> VehiclePose:

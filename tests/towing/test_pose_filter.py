@@ -98,3 +98,22 @@ def test_scatter_that_ends_is_forgotten() -> None:
     drive(one, 200, scattered(3e-3, rng))
     drive(one, 100, scattered(0.2e-3, rng), start=200)
     assert one.scatter[0] == 0.5e-3
+
+
+def share_believed(way: float, off: complex) -> complex:
+    """Of a step off the way, along it or across, what is believed after two seconds."""
+    turn = np.exp(1j * way)
+
+    def measured(k: int, x: float) -> VehiclePose:
+        at = (x + off * (k > 300)) * turn
+        return VehiclePose(k * PERIOD, at.real, at.imag, way)
+
+    found, truth = drive(make_filter(), 320, measured)
+    return complex((complex(*found[-1].pose[:2]) / turn - truth[-1]) / off)
+
+
+def test_whichever_way_it_drives_odometry_counts_for_more_across_it_than_along() -> None:
+    along, across = (share_believed(0.0, off) for off in (1e-3, 1e-3j))
+    assert 0 < across.real < 0.8 * along.real
+    assert share_believed(0.7, 1e-3) == pytest.approx(along)
+    assert share_believed(0.7, 1e-3j) == pytest.approx(across)

@@ -32,6 +32,9 @@ from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 PERIOD: Final = 0.1
 """Seconds between plans."""
 
+LOOKS: Final = 2
+"""From one plan to the next: a localisation sees the vehicles more often than that."""
+
 KNOWN: Final = 0.15e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
 
@@ -185,15 +188,23 @@ class CableTow:
 
     def _see(self) -> TeamEstimate:
         """Let a period pass with the vehicles driving as told, and take in what was measured."""
-        before, due = self._team.time, self._due + PERIOD
-        self._states = self._team.advance_to(due)
-        self._measured = self._localisation.read()
-        now = self._team.time
+        due, begun = self._due + PERIOD, self._due
+        self._measured: Sequence[VehiclePose | None] = [None] * len(self._followers)
+        for look in range(1, LOOKS + 1):
+            before = self._team.time
+            self._states = self._team.advance_to(begun + look * PERIOD / LOOKS)
+            measured, now = self._localisation.read(), self._team.time
+            odometry = [
+                state.odometry if isinstance(state, VehicleState) else REST
+                for state in self._states
+            ]
+            estimate = self._poses.update(now, now - before, odometry, measured)
+            self._measured = [
+                old if new is None else new
+                for old, new in zip(self._measured, measured, strict=True)
+            ]
         self._due = due if now < due + PERIOD else now  # what was missed is not made up for
-        odometry = [
-            state.odometry if isinstance(state, VehicleState) else REST for state in self._states
-        ]
-        return self._poses.update(now, now - before, odometry, self._measured)
+        return estimate
 
     def _cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and tell the vehicles where to go."""

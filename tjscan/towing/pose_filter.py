@@ -16,7 +16,13 @@ from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
 SLIP: Final = 0.05
-"""Share of its way by which a vehicle's odometry may be wrong."""
+"""Share of its way by which a vehicle's odometry may be wrong along it: wheels slip as they drive,
+wear, and climb what lies on the floor."""
+
+DRIFT: Final = 0.01
+"""The same across its way, radians: the slip angle of wheels at a side force of a tenth of their
+load, more than the cable's. Their cornering stiffness is ten times the load at least (Pacejka,
+Tire and Vehicle Dynamics, 2012)."""
 
 WANDER: Final = (1e-4, 3e-4)
 """What odometry may miss without any way, metres and radians per square root of a second."""
@@ -58,7 +64,7 @@ class PoseEstimate:
 
 
 class VehiclePoseFilter:
-    """A Kalman filter of one vehicle's pose; x, y and heading are independent in it.
+    """An extended Kalman filter of one vehicle's pose, which drives where it heads.
 
     Between measured poses the odometry goes on. A pose further off than the vehicle may have
     driven at top speed since the last one that was taken, and five standard deviations, is
@@ -99,7 +105,7 @@ class VehiclePoseFilter:
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = longest_gap
         self._pose: Array | None = None
-        self._variance = np.square(self._sigma)
+        self._covariance = np.diag(np.square(self._sigma))
         self._trail: deque[tuple[float, Array]] = deque(maxlen=REMEMBERED)
         self._taken = self._newest = -inf
         self._last: tuple[float, ...] = ()
@@ -119,7 +125,7 @@ class VehiclePoseFilter:
 
     def begin_at(self, pose: Array, time: float) -> None:
         """Begin with a pose that is known, at a time in seconds."""
-        self._pose, self._variance = np.array(pose, dtype=float), np.square(self._sigma)
+        self._pose, self._covariance = np.array(pose, dtype=float), np.diag(np.square(self._sigma))
         self._taken, self._refused, self._denied = time, "", None
         self._equal, self._way, self._last = 0, 0.0, ()
         self._taken_before = self._step = None
@@ -154,12 +160,12 @@ class VehiclePoseFilter:
     def estimate(self, time: float) -> PoseEstimate:
         """What is believed now."""
         pose = np.full(3, np.nan) if self._pose is None else self._pose
-        sigma = np.sqrt(self._variance)
+        sigma = np.sqrt(np.diag(self._covariance))
         age = time - self._taken
         late = age > self._longest_gap / 2
         return PoseEstimate(
             readonly_copy(pose),
-            float(sigma[0]),
+            float(sigma[:2].max()),
             float(sigma[2]),
             age,
             (self._refused or "none comes") if late else "",
@@ -177,9 +183,11 @@ class VehiclePoseFilter:
         self._pose = self._pose + step
         way = hypot(step[0], step[1])
         self._way += way
-        doubt = SLIP * np.array((way, way, abs(step[2])))
-        wander = np.array((WANDER[0], WANDER[0], WANDER[1]))
-        self._variance = self._variance + doubt**2 + wander**2 * period
+        turned = np.array(((1.0, 0.0, -step[1]), (0.0, 1.0, step[0]), (0.0, 0.0, 1.0)))
+        across = (DRIFT * way) ** 2 + WANDER[0] ** 2 * period
+        doubt = np.diag((across, across, (SLIP * step[2]) ** 2 + WANDER[1] ** 2 * period))
+        doubt[:2, :2] += (SLIP**2 - DRIFT**2) * np.outer(step[:2], step[:2])
+        self._covariance = turned @ self._covariance @ turned.T + doubt
         if self._denied is not None:
             self._denied = self._denied + step
 
@@ -198,18 +206,20 @@ class VehiclePoseFilter:
         off = found + late - self._pose
         off[2] = wrap_angle(off[2])
         gap = min(time - self._taken, self._longest_gap)
-        spread = SIGMAS * np.sqrt(self._sigma**2 + self._variance)
+        noise = np.diag(np.square(self._sigma))
+        spread = SIGMAS * np.sqrt(np.diag(noise + self._covariance))
         reach = self._top * gap + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
             self._refused, self._denied = "jumped", self._pose + off
             return
         self._learn_scatter(found, measured.time)
-        gain = self._variance / (self._variance + self._sigma**2)
         if (np.abs(off) > spread).any():  # within reach but not as odometry has it: it slipped
-            gain = np.ones(3)
-        self._pose = self._pose + gain * off
-        self._variance = np.maximum(1 - gain, 0) * self._variance + (gain == 1) * self._sigma**2
-        self._trail = deque(((t, p + gain * off) for t, p in self._trail), maxlen=REMEMBERED)
+            self._covariance = noise
+        else:
+            gain = self._covariance @ np.linalg.inv(self._covariance + noise)
+            off, self._covariance = gain @ off, gain @ noise
+        self._pose = self._pose + off
+        self._trail = deque(((t, p + off) for t, p in self._trail), maxlen=REMEMBERED)
         self._taken, self._refused, self._denied = time, "", None
 
     def _learn_scatter(self, found: Array, time: float) -> None:
