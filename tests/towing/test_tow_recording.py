@@ -67,3 +67,13 @@ def test_cycles_truth_and_events_come_back_in_their_order(tmp_path: Path) -> Non
         np.testing.assert_allclose(was.plan.angles, cycle.plan.angles, atol=1e-9)
         assert (was.plan.terms, was.plan.limits) == (cycle.plan.terms, cycle.plan.limits)
         assert was.plan.halt == cycle.plan.halt
+
+
+def test_of_a_tow_that_is_killed_the_first_cycle_is_known_and_less_than_half_a_second_lost(
+    tmp_path: Path,
+) -> None:
+    with record_tow(tmp_path / "tow.mcap") as journal:
+        for done in range(1, 13):
+            journal.record_cycle(make_cycle(0.1 * done))
+            kept = sum(isinstance(entry, TowCycle) for entry in read_tow(tmp_path))
+            assert max(1, done - 4) <= kept <= done

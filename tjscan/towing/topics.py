@@ -40,7 +40,8 @@ REPLAY: Final = "replay"
 """Name of the event that begins a recording whose plans were made anew."""
 
 CYCLES_TOGETHER: Final = 5
-"""Cycles that are written at once: half a second is lost at most where the program is killed."""
+"""Cycles that are written at once, after the first, from which a tow can be gone on with: half a
+second is lost at most where the program is killed."""
 
 DIGITS: Final = 9
 """Decimals of metres and radians that are written."""
@@ -210,7 +211,7 @@ class RecordingTowJournal:
         if self._truth is not None:
             self._waiting.append((self._now, TRUTH, self._truth()))
         self._cycles += 1
-        if self._cycles % CYCLES_TOGETHER == 0:
+        if self._cycles % CYCLES_TOGETHER == 1:
             self.flush()
 
     def record_event(self, name: str, detail: str) -> None:
