@@ -113,12 +113,9 @@ def yard_rows(name: str, found: Sequence[TowOutcome]) -> list[Row]:
             Row(f"{name}: estimate of a joint", middle(lambda o: o.estimate_deg), 2, "°"),
             Row(f"{name}: estimate of a link", middle(lambda o: o.estimate_mm), 15, "mm"),
         ]
-    if not standing:
-        speed = inf if noisy else 1.5e3 * job.seam.speed
-        asked = worst(lambda o: o.asked_mm_s)
-        limit = 1e3 * job.vehicles.speed
-        rows.append(Row(f"{name}: towing speed asked", asked, min(speed, limit), "mm/s"))
-    else:
+    limit = 1e3 * (1.5 * job.seam.speed if name == "V-C" else job.vehicles.speed)
+    rows.append(Row(f"{name}: towing speed asked", worst(lambda o: o.asked_mm_s), limit, "mm/s"))
+    if standing:
         near = worst(lambda o: o.passer_by_mm, least=True)
         rows.append(
             Row(
