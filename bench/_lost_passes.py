@@ -5,11 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from _stops import START_LIMIT, Break
 
 from tjscan.core.errors import TjscanError, VehicleFault
@@ -27,9 +29,6 @@ BROKEN: Final = (Break.LINK_CUT, Break.PROGRAM_KILLED, Break.DRIVE_FAULT)
 
 WELD: Final = 0.03
 """Metres of each of the two passes."""
-
-SHORTFALL: Final = 2e-3
-"""Metres by which a pass may be shorter than asked."""
 
 JOB: Final = """
 [vehicle]
@@ -105,11 +104,15 @@ def passes_lost(what: Break, broker: MosquittoProcess, directory: Path) -> int:
             process.kill()
             process.join()
         vehicles.schedule_fault("clear")
-        with suppress(TjscanError):  # what is missing then is counted
-            copied = out / "job.toml"
+        copied = out / "job.toml"
+        try:
             resume_crawl(CrawlContext(read_crawl_job(copied), copied), overlap=0.005)
-    found = read_recorded_crawl(out).passes
-    return 2 - sum(one.length >= WELD - SHORTFALL for one in found)
+        except TjscanError as error:  # what is missing then is counted
+            print(f"{what}: resumed, and then: {error}", file=sys.stderr)
+    found = read_recorded_crawl(out)
+    # An arc is struck in the first cycle that begins beyond its place: on a busy machine, late.
+    late = float(np.abs(np.diff([cycle.travel for cycle in found.cycles])).max())
+    return 2 - sum(one.length >= WELD - late for one in found.passes)
 
 
 class _TellsThatItBurns:

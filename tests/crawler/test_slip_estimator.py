@@ -119,6 +119,21 @@ def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
     assert moved.sigma(SlipState.OFFSET) == pytest.approx(UNSURE.offset)
 
 
+@pytest.mark.parametrize("turn", [-1, 0, 1])
+def test_a_way_that_nobody_saw_does_not_contradict_what_was_known(turn: int) -> None:
+    way, radius, slope = 0.02, 8.0, 0.02
+    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    for _ in range(400):
+        estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
+        estimator.read(0.0, SIGMA)
+    sure = estimator.belief
+    d = slope * way + GEOMETRY.laser_to_torch * turn * way / radius
+    assert SlipEstimator(GEOMETRY, sure, UNSURE).read(d, SIGMA) > 100
+    doubts = sure.after_unseen_way(way, radius)
+    assert SlipEstimator(GEOMETRY, doubts, UNSURE).read(d, SIGMA) < 4
+    assert SlipEstimator(GEOMETRY, sure.after_unseen_way(0.0, radius), UNSURE).read(d, SIGMA) > 100
+
+
 def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:
     estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
     for k in range(400):

@@ -1,5 +1,6 @@
 """What a crawl records, read again."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,3 +51,21 @@ def test_a_killed_program_leaves_what_was_done_but_for_half_a_second(
             )
         assert len(list(read_crawl(tmp_path))) == known  # as it stands while the program runs
     assert len(list(read_crawl(tmp_path))) == 10
+
+
+@pytest.mark.parametrize(("period", "stops"), [(0.01, True), (0.3, False)])
+def test_the_last_cycle_of_what_is_left_has_the_slip_that_was_believed_there(
+    tmp_path: Path, period: float, stops: bool
+) -> None:
+    with record_crawl(tmp_path / "crawl.mcap") as journal:
+        for k in range(9):
+            slip = SlipBelief(np.full(STATES, 0.1 * k), np.eye(STATES))
+            state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
+            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, False)
+            journal.record_cycle(replace(cycle, slip=slip), None)
+        if stops:
+            journal.record_event(Phase.STOP, "a drive fails")
+        left = [entry for entry in read_crawl(tmp_path) if isinstance(entry, CrawlCycle)]
+    last = left[-1]
+    assert last.slip is not None
+    assert last.slip.x[0] == pytest.approx(10 * last.travel)

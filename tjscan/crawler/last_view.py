@@ -13,6 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.joint_history import height_over_hull
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.slip_estimator import ASIDE
 from tjscan.laser.profile import Profile
 
 PROFILES: Final = 10
@@ -20,9 +21,6 @@ PROFILES: Final = 10
 
 GIVES_WAY: Final = 1e-3
 """Metres by which the feet of a vehicle that nobody moves may give way."""
-
-TURNS: Final = 0.1
-"""Metres by which a laser is carried sideways at most while the vehicle goes on by one."""
 
 BRAKES, GOES_ON = 0.1, 1.0
 """Seconds for which a vehicle goes on that was stopped, and one whose program was killed: half of
@@ -97,7 +95,7 @@ class LastView:
             If the joint lies elsewhere in the laser's line, or looks otherwise.
         """
         aside = float(np.median([d for d, _ in seen])) - self.d
-        if abs(aside) > GIVES_WAY + TURNS * self.way:
+        if abs(aside) > GIVES_WAY + ASIDE * self.way:
             raise _moved(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
         section = median_section(seen)
         if section is None:

@@ -127,10 +127,13 @@ def pass_records(
     places : iterable of (CrawlCycle, SimulatedPlace), optional
         Where a simulated torch truly was, each with the cycle it belongs to.
     """
-    burning: dict[int, list[list[CrawlCycle]]] = {}
+    burning: dict[int, list[tuple[CrawlCycle, list[CrawlCycle]]]] = {}
+    before: CrawlCycle | None = None
     for (arc, number), group in groupby(cycles, key=lambda c: (c.arc, c.number)):
-        if arc:
-            burning.setdefault(number, []).append(list(group))
+        one = list(group)
+        if arc:  # struck where the cycle before ended
+            burning.setdefault(number, []).append((before or one[0], one))
+        before = one[-1]
     truth: dict[int, list[tuple[float, ...]]] = {}
     for cycle, place in places:
         if cycle.arc:
@@ -143,14 +146,17 @@ def pass_records(
 
 
 def _record(
-    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, ...]]
+    number: int,
+    arcs: Sequence[tuple[CrawlCycle, Sequence[CrawlCycle]]],
+    truth: Sequence[tuple[float, ...]],
 ) -> PassRecord:
-    every = [cycle for arc in arcs for cycle in arc]
-    times = [(arc[0].state.time, arc[-1].state.time) for arc in arcs]
+    """Record of a pass, of whose arcs each is the cycle before it was struck, and its own."""
+    every = [cycle for _, arc in arcs for cycle in arc]
+    times = [(before.state.time, arc[-1].state.time) for before, arc in arcs]
     known = np.reshape(truth, (-1, 4))
     return PassRecord(
         number,
-        tuple((arc[0].travel, arc[-1].travel) for arc in arcs),
+        tuple((before.travel, arc[-1].travel) for before, arc in arcs),
         sum(last - first for first, last in times),
         np.array([cycle.travel for cycle in every]),
         np.array([cycle.torch.offset for cycle in every]),

@@ -36,6 +36,10 @@ UNSTEADINESS: Final = (0.02, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more."""
 
+ASIDE: Final = 0.1
+"""Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
+against the joint, and by how it turns."""
+
 UNSTEADY: Final = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
@@ -156,6 +160,24 @@ class SlipBelief:
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
         P[place, place] = uncertainty.offset**2, uncertainty.heading**2
         return type(self)(x, P)
+
+    def after_unseen_way(self, way: float, least_radius: float) -> Self:
+        """What is still known where the vehicle went on by up to a way that nobody saw.
+
+        It may have turned there as tightly as it is ever steered, and gone aside with that. Without
+        this doubt the next reading would contradict the belief, and lead it astray.
+
+        Parameters
+        ----------
+        way : float
+            Metres.
+        least_radius : float
+            Of the tightest turn, metres.
+        """
+        P = self.P.copy()
+        P[SlipState.OFFSET, SlipState.OFFSET] += (ASIDE * way) ** 2
+        P[SlipState.HEADING, SlipState.HEADING] += (way / least_radius) ** 2
+        return type(self)(self.x, P)
 
 
 class SlipEstimator:

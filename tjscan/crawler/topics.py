@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -226,8 +226,6 @@ class RecordingCrawlJournal:
         self._cycles += 1
         struck, self._arc = cycle.arc and not self._arc, cycle.arc
         is_last = self._cycles % CYCLES_TOGETHER == 0
-        if is_last and cycle.slip is not None:
-            self._waiting.append((now, SLIP, cycle.slip))
         if is_last or struck or now - self._waiting[0][0] >= LONGEST_WAIT:
             self.flush()
 
@@ -243,7 +241,23 @@ class RecordingCrawlJournal:
     def flush(self) -> None:
         """Write what waits."""
         waiting, self._waiting = self._waiting, []
-        self._recording.write_timed(waiting)
+        self._recording.write_timed(with_last_slip(waiting))
+
+
+def with_last_slip(
+    messages: Sequence[tuple[int, Topic[Any], Any]],
+) -> Iterator[tuple[int, Topic[Any], Any]]:
+    """Messages that are written at once, and before the last cycle what is believed of slip there.
+
+    So whatever a recording ends with, a stop or a killed program, its last cycle has a belief of
+    its own: an older one contradicts what the laser shows there, and a filter that is sure of it
+    would be led astray.
+    """
+    cycles = [at for at, (_, topic, _) in enumerate(messages) if topic is CYCLE]
+    for at, (time_ns, topic, message) in enumerate(messages):
+        if cycles and at == cycles[-1] and message.slip is not None:
+            yield time_ns, SLIP, message.slip
+        yield time_ns, topic, message
 
 
 @contextmanager

@@ -15,7 +15,6 @@ from tjscan.core.manifest import check_as_written
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
 from tjscan.crawler.journal import CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
-from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
     CYCLE,
@@ -24,7 +23,6 @@ from tjscan.crawler.topics import (
     REPLAY,
     SLIP,
     TOPICS,
-    read_crawl,
 )
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
@@ -36,7 +34,8 @@ from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl import CrawlContext, make_crawl_directory
-from tjscan.runs.crawl_results import write_passes
+from tjscan.runs.crawl_results import read_recorded_crawl, write_passes
+from tjscan.runs.crawl_resume import belief_after_stop
 from tjscan.runs.directory import check_replay
 
 REPLAYABLE: Final = ("method", "calibration", "slip.", "course.")
@@ -89,7 +88,8 @@ def replay_crawl(
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                method = context.make_method(_last_slip(out))
+                belief = belief_after_stop(read_recorded_crawl(out), context.job)
+                method = context.make_method(belief)
             with RecordingWriter(out / part.name, TOPICS, origin) as recording:
                 for messages in _in_chunks(_replayed(part, method, f"{directory}")):
                     recording.write_timed(messages)
@@ -97,18 +97,17 @@ def replay_crawl(
     finished(out)
 
 
-def _last_slip(directory: Path) -> SlipBelief | None:
-    """What a crawl that is resumed goes on with; see `tjscan.runs.crawl_resume.resume_crawl`."""
-    cycles = [entry for entry in read_crawl(directory) if isinstance(entry, CrawlCycle)]
-    return cycles[-1].slip if cycles else None
-
-
 def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
-    """Messages of a part of a recording, its estimates those of a method."""
+    """Messages of a part of a recording, its estimates those of a method.
+
+    What it believes of slip stands where the part holds that, and every `CYCLES_TOGETHER` cycles
+    where it holds none.
+    """
     time: float | None = None
-    cycles = 0
+    without_slip, is_due = 0, False
     for entry in read_messages(part, TOPICS):
         if entry.topic is SLIP:
+            is_due = True
             continue
         if entry.topic is not CYCLE:
             yield entry.time, entry.topic, entry.message
@@ -127,10 +126,11 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)
-        yield entry.time, CYCLE, replace(cycle, torch=method.torch)
-        cycles += 1
-        if cycles % CYCLES_TOGETHER == 0 and method.slip is not None:
+        if method.slip is not None and (is_due or without_slip >= CYCLES_TOGETHER):
             yield entry.time, SLIP, method.slip
+            without_slip, is_due = 0, False
+        yield entry.time, CYCLE, replace(cycle, torch=method.torch)
+        without_slip += 1
 
 
 def _in_chunks(messages: Iterator[TimedMessage]) -> Iterator[list[TimedMessage]]:

@@ -15,16 +15,18 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.crawler.crawler import CrawlStart
 from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.last_view import LastView
+from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.pass_record import END
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import REPLAY
 from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.result.directory import JOB
 from tjscan.runs.crawl import CrawlContext, check_size, crawl_into
-from tjscan.runs.crawl_results import read_recorded_crawl
+from tjscan.runs.crawl_results import RecordedCrawl, read_recorded_crawl
+from tjscan.vehicle.vehicle import DEAD_MAN
 
 OVERLAP: Final = 0.02
 """Metres by which a weld that goes on after a stop overlaps what was welded before."""
@@ -68,7 +70,7 @@ def resume_crawl(
     if place is None:
         stopped = found.events[-1].name == Phase.STOP
         view = LastView.of_recording(crawled, found.profiles, stopped=stopped)
-        start, belief = replace(start, last_view=view), crawled[-1].slip
+        start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
     else:
         check_place(place, context.job)
         start = replace(start, travel=place)
@@ -83,6 +85,19 @@ def resume_crawl(
         cell = make_crawl_cell(context.job, left)
     method = context.make_method(belief)
     crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+
+
+def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip where a crawl goes on that was stopped, or whose program was killed.
+
+    None where its method knows of none, or it never crawled.
+    """
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    if not crawled or crawled[-1].slip is None:
+        return None
+    last, stopped = crawled[-1], found.events[-1].name == Phase.STOP
+    way = abs(last.state.odometry.speed) * (DEAD_MAN if stopped else GOES_ON)
+    return crawled[-1].slip.after_unseen_way(way, job.steering.least_radius)
 
 
 def check_place(place: float, job: CrawlJob) -> None:
