@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 import numpy as np
 
 from tjscan.core.devices import DriverKind, EventListener
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.extras import package_missing
 from tjscan.core.frames import Array
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_job import EXTRA, TowJob
 from tjscan.job.tow_simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.devices import Team
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 LONGEST_GUESS: Final = 1.0
 """Seconds for which what moves is taken to go on as it was last seen."""
-
-EXTRA: Final = "towing"
-"""What to install for a planner or a simulated cable."""
 
 
 def make_planner(job: TowJob) -> ShapePlanner:
@@ -46,7 +43,7 @@ def make_planner(job: TowJob) -> ShapePlanner:
         from tjscan.towing.paper_planner import PaperPlanner
         from tjscan.towing.planner import PlannerSettings, TowingPlanner
     except ModuleNotFoundError as error:
-        raise _missing(error, "method") from error
+        raise package_missing(error, "towing", EXTRA, "method") from error
     settings = PlannerSettings(
         job.objective_weights,
         job.effort_targets,
@@ -149,7 +146,7 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
             from tjscan.vehicle.cable.world import TowingWorld
             from tjscan.vehicle.simulated_team import SimulatedTeam
         except ModuleNotFoundError as error:
-            raise _missing(error, "vehicles.driver") from error
+            raise package_missing(error, "towing", EXTRA, "vehicles.driver") from error
         begin = 0.0
         if left is not None:
             angles, begin = _angles_of(left.line, job.root.heading), left.time
@@ -218,16 +215,6 @@ def _angles_of(line: Array, root_heading: float) -> Array:
     steps = np.diff(line, axis=0)
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     return np.diff(headings, prepend=root_heading)
-
-
-def _missing(error: ModuleNotFoundError, key: str) -> ConfigurationError:
-    if (error.name or "").split(".")[0] == "tjscan":
-        raise error
-    return ConfigurationError(
-        f"towing needs the package {error.name}, which is not installed: "
-        f"pip install 'tjscan[{EXTRA}]'",
-        key=key,
-    )
 
 
 def standing_obstacles(job: TowJob) -> list[DiscObstacle]:

@@ -40,6 +40,9 @@ millimetres of where they are planned."""
 BEND_RESERVE: Final = 1.02
 """The same of the smallest bend radius."""
 
+EXTRA: Final = "towing"
+"""Name of the extra that brings what only a tow needs."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamMqttSettings(MqttSettings):

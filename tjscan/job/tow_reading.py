@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from tjscan.core.config import add_file_to_errors
+from tjscan.core.extras import package_missing
 from tjscan.job.reading import read_job_table
 from tjscan.job.tow_checks import check_tow_job
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow_job import EXTRA, TowJob
 
 
 def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
@@ -21,5 +22,8 @@ def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
     """
     job = read_job_table(TowJob, file, overrides)
     with add_file_to_errors(file):
-        check_tow_job(job)
+        try:
+            check_tow_job(job)
+        except ModuleNotFoundError as error:
+            raise package_missing(error, "towing", EXTRA) from None
     return job
