@@ -52,7 +52,12 @@ MODULES = {
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the files of the checkout's root, and the reference."""
     made = {"index.md": (ROOT / "README.md").read_text(encoding="utf-8")}
-    for name in ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"):
+    for name in (
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "SECURITY.md",
+        "examples/first-scan.ipynb",
+    ):
         made[name] = (ROOT / name).read_text(encoding="utf-8")
     made = {name: text.replace("](docs/", "](") for name, text in made.items()}
     made["reference/commands.md"] = _page_of_commands()
