@@ -14,7 +14,7 @@ from _table import Row
 
 from tjscan.cli import main as tjscan
 
-JOB: Final = Path(__file__).parents[1] / "examples" / "paper.toml"
+EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 
 MOST_BYTES: Final = 3_000_000
 MOST_SHEETS: Final = 6
@@ -25,14 +25,8 @@ LEAST_TURNED: Final = 0.02
 def report_rows() -> Iterator[Row]:
     """Scan the paper's joint, and look at its report in Chromium."""
     with TemporaryDirectory() as folder:
-        run = Path(folder) / "paper"
-        try:
-            with redirect_stderr(StringIO()):
-                tjscan(["scan", str(JOB), "--out", str(run)])
-        except SystemExit as stop:
-            if stop.code:
-                raise
-        file = run / "report.html"
+        file = report_of("paper", Path(folder))
+        stitched = report_of("whole-joint", Path(folder))
         yield Row("report.html", file.stat().st_size / 1e6, MOST_BYTES / 1e6, "MB")
         with started_browser() as browser:
             watched = open_file(browser, file)
@@ -50,3 +44,17 @@ def report_rows() -> Iterator[Row]:
             )
             yield Row("pixels that differ once the view is reset", changed_share(before, again), 0)
             yield Row("sheets of A4", sheets, MOST_SHEETS)
+            sheets = printed_pages(open_file(browser, stitched).page)
+            yield Row("… of a whole joint, stitched from two stations", sheets, MOST_SHEETS)
+
+
+def report_of(example: str, folder: Path) -> Path:
+    """Scan as an example says; gives the report."""
+    run = folder / example
+    try:
+        with redirect_stderr(StringIO()):
+            tjscan(["scan", str(EXAMPLES / f"{example}.toml"), "--out", str(run)])
+    except SystemExit as stop:
+        if stop.code:
+            raise
+    return run / "report.html"

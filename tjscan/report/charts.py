@@ -108,6 +108,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
         f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
         f"deviations. Where the root is not seen, only the angle is known.{designed}",
         f"Four charts along the groove: {_ranges(data)}.",
+        vector=True,
     )
 
 
@@ -146,6 +147,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
         "How the scan went",
         "Dashed: as asked; the first step is the taught one.",
         f"Charts of {', '.join(titles)} over the sections.",
+        vector=True,
     )
 
 
@@ -187,6 +189,7 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
         "the design has them; it has no sign.",
         f"Chart of these distances: {np.nanmean(distances):.2f} mm in the mean, "
         f"{np.nanmax(distances):.2f} mm at most.",
+        vector=True,
     )
 
 

@@ -75,6 +75,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
         f"± {BAND:g} standard deviations.{off}",
         f"Charts along the groove of the root{'' if high_low is None else ' and of high-low'}, "
         f"{int(tacked.sum())} sections on tack welds.",
+        vector=True,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -49,7 +50,9 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def inline_figure(figure: Any, title: str, caption: str, alt: str = "") -> ReportPicture:
+def inline_figure(
+    figure: Any, title: str, caption: str, alt: str = "", *, vector: bool = False
+) -> ReportPicture:
     """Turn a figure into a picture that stands inside the HTML page.
 
     Parameters
@@ -58,8 +61,16 @@ def inline_figure(figure: Any, title: str, caption: str, alt: str = "") -> Repor
         Any of matplotlib's.
     title, caption, alt : str
         As of `ReportPicture`.
+    vector : bool
+        Whether its lines stay lines, as sharp as a printer draws them. What holds thousands of
+        points is lighter as pixels.
     """
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-    data = "data:image/png;base64," + b64encode(stream.getvalue()).decode("ascii")
+    if vector:
+        with rc_context({"svg.hashsalt": title}):  # the same names in every run
+            figure.savefig(stream, format="svg", metadata={"Date": None})
+    else:
+        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    kind = "svg+xml" if vector else "png"
+    data = f"data:image/{kind};base64," + b64encode(stream.getvalue()).decode("ascii")
     return ReportPicture(title, caption, data, alt)
