@@ -18,7 +18,7 @@ from tjscan.job.kinds import FILE_KINDS, FileKind
 ROOT = Path(__file__).parents[1]
 
 MODULES = {
-    "tjscan": ("`import tjscan`", ["tjscan.api"]),
+    "tjscan": ("`import tjscan`", ["tjscan.api", "tjscan.api.results"]),
     "results": (
         "What the functions return",
         [

@@ -6,11 +6,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from calibration_stage import HAND, T_F_S, error, shots, varied
+from command import blank_pictures
 
 import tjscan
 from tjscan.api import Scan
+from tjscan.comparison.compare import Comparison
 from tjscan.core.errors import GrooveNotFound
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +82,35 @@ def test_the_example_of_the_documentation_runs(
     for name in ("points", "T_r_g", "measures", "sigmas", "cloud"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(scan, name)[0] = 0.0
+    check_that_they_show_themselves(scan, recording, names["comparison"])
+
+
+def check_that_they_show_themselves(
+    scan: Scan, recording: tjscan.Recording, comparison: object
+) -> None:
+    """Tables hold what the arrays and files do, and a notebook is given HTML and pictures."""
+    assert isinstance(comparison, Comparison)
+    table = scan.to_pandas()
+    written = pd.read_csv(scan.directory / "sections.csv", comment="#")
+    numbers = [name for name in written.columns if table[name].dtype == float]
+    assert len(numbers) > 50
+    np.testing.assert_allclose(table[numbers], written[numbers], rtol=1e-5, atol=1e-4)
+    np.testing.assert_array_equal(table["index"], written["index"])
+    profiles = recording.to_pandas()
+    assert list(profiles["section"]) == list(recording.section_numbers)
+    sensor = profiles[["sensor_x_mm", "sensor_y_mm", "sensor_z_mm"]]
+    np.testing.assert_allclose(1e-3 * sensor, recording.T_b_s[:, :3, 3])
+    distances = comparison.to_pandas()
+    for deviation in comparison.deviations:
+        own = distances[distances["kind"] == deviation.kind]["distance_mm"]
+        np.testing.assert_allclose(own, 1e3 * deviation.distances)
+    for one in (scan, recording, comparison):
+        html = one._repr_html_()
+        assert html.count("<tr>") == html.count("</tr>") > 1
+        with blank_pictures():
+            assert one.plot()._repr_png_().startswith(b"\x89PNG")
+    assert "within" in comparison._repr_html_()
+    assert "data:image/png" in scan._repr_html_()
 
 
 def test_a_groove_is_read_from_two_columns_or_three() -> None:

@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from command import tjscan
 
+from tjscan.core.display import to_data_frame
+from tjscan.core.errors import ConfigurationError
+
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
 
@@ -27,3 +30,9 @@ def test_the_line_to_type_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     assert tjscan(*command) == 2
     assert f"pip install 'tjscan[{extra}]'" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_table_of_pandas_names_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[pandas\]'"):
+        to_data_frame({})

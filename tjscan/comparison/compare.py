@@ -24,6 +24,7 @@ from tjscan.comparison.distance import (
 from tjscan.comparison.joint_alignment import align_joints
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.surface import MeshDistance
+from tjscan.core.display import Picture, rows_to_html, to_data_frame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.uncertainty.alignment import aligned_budget
@@ -129,6 +130,45 @@ class Comparison:
         corners = [d for d in self.deviations if d.kind.startswith("corners")]
         limit = 1e3 * self.tolerance
         return all(d.statistics.p95 <= limit for d in corners or self.deviations)
+
+    def to_pandas(self) -> Any:
+        """Table of all distances as a DataFrame of pandas: kind, place and distance in mm.
+
+        Raises
+        ------
+        ConfigurationError
+            If pandas is not installed.
+        """
+        points = 1e3 * np.concatenate([d.points.reshape(-1, 3) for d in self.deviations])
+        distances = [d.distances.ravel() for d in self.deviations]
+        kinds = np.repeat([d.kind for d in self.deviations], [len(one) for one in distances])
+        places = dict(zip(("x_mm", "y_mm", "z_mm"), points.T, strict=True))
+        return to_data_frame(
+            {"kind": kinds, **places, "distance_mm": 1e3 * np.concatenate(distances)}
+        )
+
+    def plot(self) -> Picture:
+        """Draw the map of deviations; raises as `maps.deviation_map_figure` does."""
+        from tjscan.comparison.maps import deviation_map_figure
+
+        return Picture(deviation_map_figure(self))
+
+    def _repr_html_(self) -> str:
+        return rows_to_html(f"{self.measured.name} and {self.reference.name}", self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        yield "frame", self.reference.stated.frame
+        yield "alignment", self.alignment.method
+        for d in self.deviations:
+            s = d.statistics
+            yield (
+                f"{d.kind}, {len(d.distances)}",
+                f"median {s.median:.4f}, p95 {s.p95:.4f}, max {s.max:.4f} mm",
+            )
+        if self.tolerance is not None:
+            verdict = "within" if self.passed else "outside"
+            yield "tolerance", f"{1e3 * self.tolerance:g} mm: p95 {verdict}"
+        yield from (("warning", warning) for warning in self.warnings)
 
 
 def check_tolerance(tolerance: float | None) -> None:

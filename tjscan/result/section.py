@@ -151,6 +151,29 @@ def lengths_along_groove(sections: Sequence[MeasuredSection]) -> Array:
     return np.concatenate(([0.0], 1e-3 * steps.cumsum()))[: len(sections)]
 
 
+def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
+    """Columns of all quantities of sections, by names that end in their unit, mm and degrees.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        Two or more, in their order along the groove.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        As tables hold them, to the last digit; NaN where a number is not known.
+    """
+    columns: dict[str, Any] = {}
+    for field in FIELDS:
+        values = np.asarray(field.take(sections))
+        if field.unit is not NONE:
+            values = values / field.unit.factor
+        rows = values.reshape(len(sections), len(field.labels))
+        columns |= zip(field.column_names(), rows.T, strict=True)
+    return columns
+
+
 def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     """Build a section from the values of all quantities that are not derived.
 

@@ -11,10 +11,10 @@ from rich.table import Table
 
 from tjscan.cli.output.console import add_text_row, print_message, progress_bars, stderr
 from tjscan.result.summary import ScanSummary, summary_to_json
+from tjscan.result.summary_words import summary_in_words
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.uncertainty.summary import budget_in_words
 
 
 class ProgressJournal:
@@ -66,30 +66,7 @@ def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> 
         print(summary_to_json(summary))
         return
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _lines(summary):
+    for name, value in summary_in_words(summary):
         add_text_row(table, name, value)
     stderr.print(table)
     print_message(f"written to {directory}; see report.html, and sections.csv for the numbers")
-
-
-def _lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
-    step, error = summary.step_mm, summary.corner_error_mm
-    yield "stopped because", summary.detail
-    yield "sections", f"{summary.sections} from {summary.scans} profiles"
-    yield "groove length", f"{summary.groove_length_mm:.1f} mm"
-    if step.mean is not None:
-        spread = "" if step.std is None else f" ± {step.std:.2f}"
-        yield "step", f"{step.mean:.2f}{spread} mm, {step.nominal:g} mm asked"
-    yield "flange", f"{summary.flange_travel_mm:.0f} mm, {summary.flange_rotation_deg:.0f}°"
-    yield "motion time", f"{summary.motion_time_s:.1f} s"
-    if error is not None:
-        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
-    yield from uncertainty_lines(summary)
-
-
-def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
-    """How sure the corners are, and what is not counted; nothing for older runs."""
-    if (budget := summary.uncertainty) is not None:
-        yield "uncertainty", budget_in_words(budget)
-        for words in budget.left_out:
-            yield "not counted", words

@@ -9,9 +9,9 @@ from pydantic_core import to_json
 from rich.table import Table
 
 from tjscan.cli.output.console import add_text_row, print_message, stderr
-from tjscan.cli.output.scan import uncertainty_lines
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import ScanSummary
+from tjscan.result.summary_words import uncertainty_lines
 from tjscan.runs.stitch import StitchedRun
 
 NOTED_MM = 0.05

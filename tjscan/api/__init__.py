@@ -6,94 +6,27 @@ What they need is imported when they are called.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from os import PathLike
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.api.results import File, Recording, Scan
 
 if TYPE_CHECKING:
     from tjscan.calibration.result import HandEyeCalibration
     from tjscan.comparison.compare import Comparison
-    from tjscan.groove.measured import MeasuredSection
     from tjscan.groove.section import GrooveSection
     from tjscan.laser.profile import Profile
-    from tjscan.result.summary import ScanSummary
 
-File = str | PathLike[str]
+__all__ = ["Recording", "Scan", "calibrate", "compare", "read_groove", "scan"]
+
 LengthUnit = Literal["mm", "um", "m"]
 
 OFF_PLANE: Final = 1e-6
 """Metres that a point of a profile may lie off the laser plane."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scan:
-    """A scanned groove, as a run directory holds it; all arrays are in one frame.
-
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    frame : str
-        Letter of the frame: j, the joint's, or b, the robot's base.
-    points : ndarray, shape (n, 5, 3)
-        p1 to p5 of every section, metres.
-    T_r_g : ndarray, shape (n, 4, 4)
-        Pose of the frame g of every section.
-    measures : ndarray, shape (n, 4)
-        Groove angle (radians), root width, depth (metres) and area (m²).
-    sigmas : ndarray, shape (n, 4)
-        Their standard deviations.
-    cloud : ndarray, shape (m, 3)
-        All points of the sections' profiles, metres.
-    sections : tuple of MeasuredSection
-        The sections one by one, with their covariances.
-    summary : ScanSummary
-        The scan in a few numbers, in the units that their names state.
-    """
-
-    directory: Path
-    frame: str
-    points: Array
-    T_r_g: Array
-    measures: Array
-    sigmas: Array
-    cloud: Array
-    sections: tuple[MeasuredSection, ...]
-    summary: ScanSummary
-
-    @classmethod
-    def read(cls, directory: File) -> Scan:
-        """Read a finished run directory, of one scan or stitched.
-
-        Raises
-        ------
-        ConfigurationError
-            If it holds no finished run, or its files are damaged.
-        """
-        from tjscan.result.directory import SECTIONS
-        from tjscan.result.shapes import read_finished_summary, read_run_shape
-        from tjscan.result.table import read_sections_csv
-
-        folder = Path(directory)
-        summary, shape = read_finished_summary(folder), read_run_shape(folder)
-        sections = read_sections_csv(folder / SECTIONS)
-        return cls(
-            folder,
-            summary.frame,
-            readonly_copy([section.points for section in sections]),
-            readonly_copy([section.T_r_g for section in sections]),
-            readonly_copy([section.measures for section in sections]),
-            readonly_copy([section.sigmas for section in sections]),
-            readonly_copy(np.empty((0, 3)) if shape.points is None else shape.points),
-            sections,
-            summary,
-        )
 
 
 def scan(
@@ -306,63 +239,6 @@ def compare(
         align,
         tolerance,
     )
-
-
-class Recording:
-    """What a scan recorded: every profile, and where the arm stood.
-
-    Parameters
-    ----------
-    path : path
-        A run directory, or one file of its recording.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    RecordingError
-        If it is of another program, or damaged.
-    """
-
-    def __init__(self, path: File) -> None:
-        from tjscan.scanning.reader import read_views
-
-        self._views = tuple(read_views(Path(path)))
-
-    def __len__(self) -> int:
-        return len(self._views)
-
-    @property
-    def profiles(self) -> tuple[Profile, ...]:
-        """Every profile in the order taken, in frame s, metres."""
-        return tuple(view.profile for view in self._views)
-
-    @property
-    def section_numbers(self) -> NDArray[np.int64]:
-        """Number of the section that each profile was taken for, shape (n,)."""
-        numbers = np.array([view.index for view in self._views], dtype=np.int64)
-        numbers.setflags(write=False)
-        return numbers
-
-    @property
-    def q(self) -> Array:
-        """Joint angles of the arm at each profile, shape (n, 6), radians."""
-        return readonly_copy([view.q for view in self._views])
-
-    @property
-    def T_b_f(self) -> Array:
-        """Pose of the flange in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly_copy([view.T_b_f for view in self._views])
-
-    @property
-    def T_b_s(self) -> Array:
-        """Pose of the sensor in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly_copy([view.T_b_s for view in self._views])
-
-    @property
-    def times(self) -> Array:
-        """Time of each profile on the clock of the arm, shape (n,), seconds."""
-        return readonly_copy([view.time for view in self._views])
 
 
 def _check_word(name: str, word: str, known: Sequence[str]) -> None:
