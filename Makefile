@@ -1,5 +1,5 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check docs bench soak licences pins setup clean
+.PHONY: scan test check docs bench soak licences pins image setup clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -53,6 +53,10 @@ pins: $(READY)
 	$(BIN)/pip install --quiet --dry-run --ignore-installed --only-binary :all: \
 		--report $(VENV)/report.json -c constraints.txt -r $(VENV)/needed.txt
 	$(BIN)/python bench/_pins.py < $(VENV)/report.json > requirements-hashed.txt
+
+# The container; where no docker runs, its steps are followed in an empty Debian, and it scans.
+image:
+	@if docker version >/dev/null 2>&1; then docker build --tag tjscan .; else $(PYTHON) bench/_image.py; fi
 
 setup: $(READY)
 
