@@ -1,6 +1,7 @@
 """The schemas that editors check files by, held by a validator of another make."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,13 @@ def test_defaults_and_explanations_are_in_the_units_of_the_file(
     arm = _schema("scan", capsys)["properties"]["arm"]["properties"]
     assert "ur" in arm["driver"]["enum"]
     assert "drivers" not in arm
+
+
+def test_no_explanation_speaks_of_units_that_are_not_in_files(
+    kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = json.dumps(_schema(kind, capsys))
+    assert not re.search(r"\b(metres|radians)\b|;\.", text, re.IGNORECASE)
 
 
 def test_an_unknown_kind_is_named_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

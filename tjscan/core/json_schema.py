@@ -12,7 +12,8 @@ from pydantic import TypeAdapter
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 _UNITS_INSIDE: Final = re.compile(
-    r",?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;]|$)"
+    r"[,;]?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;:]|$)"
+    r"|\s+\((?:metres|radians)\)|\s+in (?:metres|radians)(?= )|\s+Metres, radians\."
 )
 """A docstring says which units the program keeps; the file has the ones that its keys end in."""
 
@@ -58,7 +59,7 @@ def describe_table(
         elif "default" in value and to_file and key in to_file:
             value["default"] = to_file[key](value["default"])
     if said := _parsed(table).description:
-        schema["description"] = said.strip()
+        schema["description"] = _UNITS_INSIDE.sub("", said.strip())
     for entry in (entry for base in reversed(table.__mro__) for entry in _parsed(base).params):
         for name in entry.arg_name.split(", "):
             if name in keys and keys[name] in properties:

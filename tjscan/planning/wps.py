@@ -54,7 +54,7 @@ class WireSettings(Table):
     Parameters
     ----------
     diameter : float
-        Metres.
+        Of the wire, metres.
     density : float
         kg/m³, for the mass that is told.
     deposition_efficiency : float

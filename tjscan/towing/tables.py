@@ -157,7 +157,7 @@ class ObstacleSettings(SettingsTable):
     points : tuple of points
         Where it stands, or the path of its centre, frame w, metres.
     radius : float
-        Metres.
+        Of a disc, metres.
     speed : float
         Along its path, m/s.
     start : float

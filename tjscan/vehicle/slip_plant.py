@@ -41,7 +41,7 @@ class SlipSettings(SettingsTable):
     yaw_variation : float, optional
         How far η swings along the path; p / 4.
     yaw_period : float, optional
-        Metres of path after which it swings again. Assumption.
+        Way after which it swings again, metres. Assumption.
     yaw_drift : float, optional
         β, what the vehicle turns while it should drive straight, rad/m; 10 mrad/m where p > 0.
     crab : float, optional

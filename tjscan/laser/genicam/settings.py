@@ -117,7 +117,7 @@ class ScanControlSettings(GigeSettings):
     model : str, optional
         One of those whose scale the specification lists, such as ``2600-100``.
     scale, offset : float, optional
-        Metres for each count, and z of the middle of the counts, in metres, of other models.
+        What a count is, and z of the middle of the counts, metres; of other models.
     layout : str
         ``full`` profile, or ``container``.
     points : int

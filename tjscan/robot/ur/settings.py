@@ -24,7 +24,7 @@ class UrSettings(SettingsTable):
     payload_centre : tuple of float, optional
         Centre of gravity of the payload, in frame f, metres.
     position_tolerance, rotation_tolerance : float, optional
-        Metres and radians between the pose asked for and the one reached.
+        Between the pose asked for and the one reached, metres and radians.
     connect_limit : float, optional
         Seconds a connection may take.
     silence_limit : float, optional
