@@ -2,7 +2,7 @@
 # docker run --rm --volume "$PWD:/work" tjscan init paper
 # docker run --rm --volume "$PWD:/work" tjscan scan paper.toml
 FROM python:3.11-slim-bookworm
-# What Open3D loads and a slim base lacks; the Makefile names the same packages.
+# What Open3D and Pinocchio load and a slim base lacks.
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends \
         libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6 \

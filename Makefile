@@ -6,8 +6,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PLAIN := $(VENV)/plain
 READY := $(VENV)/ready
-OPEN3D_LIBRARIES := libEGL.so.1 libGL.so.1 libidn2.so.0 libudev.so.1 libusb-1.0.so.0 libX11.so.6
-OPEN3D_PACKAGES := libegl1 libgl1 libidn2-0 libudev1 libusb-1.0-0 libx11-6
+SYSTEM_LIBRARIES := libEGL.so.1 libGL.so.1 libgomp.so.1 libidn2.so.0 libudev.so.1 libusb-1.0.so.0 libX11.so.6
+SYSTEM_PACKAGES := libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
 scan: $(PLAIN)
@@ -64,9 +64,9 @@ setup: $(READY)
 $(PLAIN): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "tjscan needs Python 3.11 or newer; set PYTHON=... to choose one"; exit 1; }
-	@$(PYTHON) -c 'import ctypes, sys; [ctypes.CDLL(name) for name in sys.argv[1:]]' $(OPEN3D_LIBRARIES) 2>/dev/null \
-		|| { apt-get update -qq && apt-get install -y -qq $(OPEN3D_PACKAGES); } >/dev/null 2>&1 \
-		|| { echo "open3d needs libraries of the system: sudo apt-get install $(OPEN3D_PACKAGES)"; exit 1; }
+	@$(PYTHON) -c 'import ctypes, sys; [ctypes.CDLL(name) for name in sys.argv[1:]]' $(SYSTEM_LIBRARIES) 2>/dev/null \
+		|| { apt-get update -qq && apt-get install -y -qq $(SYSTEM_PACKAGES); } >/dev/null 2>&1 \
+		|| { echo "tjscan needs libraries of the system: sudo apt-get install $(SYSTEM_PACKAGES)"; exit 1; }
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 	@echo "setting up $(VENV): some two minutes, once"

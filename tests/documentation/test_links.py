@@ -42,3 +42,12 @@ def test_every_page_is_reached_from_the_first() -> None:
         }
         left += [file for file in files if file.suffix == ".md" and file not in reached]
     assert {file.name for file in DOCUMENTS} <= {file.name for file in reached}
+
+
+def test_every_page_stands_in_the_menu() -> None:
+    menu = re.findall(
+        r"- (?:[\w ]+: )?([\w./-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE
+    )
+    pages = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
+    assert pages <= {*menu}
+    assert len(menu) == len({*menu})

@@ -59,8 +59,8 @@ EXIT_CODES: dict[type[TjscanError], int] = {
 
 
 SYSTEM_LIBRARIES: Final = (
-    "A library of the system is missing. Those that Open3D needs, on Debian and Ubuntu: apt-get "
-    "install libegl1 libgl1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
+    "A library of the system is missing. Those that are needed, on Debian and Ubuntu: apt-get "
+    "install libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
 )
 """What to do where one can't be loaded."""
 
