@@ -6,7 +6,8 @@ import errno
 import logging
 import sys
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 from cyclopts import App, CycloptsError
 
@@ -21,7 +22,19 @@ from tjscan.core.errors import (
 )
 from tjscan.core.version import VERSION
 
-app = App(
+
+class _TjscanApp(App):
+    """The program; its shell completion offers the keys of jobs."""
+
+    def install_completion(self, **options: Any) -> Path:
+        """Install the script of completion, see `App.install_completion`."""
+        from tjscan.cli.options.completion import job_keys_as_options
+
+        with job_keys_as_options(self):
+            return super().install_completion(**options)
+
+
+app = _TjscanApp(
     name="tjscan",
     help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
     version=VERSION,
