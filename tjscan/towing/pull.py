@@ -87,11 +87,15 @@ class CablePull:
         doubt = max(self.doubt, PLACED)
         counts = np.linalg.inv(target**2 * np.eye(2) + doubt**2 * stiffness @ stiffness.T)
         root = np.sqrt(1 + force @ counts @ force)
-        gradient = 2 * weight / root * stiffness.T @ counts @ force
-        hessian = 2 * weight / root * max(1.0, RELIEF / period) * stiffness.T @ counts @ stiffness
+        by_force = 2 * weight / root * stiffness.T @ counts
+        gradient = by_force @ force
+        hessian = max(1.0, RELIEF / period) * by_force @ stiffness
         at = 2 * weight * (root - 1)
-        # However soft the cable is there, the vehicle gives way slowly.
-        hessian += np.hypot(*gradient) / (GIVES_WAY * period) * np.eye(2)
+        # However soft the cable is there, the vehicle gives way slowly; also where the force goes
+        # through zero, for nobody knows it better than an error of the poses leaves it.
+        doubted = min(self.doubt * float(np.linalg.norm(stiffness, 2)), target)
+        slope = np.hypot(np.hypot(*gradient), doubted * np.linalg.norm(by_force, 2))
+        hessian += slope / (GIVES_WAY * period) * np.eye(2)
         second = (hessian[0, 0], hessian[0, 1], hessian[1, 1])
         return np.array((PULL_TERM, *self.place, at, *gradient, *second))
 
