@@ -102,7 +102,7 @@ def test_noise_makes_nobody_go_on_and_wait_in_turn() -> None:
 
     def blocked(tip: Array) -> str:
         wall = 3.05 + 2e-4 * rng.standard_normal()
-        return "a wall is too near" if tip[0] > wall and rig.team.time < 15 else ""
+        return "a wall is too near" if tip[0] > wall and rig.team.time < 22 else ""
 
     def scatter(v: int, pose: VehiclePose) -> VehiclePose:
         x, y = 3e-3 * rng.standard_normal(2)

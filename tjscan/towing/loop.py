@@ -38,7 +38,7 @@ LOOKS: Final = 2
 KNOWN: Final = 0.15e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
 
-LONGEST_LOOK: Final = 3.0
+LONGEST_LOOK: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
 AT_START: Final = 0.05
