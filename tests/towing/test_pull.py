@@ -99,6 +99,15 @@ def test_where_it_is_soft_the_vehicle_still_gives_way_slowly() -> None:
     assert soft.force @ stiffness @ step < 0
 
 
+def test_it_gives_way_as_slowly_where_the_force_goes_through_zero() -> None:
+    def curvature(newton: float, doubt: float) -> float:
+        force, stiffness = np.array((newton, 0.0)), 300.0 * np.eye(2)
+        return float(CablePull(force, stiffness, 9, np.zeros(2), doubt).cost(1.0, 3.0, 0.1)[6])
+
+    assert curvature(0.0, 5e-4) > 0.5 * curvature(0.15, 5e-4)
+    assert curvature(5.0, 5e-4) == pytest.approx(curvature(5.0, 0.0), rel=0.01)
+
+
 def test_where_a_pose_is_not_known_no_force_is() -> None:
     lies, poses = tow(np.zeros(2))
     for gone in (0, 1):
