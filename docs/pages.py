@@ -18,15 +18,17 @@ from tjscan.job.kinds import FILE_KINDS, FileKind
 ROOT = Path(__file__).parents[1]
 
 MODULES = {
-    "tjscan": ("`import tjscan`", ["tjscan.api", "tjscan.api.results"]),
+    "tjscan": ("`import tjscan`", ["tjscan.api"]),
     "results": (
         "What the functions return",
         [
-            "tjscan.groove.section",
-            "tjscan.groove.measured",
-            "tjscan.laser.profile",
-            "tjscan.comparison.compare",
-            "tjscan.result.summary",
+            "tjscan.groove.section.GrooveSection",
+            "tjscan.groove.measured.MeasuredSection",
+            "tjscan.result.summary.ScanSummary",
+            "tjscan.laser.profile.Profile",
+            "tjscan.comparison.compare.Comparison",
+            "tjscan.comparison.compare.DeviationDistances",
+            "tjscan.calibration.result.HandEyeCalibration",
             "tjscan.core.frames",
         ],
     ),
@@ -46,7 +48,7 @@ MODULES = {
     ),
     "errors": ("Errors", ["tjscan.core.errors"]),
 }
-"""Pages of docstrings: the title of each, and its modules."""
+"""Pages of docstrings: the title of each, and its modules or classes."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -64,7 +66,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for kind in FILE_KINDS:
         made[f"reference/files/{kind.word}.md"] = "\n".join(_page_of_schema(kind))
     for page, (title, modules) in MODULES.items():
-        blocks = [f"## {module}\n\n::: {module}\n" for module in modules]
+        blocks = [f"## {_heading(name)}\n\n::: {name}\n" for name in modules]
         made[f"reference/{page}.md"] = "\n".join([f"# {title}\n", *blocks])
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
@@ -82,6 +84,12 @@ def on_post_build(config: MkDocsConfig) -> None:
     for page in sorted(Path(config.site_dir).rglob("*.html")):
         if found := outside.search(page.read_text(encoding="utf-8")):
             raise PluginError(f"{page.name} would fetch from elsewhere: {found[0]}")
+
+
+def _heading(name: str) -> str:
+    """Name of a module, or of a class without its module."""
+    last = name.rpartition(".")[2]
+    return last if last[0].isupper() else name
 
 
 def _page_of_commands() -> str:
