@@ -16,7 +16,7 @@ from PIL import Image
 from tjscan.core.frames import Array
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, BrowserType, Page
 
 CHROMIUM: Final = Path("/usr/bin/chromium")
 """Debian's."""
@@ -48,12 +48,18 @@ def started_browser() -> Iterator[Browser]:
     """Start Chromium, and close it in the end."""
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=[*SOFTWARE_GL])
-        try:
-            yield browser
-        finally:
-            browser.close()
+    with sync_playwright() as driver, launched(driver.chromium) as browser:
+        yield browser
+
+
+@contextmanager
+def launched(kind: BrowserType) -> Iterator[Browser]:
+    """Start one more process of a browser that runs; close it in the end."""
+    browser = kind.launch(executable_path=str(CHROMIUM), args=[*SOFTWARE_GL])
+    try:
+        yield browser
+    finally:
+        browser.close()
 
 
 @dataclass

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from threading import Thread
 from typing import TYPE_CHECKING, Final
@@ -17,11 +19,13 @@ from PIL import Image
 from tjscan.core.frames import Array
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, ViewportSize
 
 COMMAND: Final = (sys.executable, "-c", "from tjscan.cli import main; main()")
-WINDOW: Final = {"width": 800, "height": 450}
+WINDOW: Final[ViewportSize] = {"width": 800, "height": 450}
 """Pixels; a larger one takes a browser without a graphics card too long to draw."""
+STRIP: Final[ViewportSize] = {"width": 700, "height": 120}
+"""A window that hardly takes time to draw; what is pressed in it is scrolled to."""
 PATIENCE: Final = 45_000
 """Milliseconds for what a page on a busy machine takes: WebGL without a graphics card starts in
 some ten seconds."""
@@ -97,6 +101,12 @@ class OpenedPage:
         shown = self.page.locator(".tj.state").first
         shown.filter(has_text=re.compile(words, re.DOTALL)).wait_for(timeout=PATIENCE)
 
+    def hold(self, word: str, until: str) -> None:
+        """Press a button and hold it until the page's state shows some words; it is held still."""
+        self.page.get_by_role("button", name=word, exact=True).hover(timeout=PATIENCE)
+        self.page.mouse.down()
+        self.wait_for(until)
+
     def wait_for_another(self, state: str) -> None:
         """Wait until the page's state is not this one any more."""
         changed = "before => document.querySelector('.tj.state').innerText != before"
@@ -114,9 +124,19 @@ class OpenedPage:
 
 
 @contextmanager
-def opened_page(browser: Browser, url: str) -> Iterator[OpenedPage]:
-    """Open the page in a window of a browser, and close it in the end."""
-    context = browser.new_context(viewport=WINDOW)  # type: ignore[arg-type]
+def opened_page(browser: Browser, url: str, window: ViewportSize = WINDOW) -> Iterator[OpenedPage]:
+    """Open the page in a window of a browser, and close it in the end.
+
+    Parameters
+    ----------
+    browser : Browser
+    url : str
+    window : dict, optional
+        Its size in pixels; `STRIP` where nobody looks at the picture.
+    """
+    from playwright.sync_api import Error as PlaywrightError
+
+    context = browser.new_context(viewport=window)
     page, requests, faults = context.new_page(), list[str](), list[str]()
     page.on("request", lambda request: requests.append(request.url))
     page.on("websocket", lambda socket: requests.append(socket.url))
@@ -126,7 +146,28 @@ def opened_page(browser: Browser, url: str) -> Iterator[OpenedPage]:
         page.locator(".tj.state").first.wait_for(timeout=PATIENCE)
         yield OpenedPage(page, requests, faults)
     finally:
-        context.close()
+        with suppress(PlaywrightError):  # of a browser that was killed there is nothing to close
+            context.close()
+
+
+def press_through_calibration(shown: OpenedPage) -> None:
+    """Take all that is asked for; finish when enough lines are there, and save."""
+    while True:
+        shown.wait_for("press(Take|Redo|Finish) or")
+        state = shown.state
+        shown.press("Finish" if "Take one more" in state or "Save it" in state else "Take")
+        if "Save it" in state:
+            return
+        shown.wait_for_another(state)
+
+
+def kill_browser(browser: Browser) -> None:
+    """Let a browser's process die in the midst of what it does."""
+    session = browser.new_browser_cdp_session()
+    processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    (pid,) = (one["id"] for one in processes if one["type"] == "browser")
+    with browser.contexts[-1].pages[-1].expect_event("close", timeout=PATIENCE):
+        os.kill(pid, signal.SIGKILL)
 
 
 def share_like(picture: Array, colour: tuple[int, int, int], hue_tolerance: float = 0.06) -> float:

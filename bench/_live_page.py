@@ -18,7 +18,13 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from _browser import started_browser, why_no_browser
-from _live_browser import COMMAND, OpenedPage, opened_page, served_page, share_like
+from _live_browser import (
+    COMMAND,
+    opened_page,
+    press_through_calibration,
+    served_page,
+    share_like,
+)
 from _live_client import page_client, page_socket, receive_until_end
 from _table import Row
 
@@ -200,17 +206,6 @@ def calibration_row(browser: Browser, folder: Path) -> Row:
         code = served.end()
     seconds = time.perf_counter() - begun
     return Row("a whole calibration by clicks", seconds if code == 0 else np.nan, 60, "s")
-
-
-def press_through_calibration(shown: OpenedPage) -> None:
-    """Take all that is asked for; finish when enough lines are there, and save."""
-    while True:
-        shown.wait_for("press(Take|Redo|Finish) or")
-        state = shown.state
-        shown.press("Finish" if "Take one more" in state or "Save it" in state else "Take")
-        if "Save it" in state:
-            return
-        shown.wait_for_another(state)
 
 
 def stop_rows(browser: Browser, folder: Path) -> Iterator[Row]:
