@@ -47,6 +47,8 @@ def measure() -> list[Row]:
         tests = (sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider")
         tasks: dict[str, tuple[tuple[str, ...], float]] = {
             "import tjscan": ((sys.executable, "-c", "import tjscan"), 0.3),
+            "tjscan --help": ((sys.executable, "-c", command, "--help"), 0.5),
+            "tjscan scan --help": ((sys.executable, "-c", command, "scan", "--help"), 0.7),
             "tjscan scan typo.toml": (
                 (sys.executable, "-c", command, "scan", str(typo)),
                 0.7,
