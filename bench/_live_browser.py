@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -161,13 +162,15 @@ def press_through_calibration(shown: OpenedPage) -> None:
         shown.wait_for_another(state)
 
 
-def kill_browser(browser: Browser) -> None:
-    """Let a browser's process die in the midst of what it does."""
+def kill_browser(browser: Browser) -> float:
+    """Let a browser's process die amid what it does; gives when, in `time.monotonic`."""
     session = browser.new_browser_cdp_session()
     processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
     (pid,) = (one["id"] for one in processes if one["type"] == "browser")
     with browser.contexts[-1].pages[-1].expect_event("close", timeout=PATIENCE):
+        killed = time.monotonic()
         os.kill(pid, signal.SIGKILL)
+    return killed
 
 
 def share_like(picture: Array, colour: tuple[int, int, int], hue_tolerance: float = 0.06) -> float:

@@ -17,15 +17,18 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
 import numpy as np
-from _browser import started_browser, why_no_browser
+from _browser import launched, started_browser, why_no_browser
 from _live_browser import (
     COMMAND,
+    STRIP,
+    kill_browser,
     opened_page,
     press_through_calibration,
     served_page,
     share_like,
 )
 from _live_client import page_client, page_socket, receive_until_end
+from _live_hand import hand_rows
 from _table import Row
 
 from tjscan.core.frames import Array
@@ -65,6 +68,7 @@ def live_rows() -> Iterator[Row]:
             yield from scan_rows(browser, Path(folder))
             yield calibration_row(browser, Path(folder))
             yield from stop_rows(browser, Path(folder))
+            yield from hand_rows(browser, Path(folder))
             yield from memory_rows(browser)
 
 
@@ -163,20 +167,26 @@ def click_rows(browser: Browser) -> Iterator[Row]:
 
 
 def scan_rows(browser: Browser, folder: Path) -> Iterator[Row]:
-    """A scan by clicks: two pages, one closed and opened again in its middle."""
+    """A scan by clicks in two browsers, one of which is killed in its middle; then opened again."""
     run, begun, wrong = folder / "clicked", time.perf_counter(), 0
     words = ("scan", SCAN, "--out", run, "--live", "--wait")
     with served_page(*words) as served:
-        with opened_page(browser, served.url) as one:
-            one.wait_for("waiting for Start")
-            with opened_page(browser, served.url) as other:
-                one.press("Step")
-                for page in (one, other):
-                    page.wait_for("paused: after section 2")
+        with (
+            opened_page(browser, served.url) as one,
+            launched(browser.browser_type) as doomed,
+            opened_page(doomed, served.url, STRIP) as other,
+        ):
+            other.press("Step")
+            for page in (one, other):
+                page.wait_for("paused: after section 2")
             picture = one.picture()
+            other.press("Step")
+            other.wait_for("scanning one section|after section 3")
+            kill_browser(doomed)
+            one.wait_for("paused: after section 3")
             state, requests, faults = one.state, list(one.requests), one.faults
-        with opened_page(browser, served.url) as again:
-            again.wait_for("paused: after section 2")
+        with opened_page(browser, served.url, STRIP) as again:
+            again.wait_for("paused: after section 3")
             wrong += again.state != state
             again.press("Start")
             code = served.end()
@@ -186,7 +196,7 @@ def scan_rows(browser: Browser, folder: Path) -> Iterator[Row]:
     own = urlsplit(served.url).netloc
     foreign = [one for one in requests if urlsplit(one).netloc not in (own, "")]
     coloured = sum(share_like(picture, colour) for colour in viridis()[120:256:45])
-    yield Row("a scan by clicks, two pages, one opened again", seconds, 60, "s")
+    yield Row("a scan by clicks in two browsers, one killed, opened again", seconds, 60, "s")
     yield Row("… its exit code", code, 0)
     yield Row("… largest difference of its sections", apart, 0, "m")
     yield Row("… pages opened again that show another state", wrong, 0)
@@ -201,7 +211,7 @@ def calibration_row(browser: Browser, folder: Path) -> Row:
     begun = time.perf_counter()
     short = ("--board.touches", 4, "--board.lines", 5)
     words = ("calibrate", CALIBRATION, "--out", folder / "calibration", *short, "--live")
-    with served_page(*words) as served, opened_page(browser, served.url) as shown:
+    with served_page(*words) as served, opened_page(browser, served.url, STRIP) as shown:
         press_through_calibration(shown)
         code = served.end()
     seconds = time.perf_counter() - begun

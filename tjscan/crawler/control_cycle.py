@@ -123,7 +123,9 @@ class ControlCycle:
         turn = self._method.turn_rate(speed, turns_back=turns_back)
         return self.run(Twist(speed, turn), path, height)[0]
 
-    def run(self, twist: Twist, path: float = 0.0, height: float = 0.0) -> tuple[float, bool]:
+    def run(
+        self, twist: Twist, path: float = 0.0, height: float = 0.0, *, stopped: bool = False
+    ) -> tuple[float, bool]:
         """Command, measure, estimate, guard.
 
         Parameters
@@ -132,6 +134,8 @@ class ControlCycle:
             To be commanded.
         path, height : float, optional
             Of the torch beside the joint and out of the hull, metres.
+        stopped : bool, optional
+            Whether the vehicle was stopped, and takes no command.
 
         Returns
         -------
@@ -147,7 +151,8 @@ class ControlCycle:
         """
         devices, method = self._devices, self._method
         self._guards.check_command(twist)
-        devices.vehicle.command(twist)
+        if not stopped:
+            devices.vehicle.command(twist)
         state = devices.vehicle.next_state()
         period = self._period_until(state.time)
         self._guards.watch_vehicle(state, period)

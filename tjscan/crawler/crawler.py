@@ -11,7 +11,7 @@ from typing import Final, Protocol
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.hand_drive import HandDrive
+from tjscan.crawler.hand_drive import HandDrive, drive_by_hand
 from tjscan.crawler.journal import CrawlJournal
 from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
@@ -183,7 +183,9 @@ class Crawler:
         home = -self._plan.weld.run_up
         self._cycle.travel = home if start is None else start.travel
         if start is None and self._hand is not None:
-            self._drive_by_hand(self._hand)
+            self._journal.record_event(str(self._cycle.phase), "waits for the start")
+            drive_by_hand(self._hand, self._devices.vehicle, self._cycle, self._guards)
+            self._cycle.come_to_rest()
             self._cycle.travel = home  # what it rolled on for
         self._wait_for_joint()
         if start is None:
@@ -214,15 +216,6 @@ class Crawler:
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
             )
-
-    def _drive_by_hand(self, hand: HandDrive) -> None:
-        """Drive as a person asks, until he lets the crawl begin; towards an edge it stands."""
-        self._journal.record_event(
-            str(self._cycle.phase), "waits for the start, and drives by hand"
-        )
-        while (twist := hand.order()) is not None:
-            self._cycle.run(REST if self._guards.leads_off_steel(twist) else twist)
-        self._cycle.come_to_rest()
 
     def _wait_for_joint(self) -> None:
         """Stand until the joint was seen for long enough and there is steel all round."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from tjscan.vehicle.vehicle import Twist
+from tjscan.crawler.control_cycle import ControlCycle
+from tjscan.crawler.guards import Guards
+from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 
 class HandDrive(Protocol):
@@ -17,3 +19,35 @@ class HandDrive(Protocol):
         asked for any lately: who drives by hand must go on saying so.
         """
         ...
+
+
+def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards: Guards) -> None:
+    """Drive as a person asks, until he lets the crawl begin.
+
+    Where nothing is asked for, or a way towards an edge, the vehicle is stopped, not only told to
+    stand: it brakes as hard as it can.
+
+    Parameters
+    ----------
+    hand : HandDrive
+    vehicle : Vehicle
+        That of the cycle.
+    cycle : ControlCycle
+    guards : Guards
+
+    Raises
+    ------
+    CrawlStopped, VehicleFault, LaserFault
+        As `ControlCycle.run` does.
+    """
+    vehicle.stop()
+    stopped = True
+    while (twist := hand.order()) is not None:
+        stays = twist == REST or guards.leads_off_steel(twist)
+        if stays and not stopped:
+            vehicle.stop()
+        elif stopped and not stays:
+            vehicle.accept_commands_again()
+        stopped = stays
+        cycle.run(REST if stays else twist, stopped=stopped)
+    vehicle.accept_commands_again()
