@@ -30,7 +30,7 @@ check: $(READY)
 # The documentation as pages in site/: no warning, no dead link, nothing that a page would fetch.
 docs: $(READY)
 	@$(BIN)/python -c 'import mkdocs, mkdocstrings' 2>/dev/null \
-		|| $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+		|| $(PIP) -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 bench: $(READY)

@@ -99,6 +99,11 @@ def matching(table: dict[str, Any], commands: Sequence[str] = ALL) -> list[str]:
     return [one for one in commands if any(re.match(row, one) for row in table)]
 
 
+def one_of_the_tutorial(command: str) -> str:
+    """A command with the names that the tutorial has for its run and its files."""
+    return re.sub(r"cad/|examples/", "", command.replace("runs/paper-DATE", "runs/first"))
+
+
 def exit_code(command: str, small: Sequence[str] = ()) -> int:
     """Exit code of a command of the documents, run in this process."""
     _, *words = shlex.split(command.partition(" '>' ")[0])
@@ -137,7 +142,9 @@ def test_no_row_is_left_of_a_command_that_went(row: str) -> None:
     assert matching({row: None})
 
 
-@pytest.mark.parametrize("command", sorted({*matching(RUN)} - {*TUTORIAL}))
+@pytest.mark.parametrize(
+    "command", [one for one in matching(RUN) if one_of_the_tutorial(one) not in TUTORIAL]
+)
 def test_a_command_runs(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     (small,) = (options for row, options in RUN.items() if re.match(row, command))
