@@ -120,42 +120,10 @@ def _send(
 
 def _print_plan(done: WrittenPlan, page: Path) -> None:
     from tjscan.cli.output.console import print_message, print_table
+    from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
 
     found = done.document
-    head = (
-        "bead",
-        "station",
-        "layer",
-        "kind",
-        "mm",
-        "m/min",
-        "mm/min",
-        "mm²",
-        "kJ/mm",
-        "position",
-        "fill ±",
-    )
-    print_table(
-        [
-            head,
-            *(
-                (
-                    str(bead.number),
-                    bead.station or "–",
-                    f"{bead.layer}.{bead.place}",
-                    bead.kind,
-                    f"{bead.length_mm:.0f}",
-                    f"{bead.feed_m_min:.2f}",
-                    "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
-                    "{:.1f}–{:.1f}".format(*bead.area_mm2),
-                    "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
-                    " ".join(bead.positions),
-                    f"{100 * bead.fill_sigma:.1f} %",
-                )
-                for bead in found.beads
-            ),
-        ]
-    )
+    print_table([BEAD_HEAD, *bead_rows(found)])
     zones = "" if len(found.zones) == 1 else f" in {len(found.zones)} zones"
     print(
         f"{len({bead.number for bead in found.beads})} beads{zones} over {found.groove_mm:.0f} mm"

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
+from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
 from tjscan.planning.tables import BeadCourse, read_beads_csv
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
@@ -53,7 +54,8 @@ def write_plan_page(directory: Path) -> Path:
     page = load_template("plan.html.jinja").render(
         plan=plan,
         facts=list(_facts(plan)),
-        beads=list(_bead_rows(plan)),
+        beads=list(bead_rows(plan)),
+        bead_head=BEAD_HEAD,
         details=list(_detail_rows(plan)),
         pictures=[
             _filled_sections(directory / PICTURE),
@@ -157,22 +159,4 @@ def _detail_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
             f"{one.sigma_dihedral_deg:.2f}",
             ", ".join(one.details),
             "; ".join(one.out_of_table),
-        )
-
-
-def _bead_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
-    for bead in plan.beads:
-        yield (
-            str(bead.number),
-            bead.station or "–",
-            f"{bead.layer}.{bead.place}",
-            bead.kind,
-            f"{bead.length_mm:.0f}",
-            f"{bead.feed_m_min:.2f}",
-            "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
-            "{:.1f}–{:.1f}".format(*bead.area_mm2),
-            "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
-            " ".join(bead.positions),
-            f"{bead.arc_time_s / 60:.1f}",
-            f"{100 * bead.fill_sigma:.1f}",
         )
