@@ -39,7 +39,7 @@ def test_each_kind_has_one_home() -> None:
         assert used == HOMES.get(name, set()), name
 
 
-def test_without_fcntl_a_file_in_the_directory_is_locked(
+def test_without_fcntl_a_file_beside_the_directory_is_locked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     locked: list[int] = []
@@ -51,11 +51,16 @@ def test_without_fcntl_a_file_in_the_directory_is_locked(
 
     monkeypatch.setattr(locks, "fcntl", None)
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
-    with locks.lock_directory(tmp_path):
-        assert os.fstat(locked[0]).st_ino == (tmp_path / locks.LOCK_FILE).stat().st_ino
+    run = tmp_path / "run"
+    with pytest.raises(RecordingError, match="can't be opened"), locks.lock_directory(run):
+        pass
+    run.mkdir()
+    with locks.lock_directory(run):
+        assert os.fstat(locked[0]).st_ino == locks.lock_file_of(run).stat().st_ino
+        assert list(run.iterdir()) == []  # a run is only made in an empty directory
         with (
             pytest.raises(RecordingError, match="another process"),
-            locks.lock_directory(tmp_path),
+            locks.lock_directory(run),
         ):
             pass
 

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
 
 from tjscan.core.errors import RecordingError
 
@@ -14,9 +13,6 @@ try:
     import fcntl
 except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
-
-LOCK_FILE: Final = ".lock"
-"""What is locked in a directory on Windows, where a directory itself can't be opened."""
 
 
 @contextmanager
@@ -49,9 +45,15 @@ def lock_directory(directory: Path) -> Iterator[None]:
         os.close(handle)
 
 
+def lock_file_of(directory: Path) -> Path:
+    """File beside a directory that is locked on Windows, where a directory can't be opened."""
+    whole = directory.resolve(strict=True)
+    return whole.with_name(f".{whole.name}.lock")
+
+
 def _open(directory: Path) -> int:
     if fcntl is None:
-        return os.open(directory / LOCK_FILE, os.O_RDWR | os.O_CREAT)
+        return os.open(lock_file_of(directory), os.O_RDWR | os.O_CREAT)
     return os.open(directory, os.O_RDONLY)
 
 
