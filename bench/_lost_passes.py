@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from _stops import START_LIMIT, Break
 
-from tjscan.core.errors import TjscanError, VehicleFault
+from tjscan.core.errors import CrawlStopped, TjscanError, VehicleFault
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
@@ -29,6 +29,9 @@ BROKEN: Final = (Break.LINK_CUT, Break.PROGRAM_KILLED, Break.DRIVE_FAULT)
 
 WELD: Final = 0.03
 """Metres of each of the two passes."""
+
+RESUMES: Final = 5
+"""How often a crawl is gone on with that a guard stops again."""
 
 JOB: Final = """
 [vehicle]
@@ -105,10 +108,15 @@ def passes_lost(what: Break, broker: MosquittoProcess, directory: Path) -> int:
             process.join()
         vehicles.schedule_fault("clear")
         copied = out / "job.toml"
-        try:
-            resume_crawl(CrawlContext(read_crawl_job(copied), copied), overlap=0.005)
-        except TjscanError as error:  # what is missing then is counted
-            print(f"{what}: resumed, and then: {error}", file=sys.stderr)
+        for _ in range(RESUMES):
+            try:
+                resume_crawl(CrawlContext(read_crawl_job(copied), copied), overlap=0.005)
+                break
+            except CrawlStopped as stop:  # a guard of a machine that was held up: go on again
+                print(f"{what}: resumed, and then: {stop}", file=sys.stderr)
+            except TjscanError as error:  # what is missing then is counted
+                print(f"{what}: not gone on with: {error}", file=sys.stderr)
+                break
     found = read_recorded_crawl(out)
     # An arc is struck in the first cycle that begins beyond its place: on a busy machine, late.
     late = float(np.abs(np.diff([cycle.travel for cycle in found.cycles])).max())

@@ -388,7 +388,7 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
 
 def test_a_dashboard_that_hangs_up_is_connected_again(loopback: LoopbackProcess) -> None:
     events: list[tuple[str, str]] = []
-    with arm_at(loopback.host) as arm:
+    with arm_at(loopback.host, silence=20.0) as arm:
         arm.report_events_to(lambda name, detail: events.append((name, detail)))
         loopback.schedule_fault("drop-dashboard 1")
         for x in (0.05, 0.0):

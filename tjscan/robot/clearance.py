@@ -99,6 +99,19 @@ class ClearPathPlanner:
         self._check_clear(path, T_b_f)
         return np.asarray(path[-1])
 
+    def line_is_clear(self, q: Array, goal: Array) -> bool:
+        """Whether a line in joint space keeps clear, and ends in no singularity.
+
+        Parameters
+        ----------
+        q, goal : ndarray, shape (n,)
+            Where it starts and ends, radians.
+        """
+        if self.kinematics.smallest_singular_value(goal) < self.margins.singular:
+            return False
+        walk = _Walk(self._model, np.array([q, goal]))
+        return self._first_too_near(walk)[1] is None
+
     def _check_singular(self, path: Array, T_b_f: Array) -> None:
         smallest = np.array([self.kinematics.smallest_singular_value(q) for q in path])
         # As with distances: an arm that stands near a singularity may leave it.
@@ -114,29 +127,35 @@ class ClearPathPlanner:
 
     def _check_clear(self, path: Array, T_b_f: Array) -> None:
         walk = _Walk(self._model, path)
-        start = walk.distances(0.0)
-        own = np.array([pair.own for pair in self._model.pairs], dtype=bool)
-        margins = np.where(own, self.margins.own, self.margins.solids)
-        least = np.where(start < margins, np.maximum(start - ROUNDING, 0.0), margins)
-        end = float(len(path) - 1)
-        touched = 0.0 if (start < least).any() else None
-        if touched is None:
-            touched = walk.first_below(least, (0.0, start), (end, walk.distances(end)))
+        least, touched = self._first_too_near(walk)
         if touched is None:
             return
         short = least - walk.distances(touched)
         i = int(short.argmax())
-        later = np.arange(np.ceil(touched), end + 1)
+        later = np.arange(np.ceil(touched), walk.end + 1)
         distance = min(float(walk.distances(s)[i]) for s in (touched, *later))
-        pair, share = self._model.pairs[i], touched / end
+        pair, share = self._model.pairs[i], touched / walk.end
         raise PathBlocked(
-            _say(pair, share, distance, float(margins[i])),
+            _say(pair, share, distance, float(self._margins_of_pairs[i])),
             T_b_f,
             moving=pair.moving,
             other=pair.other,
             share=share,
             distance=distance,
         )
+
+    @property
+    def _margins_of_pairs(self) -> Array:
+        own = np.array([pair.own for pair in self._model.pairs], dtype=bool)
+        return np.where(own, self.margins.own, self.margins.solids)
+
+    def _first_too_near(self, walk: _Walk) -> tuple[Array, float | None]:
+        """Least distances of a walk, and the first s at which one is less; None where none is."""
+        start, margins = walk.distances(0.0), self._margins_of_pairs
+        least = np.where(start < margins, np.maximum(start - ROUNDING, 0.0), margins)
+        if (start < least).any():
+            return least, 0.0
+        return least, walk.first_below(least, (0.0, start), (walk.end, walk.distances(walk.end)))
 
 
 class _Walk:
@@ -146,6 +165,7 @@ class _Walk:
         self._model, self._path = model, path
         turned = np.abs(np.diff(path, axis=0))
         self._turned = np.vstack([np.zeros(path.shape[1]), turned.cumsum(axis=0)])
+        self.end = float(len(path) - 1)
 
     def distances(self, s: float) -> Array:
         return self._model.distances(_at(self._path, s))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, combinations, product
+from itertools import chain, product
 from types import TracebackType
 from typing import Final, Self
 
@@ -16,6 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.motion_lock import MotionLock
+from tjscan.robot.way_search import find_way
 
 LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
@@ -81,7 +82,7 @@ class ClearPath:
         if len(self.segments) == 1:
             return "into another configuration"
         if not self.segments[0].straight:
-            return "some joints first, then the others"
+            return f"through {len(self.segments) - 1} postures"
         _, across, forward = self.segments
         lift = float(np.linalg.norm(across.T_b_f[:3, 3] - forward.T_b_f[:3, 3]))
         how = "on a line" if across.straight else "in joint space"
@@ -210,7 +211,7 @@ class CollisionCheckedArm:
         """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
         A move in joint space has one choice more: another configuration at its end; or, where it
-        has to end near given joint angles, some joints first and then the others.
+        has to end near given joint angles, a way that is searched; see `find_way`.
 
         Parameters
         ----------
@@ -237,7 +238,7 @@ class CollisionCheckedArm:
                 raise
             ways = self._detours(q, T_b_f, near, straight=straight)
             if near is not None:
-                ways = chain(ways, self._parts(q, T_b_f, near))
+                ways = chain(ways, self._searched(q, T_b_f, near))
             elif not straight:
                 ways = chain(ways, self._configurations(q, T_b_f))
             for way in ways:
@@ -259,21 +260,22 @@ class CollisionCheckedArm:
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
 
-    def _parts(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
-        """Ways that turn some joints first and then the others, as one jogs an arm.
-
-        Straight to the pose, or to one drawn back from there and then forward.
-        """
-        kinematics, joints = self.clearance.kinematics, range(len(q))
-        for lift in (0.0, *self._lifts):
+    def _searched(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
+        """A way through postures to a pose drawn back from the end, and forward from there."""
+        clearance, kinematics = self.clearance, self.clearance.kinematics
+        for lift in self._lifts:
             ahead = self._drawn_back(T_b_f, lift)
-            for count in joints[1:]:
-                for first in combinations(joints, count):
-                    between = np.array(q)
-                    between[list(first)] = near[list(first)]
-                    T_between = kinematics.forward(between)
-                    way = [(False, T_between, between), (False, ahead, near), (True, T_b_f, None)]
-                    yield way if lift else way[:2]
+            try:
+                goal = kinematics.inverse(ahead, near=near)
+                clearance.joint_angles_after_linear_move(goal, T_b_f)
+            except PoseUnreachable:
+                continue
+            limits = kinematics.lower, kinematics.upper
+            found = find_way(q, goal, limits, clearance.line_is_clear)
+            if found is not None:
+                between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
+                yield [*between, (False, ahead, goal), (True, T_b_f, None)]
+            return
 
     def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
         """Direct ways into the other configurations; the nearer ones first."""

@@ -16,10 +16,6 @@ PORT: Final = 29999
 LIMIT: Final = 2.0
 """Seconds to wait for an answer."""
 
-RECONNECTS: Final = 0.3
-"""Seconds to wait for a connection that is made again, and as long for its greeting: a move goes
-unfollowed meanwhile, and may for a second."""
-
 LONGEST: Final = 4096
 """Bytes of a line."""
 
@@ -71,10 +67,16 @@ class DashboardClient:
         except OSError:
             return True
 
-    def connect_again(self) -> None:
-        """Make the connection anew; raises as the constructor does, within `RECONNECTS` twice."""
+    def connect_again(self, limit: float) -> None:
+        """Make the connection anew; raises as the constructor does.
+
+        Parameters
+        ----------
+        limit : float
+            Seconds to wait for it, and as long for its greeting.
+        """
         self.close()
-        self._connect(RECONNECTS)
+        self._connect(limit)
 
     def __enter__(self) -> Self:
         return self

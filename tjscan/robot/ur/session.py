@@ -37,6 +37,10 @@ NEXT_READING: Final = 0.02
 SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
 
+RECONNECTS: Final = 0.3
+"""Share of the controller's longest silence for which a dashboard's new connection is waited for,
+and as long for its greeting: a move goes unfollowed meanwhile."""
+
 
 class ControllerSession:
     """Session with a controller: reads and commands, none of which it passes on after a fault.
@@ -65,6 +69,7 @@ class ControllerSession:
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
         self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + SLACK
+        self._reconnects = RECONNECTS * silence_limit
 
     def read_state(self) -> ControllerState:
         """Read the controller's state; raises the arm's fault if there is one.
@@ -143,7 +148,7 @@ class ControllerSession:
 
     def _reconnect_dashboard(self, lost: ArmFault) -> None:
         try:
-            self.dashboard.connect_again()
+            self.dashboard.connect_again(self._reconnects)
         except ArmFault:
             self.stop_move()
             raise self.end_for_fault(
