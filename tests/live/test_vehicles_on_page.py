@@ -109,12 +109,14 @@ def test_vehicles_are_apart_from_rim_to_rim() -> None:
     assert vehicles_apart(poses[:1], 0.2, np.empty((0, 3))) == np.inf
 
 
-def test_a_stop_is_shown_in_the_state_diagram() -> None:
+def test_a_stop_is_shown_in_state_and_diagram() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
     step = show.step(NotedEvent("stop", "interrupted"))
     assert step.diagram is not None
     assert step.diagram.now == step.facts[STATE] == "stop"
     assert show.step(NotedEvent("arc on", "pass 1")).diagram is None
+    tow = TowShow(read_tow_job(TOW), "tow")
+    assert tow.step(NotedEvent("stop", "interrupted")).facts == {STATE: "stop: interrupted"}
 
 
 def test_stop_is_pressed_once_for_each_click() -> None:

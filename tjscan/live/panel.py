@@ -24,6 +24,10 @@ PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
 NO_FACTS: Final = {STATE: "", PRESS: ""}
 """Before any is known; these two stand first."""
+CHART_HEIGHT: Final = 200
+CHART_PADDING: Final = (8, 24, 0, 0)
+"""Pixels above, to the right, below and to the left: half a number stands out above the axis."""
+LABEL_FONT: Final = "11px system-ui, sans-serif"
 LINE: Final = "#2a6fbb"
 BAND: Final = "rgba(42,111,187,0.35)"
 FIT: Final = "#d0452f"
@@ -146,7 +150,8 @@ class Panel:
             scales={"x": {"time": False}},
             axes=_axes(self._setting.plot_axis, ""),
             legend={"show": False},
-            height=190,
+            height=CHART_HEIGHT,
+            padding=CHART_PADDING,
             visible=False,
         )
 
@@ -161,7 +166,8 @@ class Panel:
             scales={"x": {"time": False}},
             axes=_axes(*self._setting.profile_axes),
             legend={"show": False},
-            height=190,
+            height=CHART_HEIGHT,
+            padding=CHART_PADDING,
             visible=False,
         )
 
@@ -182,8 +188,8 @@ def _redraw(
 
 def _axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
     return (
-        uplot.Axis(label=x, labelSize=20, size=34),
-        uplot.Axis(label=y, labelSize=20, size=56),
+        uplot.Axis(label=x, labelFont=LABEL_FONT, labelSize=20, size=34),
+        uplot.Axis(label=y, labelFont=LABEL_FONT, labelSize=20, size=56),
     )
 
 

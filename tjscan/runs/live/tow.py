@@ -65,7 +65,8 @@ class TowShow:
             case TowTruth():
                 return self._truth_step(entry)
             case NotedEvent():
-                return Step(entry.name, events=((entry.name, entry.detail),))
+                stopped = {STATE: f"stop: {entry.detail}"} if entry.name == "stop" else {}
+                return Step(entry.name, facts=stopped, events=((entry.name, entry.detail),))
 
     def _setting(self, title: str) -> Setting:
         job = self._job
