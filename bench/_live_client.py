@@ -15,7 +15,8 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from tjscan.live.page import HOLD_RATE, Page
+from tjscan.live.buttons import HOLD_RATE
+from tjscan.live.page import Page
 
 LONGEST = 30.0
 """Seconds within which a page sends what it has, on a busy machine."""

@@ -35,8 +35,9 @@ from tjscan.core.frames import Array
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import read_crawl
 from tjscan.live.access import LOCAL
+from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM, viridis
-from tjscan.live.page import Button, Page, PageAddress
+from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.event import RecordedEvent
 from tjscan.runs.live.view import read_recorded_show

@@ -16,7 +16,8 @@ from tjscan.crawler.phases import Phase
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.live.page import HOLD_RATE, HoldButton, Page, PageAddress
+from tjscan.live.buttons import HOLD_RATE, HoldButton
+from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl import CrawlContext, make_crawler
 from tjscan.runs.live.hand_drive import CYCLE, HELD, PageHandDrive

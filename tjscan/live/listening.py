@@ -8,8 +8,9 @@ from threading import Event
 from typing import Generic, Protocol, TypeVar
 
 from tjscan.core.errors import PageUnavailable
+from tjscan.live.buttons import PageButton
 from tjscan.live.feed import LiveFeed
-from tjscan.live.page import Page, PageAddress, PageButton
+from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import STATE, Setting, Step, merge_steps
 
 Entry = TypeVar("Entry")

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from threading import RLock
 from types import MappingProxyType, TracebackType
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import viser
 
 from tjscan.core.frames import Array
 from tjscan.live.access import LOCAL, close_server, new_token, open_server
+from tjscan.live.buttons import HOLD_RATE, HoldButton, PageButton
 from tjscan.live.colours import ColourScale, viridis
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.panel import Panel
@@ -26,63 +27,8 @@ GAP: Final = 1.6
 
 BUTTONS_ORDER: Final = -300.0
 """Of the first button: above all that grows, so that none moves away from who presses it."""
-HOLD_RATE: Final = 20.0
-"""Hz at which a button that is held says so again."""
 BIG: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
 """Style of a button that nobody may have to look for."""
-
-Tone = Literal["green", "yellow", "blue", "red", "gray"]
-
-
-@dataclass(frozen=True, slots=True)
-class Button:
-    """A button of the page.
-
-    Parameters
-    ----------
-    word : str
-        On it.
-    press : callable
-        What it does; called in a thread of the page.
-    tone : str
-        Its colour.
-    hint : str
-        What it does, in a sentence.
-    big : bool
-        Whether nobody may have to look for it.
-    """
-
-    word: str
-    press: Callable[[], object]
-    tone: Tone = "blue"
-    hint: str = ""
-    big: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class HoldButton:
-    """A button of the page that does something as long as it is held.
-
-    Parameters
-    ----------
-    word : str
-        On it.
-    hold : callable
-        Is called as it is pressed, and `HOLD_RATE` times a second from then on until it is
-        released, or the browser or its link is gone; in a thread of the page.
-    tone : str
-        Its colour.
-    hint : str
-        What it does, in a sentence.
-    """
-
-    word: str
-    hold: Callable[[], object]
-    tone: Tone = "blue"
-    hint: str = ""
-
-
-PageButton = Button | HoldButton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,9 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.job import CalibrationJob
 from tjscan.laser.profile import Profile
+from tjscan.live.buttons import Button, Tone
 from tjscan.live.listening import RunOnPage, show_run
-from tjscan.live.page import Button, PageAddress, Tone
+from tjscan.live.page import PageAddress
 from tjscan.live.step import PRESS, STATE, Step
 from tjscan.runs.live.calibration import CalibrationNews, CalibrationShow, plane_curve
 

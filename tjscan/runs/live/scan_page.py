@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from tjscan.live.buttons import Button
 from tjscan.live.drawables import Posture
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
-from tjscan.live.page import Button, PageAddress
+from tjscan.live.page import PageAddress
 from tjscan.live.step import Step
 from tjscan.result.directory import RECORDING
 from tjscan.runs.context import RunContext

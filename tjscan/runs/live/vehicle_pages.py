@@ -12,9 +12,10 @@ from tjscan.crawler.topics import CrawlProfile
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.tow_job import TowJob
 from tjscan.laser.profile import Profile
+from tjscan.live.buttons import Button, HoldButton, PageButton
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
-from tjscan.live.page import Button, HoldButton, PageAddress, PageButton
+from tjscan.live.page import PageAddress
 from tjscan.live.step import PRESS, Step
 from tjscan.runs.live.crawl import CrawlEntry, CrawlShow
 from tjscan.runs.live.hand_drive import PageHandDrive

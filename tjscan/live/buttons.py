@@ -1,0 +1,63 @@
+"""Buttons of the page: those that are pressed, and those that are held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+HOLD_RATE: Final = 20.0
+"""Hz at which a button that is held says so again."""
+
+Tone = Literal["green", "yellow", "blue", "red", "gray"]
+
+
+@dataclass(frozen=True, slots=True)
+class Button:
+    """A button of the page.
+
+    Parameters
+    ----------
+    word : str
+        On it.
+    press : callable
+        What it does; called in a thread of the page.
+    tone : str
+        Its colour.
+    hint : str
+        What it does, in a sentence.
+    big : bool
+        Whether nobody may have to look for it.
+    """
+
+    word: str
+    press: Callable[[], object]
+    tone: Tone = "blue"
+    hint: str = ""
+    big: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HoldButton:
+    """A button of the page that does something as long as it is held.
+
+    Parameters
+    ----------
+    word : str
+        On it.
+    hold : callable
+        Is called as it is pressed, and `HOLD_RATE` times a second from then on until it is
+        released, or the browser or its link is gone; in a thread of the page.
+    tone : str
+        Its colour.
+    hint : str
+        What it does, in a sentence.
+    """
+
+    word: str
+    hold: Callable[[], object]
+    tone: Tone = "blue"
+    hint: str = ""
+
+
+PageButton = Button | HoldButton
