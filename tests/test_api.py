@@ -1,5 +1,6 @@
 """``import tjscan``: what it shows, what it loads, and that its example runs."""
 
+import dataclasses
 import re
 import subprocess
 import sys
@@ -96,6 +97,7 @@ def check_that_they_show_themselves(
     assert len(numbers) > 50
     np.testing.assert_allclose(table[numbers], written[numbers], rtol=1e-5, atol=1e-4)
     np.testing.assert_array_equal(table["index"], written["index"])
+    assert len(dataclasses.replace(scan, sections=scan.sections[:1]).to_pandas()) == 1
     profiles = recording.to_pandas()
     assert list(profiles["section"]) == list(recording.section_numbers)
     sensor = profiles[["sensor_x_mm", "sensor_y_mm", "sensor_z_mm"]]

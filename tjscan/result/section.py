@@ -157,7 +157,7 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     Parameters
     ----------
     sections : sequence of MeasuredSection
-        Two or more, in their order along the groove.
+        One or more, in their order along the groove; of one, nothing that neighbours decide.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
         As tables hold them, to the last digit; NaN where a number is not known.
     """
     columns: dict[str, Any] = {}
-    for field in FIELDS:
+    for field in (one for one in FIELDS if len(sections) > 1 or not one.derived):
         values = np.asarray(field.take(sections))
         if field.unit is not NONE:
             values = values / field.unit.factor
