@@ -3,6 +3,7 @@
 import socket
 from math import nan
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.tow_cell import TowCell
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOCAL
@@ -25,6 +27,7 @@ from tjscan.live.step import STATE, Setting
 from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
 from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
+from tjscan.runs.tow import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.vehicle import REST, VehicleState
@@ -95,6 +98,19 @@ def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
     facts = show.step(truth).facts
     assert facts["force on the welder"] == "5.0 N"
     assert facts["largest force of a vehicle"] == "0.0 N"
+
+
+def test_what_a_simulated_tow_records_of_the_truth_is_shown_too() -> None:
+    class Cell:
+        truth: Any = staticmethod(lambda: "truth")
+
+    shown: list[object] = []
+    context = TowContext(read_tow_job(TOW), TOW, show_truth=shown.append)
+    truth = context.truth_of(cast(TowCell, Cell()))
+    assert truth is not None
+    assert [truth(), *shown] == ["truth", "truth"]
+    Cell.truth = None
+    assert context.truth_of(cast(TowCell, Cell())) is None
 
 
 def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
