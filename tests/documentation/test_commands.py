@@ -68,7 +68,9 @@ FOREIGN: Final = {
     r"make ": "its target must exist: make --dry-run",
     r"pip install": "its extras and its pins must exist",
     r"pytest ": "its paths must exist",
-    r"(mosquitto|openssl|dask) ": "another program, whose options are its own",
+    r"dask ": "parsed by its own parser",
+    r"openssl ": "run, where there is one",
+    r"mosquitto ": "serves until it is stopped, and has no way to parse alone",
     r"(export|for|done)\b": "the shell's own words: bash reads the block",
 }
 """Commands of other programs, and what is checked of them."""
@@ -137,6 +139,11 @@ def test_it_is_known_how_each_command_is_tried(command: str) -> None:
     assert len(rows) == 1, f"{command!r} needs one row in RUN, PARSED or FOREIGN, and has {rows}"
 
 
+def test_a_test_that_a_reason_names_is_there() -> None:
+    named = re.findall(r"tests/\S+\.py", " ".join(PARSED.values()))
+    assert all((ROOT / file).is_file() for file in named)
+
+
 @pytest.mark.parametrize("row", [*RUN, *PARSED, *FOREIGN])
 def test_no_row_is_left_of_a_command_that_went(row: str) -> None:
     assert matching({row: None})
@@ -169,7 +176,7 @@ def test_a_command_is_parsed_and_its_keys_are_known(
 
 
 @pytest.mark.parametrize("command", matching(FOREIGN))
-def test_a_command_of_another_program_names_what_there_is(command: str) -> None:
+def test_a_command_of_another_program_names_what_there_is(command: str, tmp_path: Path) -> None:
     program, *words = shlex.split(command)
     if program == "make":
         subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, check=True)
@@ -180,6 +187,18 @@ def test_a_command_of_another_program_names_what_there_is(command: str) -> None:
         assert "-c" not in words or (ROOT / words[words.index("-c") + 1]).is_file()
     elif program == "pytest":
         assert all((ROOT / word).exists() for word in words if "/" in word)
+    elif program == "dask":
+        module = pytest.importorskip(f"distributed.cli.dask_{words[0]}")
+        module.main.make_context(command, words[1:])
+    elif program == "openssl" and shutil.which("openssl"):
+        subprocess.run([program, *words], cwd=tmp_path, capture_output=True, check=True)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.name)
+def test_a_sentence_names_targets_that_there_are(document: Path) -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (targets,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    assert {*re.findall(r"`make (\w+)", without_blocks(document))} <= {*targets.split()}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.name)
@@ -197,10 +216,10 @@ def test_a_sentence_names_commands_and_options_that_there_are(document: Path) ->
         words = [word for word in shlex.split(mention) if word not in flags]
         if not words:
             continue
-        _, (*groups, named), _ = app.parse_commands(words)
+        called, (*groups, named), _ = app.parse_commands(words)
         assert groups, mention
-        known = set()
+        known = {*called}
         if named.default_command is not None:
-            known = {name for one in named.assemble_argument_collection() for name in one.names}
+            known |= {name for one in named.assemble_argument_collection() for name in one.names}
         asked = {word.partition("=")[0] for word in words if word.startswith("--")}
         assert {word for word in asked if "." not in word} <= known, mention
